@@ -1,0 +1,1 @@
+"""What campaign.toml and every artifact hold: columns, types, units, bounds, meaning."""

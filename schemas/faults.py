@@ -1,0 +1,40 @@
+"""How bad input is named: one line per fault, all faults at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing wrong with an input: where it stands, what stands there, and what was expected.
+
+    ``row`` is the line of the file as an editor counts it (the header is line 1), or the row counted from 1
+    in a binary table. ``more`` counts further faults of the same kind that are not listed one by one.
+    """
+
+    file: str
+    expected: str
+    row: int | None = None
+    column: str | None = None
+    value: str | None = None
+    more: int = 0
+
+    def __str__(self) -> str:
+        place = self.file
+        if self.row is not None:
+            place += f", row {self.row}"
+        if self.column is not None:
+            place += f", column {self.column}"
+        found = "" if self.value is None else f"found {self.value!r}; "
+        others = f" (and {self.more} more like it)" if self.more else ""
+        return f"{place}: {found}expected {self.expected}{others}"
+
+
+class CampaignFaults(Exception):
+    """The campaign cannot be used as it stands: every fault that was found, never just the first."""
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("\n".join(str(fault) for fault in self.faults))

@@ -1,0 +1,38 @@
+"""What a stage declares about itself, and what it hands back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Progress = Callable[[int, int, str], None]  # done, total, what is being worked on
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage's name, the artifacts it reads and leaves, and the sections of campaign.toml it may read.
+
+    A trailing ``?`` in ``reads`` or ``leaves`` marks an artifact that a campaign may do without. Which stage is
+    stale, and in which order what depends on what, follows from these declarations alone.
+    """
+
+    name: str
+    reads: tuple[str, ...]
+    leaves: tuple[str, ...]
+    settings: tuple[str, ...]
+    summary: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a stage made, and the words of its closing line: what it read, what it left out and why, its main figure."""
+
+    artifacts: Mapping[str, pa.Table | pa.RecordBatchReader | str]
+    read: str
+    left_out: str
+    figure: str
+    failed_checks: tuple[str, ...] = ()
