@@ -1,0 +1,1 @@
+"""How stages run: campaign folder, order of stages, freshness, artifacts, command line."""
