@@ -1,0 +1,1 @@
+"""What data say: rigid poses, robust fits, labels, evidence. It knows no mechanism and no file."""
