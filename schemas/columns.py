@@ -1,0 +1,153 @@
+"""Every column of every artifact, defined once: name, type, unit, bounds, meaning."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["identifier", "text", "integer", "real", "flag"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One named quantity; the same name means the same thing in every table.
+
+    ``identifier`` columns are int64 where every value of the campaign is an integer, else text. ``family`` is a
+    regular expression where one definition stands for numbered columns (``rho1_mm``, ``rho2_mm``, ...).
+    """
+
+    name: str
+    kind: Kind
+    meaning: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    nullable: bool = False
+    choices: tuple[str, ...] = ()
+    family: str = ""
+
+    def matches(self, name: str) -> bool:
+        """Whether this definition covers the column called ``name``."""
+        return re.fullmatch(self.family, name) is not None if self.family else name == self.name
+
+
+def _real(name: str, unit: str, meaning: str, **bounds: object) -> Column:
+    return Column(name, "real", meaning, unit, **bounds)  # type: ignore[arg-type]
+
+
+_IDENTITY = (
+    Column("pose", "identifier", "the pose, as the campaign numbers or names it"),
+    Column("body", "text", "the rigid body: base, platform, leg1..leg6, or any name without a mechanism"),
+    Column("parent", "text", "the frame a pose is given in: a body's name, or measurement"),
+    Column("target", "text", "the target on its body"),
+    Column("leg", "integer", "the leg, counted from 1; empty where no leg is concerned", minimum=1, nullable=True),
+    Column("run", "identifier", "the run of a loading campaign"),
+    Column("step", "integer", "the load step within its run, in the order taken", minimum=0),
+    Column("role", "text", "what the pose or run serves", choices=("calibration", "verification", "reference")),
+    _real("time_s", "s", "when it was taken; orders poses and steps"),
+    Column("subject", "text", "what a row concerns; empty for the whole", nullable=True),
+    Column("stage", "text", "the stage that speaks"),
+    Column("reason", "text", "why it was left out; empty where it was not", nullable=True),
+    Column("message", "text", "one sentence for the engineer"),
+    Column("status", "text", "how the fit ended; ok, or what prevented it"),
+    Column("unit", "text", "the unit of the numbers in this row", nullable=True),
+    Column("model", "text", "the model: none, linear, matrix, ..."),
+    Column("axis", "text", "the axis of the body frame", choices=("x", "y", "z"), nullable=True),
+    Column("drive", "text", "the column that the response follows", nullable=True),
+)
+
+_POINTS = (
+    *(_real(f"{a}_mm", "mm", f"{a} coordinate in the frame of the file") for a in "xyz"),
+    *(_real(f"sigma_{a}_mm", "mm", f"one standard deviation of {a}", minimum=0.0, nullable=True) for a in "xyz"),
+    *(
+        _real(f"corr_{p}", "", f"correlation of the errors in {p[0]} and {p[1]}", minimum=-1.0, maximum=1.0, nullable=True)
+        for p in ("xy", "xz", "yz")
+    ),
+)
+
+_CONFIGURATIONS = (
+    Column("rho", "real", "actuator reading of that leg, rho0 + delta rho", "mm", family=r"rho[1-9]\d*_mm"),
+    _real("temperature_c", "degC", "temperature of the mechanism", minimum=-273.15, nullable=True),
+)
+
+_POSES = (
+    Column("method", "text", "the estimator", choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan")),
+    Column("default", "flag", "whether this row feeds the following stages"),
+    *(_real(f"p{a}_mm", "mm", f"{a} of the body's origin in the parent frame", nullable=True) for a in "xyz"),
+    *(_real(f"r{a}_rad", "rad", f"{a} component of the rotation vector, body to parent", nullable=True) for a in "xyz"),
+    *(
+        _real(f"cov_{i}_{j}", "SI", "covariance, order p then theta, R <- exp(theta) R in the parent frame", nullable=True)
+        for i in range(6)
+        for j in range(i, 6)
+    ),
+    _real("rms_mm", "mm", "root mean square of the residuals of the targets kept", minimum=0.0, nullable=True),
+    Column("n_used", "integer", "targets that entered the fit", minimum=0),
+    Column("n_rejected", "integer", "targets that were seen but kept out as gross errors or by a person", minimum=0),
+)
+
+_RESIDUALS = (
+    *(_real(f"d{a}_mm", "mm", f"measured minus fitted along {a}", nullable=True) for a in "xyz"),
+    _real("weight", "", "weight in the fit, 0 (kept out) to 1", minimum=0.0, maximum=1.0),
+    Column("rejected", "flag", "whether the target was kept out as a gross error or by a person"),
+)
+
+_DEFORMATION = (
+    _real("delta_rho_mm", "mm", "actuator displacement from its reference reading"),
+    _real("delta_bz_um", "um", "shift of the attachment along z of the platform, from its place in the survey"),
+    _real("sigma_um", "um", "one standard deviation, all known noise propagated", minimum=0.0),
+    _real("displacement_um", "um", "shift of a target in its body frame from its place in the survey"),
+    Column("significant", "flag", "whether it differs from zero at the stated false-alarm rate"),
+    Column("column", "integer", "which drive the coefficient multiplies, counted from 1; 0 is the offset", minimum=0),
+    _real("coefficient", "", "response per unit of drive, in the unit of its row"),
+    _real("sigma", "", "one standard deviation of the number beside it", minimum=0.0, nullable=True),
+    _real("p_value", "", "probability of a deviation at least this large by chance", minimum=0.0, maximum=1.0, nullable=True),
+    Column("figure", "text", "the name of the figure"),
+    _real("value", "", "the number, in the unit of its row", nullable=True),
+)
+
+_LOADS = (
+    *(_real(f"f{a}_n", "N", f"force along {a} on the platform at its origin", nullable=True) for a in "xyz"),
+    *(_real(f"m{a}_nm", "N m", f"torque about {a} on the platform", nullable=True) for a in "xyz"),
+    Column("response", "text", "component of the response", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
+    Column("load", "text", "component of the wrench", choices=("fx", "fy", "fz", "mx", "my", "mz")),
+)
+
+_QUALITY = (
+    Column("check", "text", "the name of the check"),
+    _real("limit", "", "the limit the value is held against, in the unit of its row", nullable=True),
+    Column("accepted", "text", "who accepted the verdict and why; empty where nobody did", nullable=True),
+    Column("rows", "integer", "how many rows it concerns", minimum=0),
+    Column("by", "text", "the rule, or the person, that left them out"),
+)
+
+_DIAGNOSIS = (
+    Column("rank", "integer", "1 is the most probable", minimum=1),
+    Column("cause", "text", "an id of the catalogue, or unexplained"),
+    Column("verdict", "text", "the finding: pass, warn, fail; or found, indistinguishable, rejected"),
+    _real("probability", "", "among the candidates, given the data", minimum=0.0, maximum=1.0, nullable=True),
+    Column("parameters", "text", "JSON: name to value, sigma and unit"),
+    Column("follows", "text", "for unexplained: the columns that it follows, separated by blanks", nullable=True),
+    *(
+        _real(f"{held}rms_{when}", "unit", f"rms of measured minus predicted {when} this row is accepted", minimum=0.0, nullable=True)
+        for held in ("", "heldout_")
+        for when in ("before", "after")
+    ),
+    _real("noise_floor", "unit", "what the declared noise leaves after the fitted parameters", minimum=0.0, nullable=True),
+    Column("explanation", "text", "what, where, how large, how sure"),
+    Column("next_measurement", "text", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
+)
+
+COLUMNS: dict[str, Column] = {
+    column.name: column
+    for group in (_IDENTITY, _POINTS, _CONFIGURATIONS, _POSES, _RESIDUALS, _DEFORMATION, _LOADS, _QUALITY, _DIAGNOSIS)
+    for column in group
+}
+
+
+def find_column(name: str) -> Column | None:
+    """The definition that covers a column's name, families included, or None."""
+    exact = COLUMNS.get(name)
+    if exact is not None and not exact.family:
+        return exact
+    return next((column for column in COLUMNS.values() if column.family and column.matches(name)), None)
