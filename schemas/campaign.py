@@ -1,0 +1,331 @@
+"""What campaign.toml may hold, key by key; anything else is a fault with a suggestion."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from schemas.faults import CampaignFaults, Fault
+from schemas.mapping import FileMapping
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """A table of campaign.toml: immutable, and closed to keys that it does not know."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CampaignSection(Section):
+    """[campaign]: its name, its kind, and the columns that deformation may follow."""
+
+    name: str = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="names the run's folder")
+    kind: Literal["photogrammetry", "interferometer"]
+    drives: tuple[str, ...] = Field((), description="columns of configurations.csv that deformation may follow")
+
+
+class Leg(Section):
+    """One leg of a 6-pus or ups: joints, actuator direction and lengths."""
+
+    a_mm: Vector = Field(description="actuator's zero on the base, base frame")
+    b_mm: Vector = Field(description="joint on the platform, platform frame")
+    u: Vector | None = Field(None, description="unit direction of the actuator, base frame")
+    length_mm: Positive = Field(description="leg length (ups: at zero reading)")
+    rho0_mm: Finite = Field(0.0, description="actuator reading in the reference configuration")
+    flexure_length_mm: Positive | None = Field(None, description="length of the flexures at its ends")
+
+    @model_validator(mode="after")
+    def _direction_is_unit(self) -> Leg:
+        if self.u is not None and abs(sum(c * c for c in self.u) - 1.0) > 1e-6:
+            raise ValueError("u must have unit length")
+        return self
+
+
+class Rod(Section):
+    """A circular elastic part: flexure or leg tube."""
+
+    diameter_mm: Positive
+    youngs_gpa: Positive
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)]
+
+
+class Tolerance(Section):
+    """[mechanism.tolerance]: one standard deviation of manufacturing and assembly, the prior of calibration."""
+
+    a_mm: NotNegative | None = None
+    b_mm: NotNegative | None = None
+    u: NotNegative | None = None
+    length_mm: NotNegative | None = None
+    rho0_mm: NotNegative | None = None
+
+
+class NoMechanism(Section):
+    """[mechanism] absent or type = "none": bodies of any names, and nothing that says how they move."""
+
+    type: Literal["none"] = "none"
+    reference_temperature_c: Finite = 20.0
+
+
+class LeggedMechanism(Section):
+    """[mechanism] of type 6-pus or ups: nominal geometry and its tolerance."""
+
+    type: Literal["6-pus", "ups"]
+    reference_temperature_c: Finite = 20.0
+    legs: tuple[Leg, ...]
+    flexure: Rod | None = None
+    leg_tube: Rod | None = None
+    tolerance: Tolerance = Tolerance()
+    actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
+
+    @model_validator(mode="after")
+    def _legs_fit_the_type(self) -> LeggedMechanism:
+        if self.type == "6-pus" and len(self.legs) != 6:
+            raise ValueError(f"six legs for a 6-pus, not {len(self.legs)}")
+        if self.type == "6-pus" and any(leg.u is None for leg in self.legs):
+            raise ValueError("the actuator direction u for every leg of a 6-pus")
+        if len(self.legs) < 3:
+            raise ValueError(f"at least three legs for a ups, not {len(self.legs)}")
+        return self
+
+
+class SensorLeg(Section):
+    """One leg of a 6-upur: its joint centres."""
+
+    B_mm: Vector = Field(description="lower joint centre, fixed frame")
+    b_mm: Vector = Field(description="upper joint centre, platform frame")
+
+
+class Element(Section):
+    """One element of a sensor's leg, from the base to the platform."""
+
+    kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"]
+    length_mm: NotNegative = 0.0
+    diameter_mm: Positive | None = None
+    width_mm: Positive | None = None
+    thickness_mm: Positive | None = None
+    web_mm: Positive | None = None
+    radius_mm: Positive | None = None
+    soft: Literal["s1", "s2"] | None = None
+    youngs_gpa: Positive | None = None
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
+    axial_n_per_m: Positive | None = None
+    torsion_n_m_per_rad: Positive | None = None
+    matrix: tuple[tuple[Finite, ...], ...] | None = None
+
+
+class SensorTolerance(Section):
+    """[mechanism.tolerance] of a 6-upur: full widths T, sigma = T / 6."""
+
+    platform_radius_um: NotNegative | None = None
+    base_radius_um: NotNegative | None = None
+    lower_clearance_um: NotNegative | None = None
+    middle_clearance_um: NotNegative | None = None
+    sensor_installation_um: NotNegative | None = None
+    stiffness: NotNegative = Field(0.0, description="one sigma, relative, of the elastic parameters")
+
+
+class SensorMechanism(Section):
+    """[mechanism] of type 6-upur: joint centres, and the elements of one leg or the compliance itself."""
+
+    type: Literal["6-upur"]
+    reference_temperature_c: Finite = 20.0
+    legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6)
+    height_mm: Positive
+    elements: tuple[Element, ...] = ()
+    compliance_file: str | None = None
+    tolerance: SensorTolerance = SensorTolerance()
+
+
+Mechanism = Annotated[LeggedMechanism | SensorMechanism | NoMechanism, Field(discriminator="type")]
+
+
+class Loading(Section):
+    """[loading]: the range of each load; beyond it a load is a fault."""
+
+    fx_n: Positive | None = None
+    fy_n: Positive | None = None
+    fz_n: Positive | None = None
+    mx_nm: Positive | None = None
+    my_nm: Positive | None = None
+    mz_nm: Positive | None = None
+
+
+class Interferometer(Section):
+    """[interferometer]: wavelength, dead path, and whether readings are compensated for air."""
+
+    wavelength_nm: Positive = 632.990577
+    dead_path_mm: float | dict[str, float] = 0.0
+    compensated: bool = True
+
+
+class Signals(Section):
+    """[signals]: what is known of the gain of the signal channels."""
+
+    sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = None
+    sensitivity_tolerance: NotNegative | None = None
+
+
+class Workspace(Section):
+    """[workspace]: half ranges, for pose selection and the requirements table."""
+
+    x_mm: Positive | None = None
+    y_mm: Positive | None = None
+    z_mm: Positive | None = None
+    rx_deg: Positive | None = None
+    ry_deg: Positive | None = None
+    rz_deg: Positive | None = None
+    rho_mm: Positive | None = None
+
+
+class Requirement(Section):
+    """[requirement]: desired accuracy."""
+
+    x_mm: Positive | None = None
+    y_mm: Positive | None = None
+    z_mm: Positive | None = None
+    rx_deg: Positive | None = None
+    ry_deg: Positive | None = None
+    rz_deg: Positive | None = None
+
+
+class Noise(Section):
+    """[noise]: one standard deviation, as specified for the instrument."""
+
+    point_mm: Positive | None = None
+    actuator_mm: NotNegative = 0.0
+    linear_um: Positive | None = Field(None, description="interferometer, linear channels")
+    angular_arcsec: Positive | None = Field(None, description="interferometer, angular channels")
+    signal_mv: Positive | None = Field(None, description="signal channels")
+    displacement_mm: Positive | None = Field(None, description="six-component displacement, translation")
+    rotation_rad: Positive | None = Field(None, description="six-component displacement, rotation")
+    load_n: NotNegative = Field(0.0, description="applied force")
+    load_nm: NotNegative = Field(0.0, description="applied torque")
+
+
+class Bodies(Section):
+    """[bodies]: which body the others are seen from; absent, poses are in the measurement frame."""
+
+    reference: str | None = None
+
+
+class Diagnosis(Section):
+    """[diagnosis]: how sure a finding must be."""
+
+    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    seed: int = Field(0, ge=0, description="seed of the simulated null draws")
+
+
+class QualityLimits(Section):
+    """[qa]: the probability that all failing checks together trip on a good campaign."""
+
+    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+
+
+class Overrule(Section):
+    """[[exclude]], [[keep]]: a point left out or kept by a person, by name and with a reason.
+
+    An absent key stands for all: ``body = "platform", target = "P07"`` concerns that target in every pose.
+    """
+
+    pose: int | str | None = None
+    body: str | None = None
+    target: str | None = None
+    by: str = Field(min_length=1, description="who decided")
+    reason: str = Field(min_length=1)
+
+
+class Acceptance(Section):
+    """[[accept]]: a QA verdict accepted by a person, by name and with a reason."""
+
+    check: str = Field(min_length=1)
+    subject: str | None = None
+    by: str = Field(min_length=1, description="who decided")
+    reason: str = Field(min_length=1)
+
+
+def _typed(section: Any) -> Any:
+    return {"type": "none", **section} if isinstance(section, dict) else section
+
+
+def _listed(entry: Any) -> Any:
+    return (entry,) if isinstance(entry, dict) else entry
+
+
+class Campaign(Section):
+    """campaign.toml as a whole."""
+
+    format: Literal[1] = 1
+    campaign: CampaignSection
+    mechanism: Annotated[Mechanism, BeforeValidator(_typed)] = NoMechanism()
+    loading: Loading = Loading()
+    interferometer: Interferometer = Interferometer()
+    signals: Signals = Signals()
+    workspace: Workspace = Workspace()
+    requirement: Requirement = Requirement()
+    noise: Noise = Noise()
+    bodies: Bodies = Bodies()
+    diagnosis: Diagnosis = Diagnosis()
+    qa: QualityLimits = QualityLimits()
+    exclude: tuple[Overrule, ...] = ()
+    keep: tuple[Overrule, ...] = ()
+    accept: tuple[Acceptance, ...] = ()
+    files: dict[str, Annotated[tuple[FileMapping, ...], BeforeValidator(_listed)]] = Field(default_factory=dict)
+
+    @property
+    def reference_body(self) -> str | None:
+        """The body that the others are seen from: ``base`` where a mechanism stands on one."""
+        if self.bodies.reference is None and self.mechanism.type in ("6-pus", "ups"):
+            return "base"
+        return self.bodies.reference
+
+
+def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Campaign:
+    """The campaign that a parsed campaign.toml describes; raises CampaignFaults with every fault at once."""
+    try:
+        return Campaign.model_validate(document)
+    except ValidationError as error:
+        raise CampaignFaults(_fault(file, detail) for detail in error.errors()) from None
+
+
+_TYPES = {"6-pus": LeggedMechanism, "ups": LeggedMechanism, "6-upur": SensorMechanism, "none": NoMechanism}
+
+
+def _fault(file: str, detail: Any) -> Fault:
+    location = tuple(part for part in detail["loc"] if part not in _TYPES)
+    path = ".".join(str(part + 1) if isinstance(part, int) else part for part in location)
+    if detail["type"] == "extra_forbidden":
+        return Fault(file, _suggestion(detail["loc"]), column=path)
+    if detail["type"] == "missing":
+        return Fault(file, "this key to be present", column=path)
+    value = detail["input"]
+    shown = None if isinstance(value, (dict, list, tuple)) else str(value)[:80]
+    wanted = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return Fault(file, wanted, column=path, value=shown)
+
+
+def _suggestion(location: tuple[int | str, ...]) -> str:
+    section: Any = Campaign
+    for part in location[:-1]:
+        section = _TYPES.get(part, None) or _step(section, part)
+    known = list(section.model_fields)
+    close = difflib.get_close_matches(str(location[-1]), known, n=1)
+    return f"a known key; did you mean {close[0]}?" if close else f"a known key, one of: {', '.join(known)}"
+
+
+def _step(section: Any, part: int | str) -> Any:
+    """The model one key further down; where the key is an index or a table's name, the same model."""
+    field = section.model_fields.get(part)
+    return section if field is None else _inner_model(field.annotation) or section
+
+
+def _inner_model(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    arguments = getattr(annotation, "__args__", ())
+    return next((found for argument in arguments if (found := _inner_model(argument)) is not None), None)
