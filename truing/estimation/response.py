@@ -1,0 +1,201 @@
+"""A response that follows a drive: the linear (diagonal) and the matrix model, for any instrument.
+
+For the telescope the response is the shift of the six attachments along z and the drive the six actuators; for the
+force sensor the response is the displacement of the platform and the drive the wrench on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Form = Literal["none", "linear", "matrix"]
+
+_RANK_CUTOFF = 1e-10  # relative eigenvalue below which a direction carries no information
+
+
+@dataclass(frozen=True)
+class ResponseFit:
+    """Generalised least-squares fit of ``y = offset + K u``.
+
+    coefficients (L, D): K, zero off the diagonal for ``linear``. covariance (P, P): of the free entries of K in
+    row-major order, offsets marginalised. free (L, D): which entries of K were fitted. offset (G, L): one per group.
+    residuals (N, L): y - fitted, NaN where y was missing. loo_residuals (N, L): each observation predicted from
+    all the others (exact). chi_square, dof: of the residuals under the stated covariance. deficient: directions of the
+    parameters which the data do not determine (there the shortest solution was taken).
+    """
+
+    form: Form
+    coefficients: Array
+    covariance: Array
+    free: NDArray[np.bool_]
+    offset: Array
+    residuals: Array
+    loo_residuals: Array
+    chi_square: float
+    dof: int
+    deficient: int
+
+    @property
+    def sigma(self) -> Array:
+        """(L, D) standard deviation of each entry of K; zero where the entry is not part of the model."""
+        sigma = np.zeros(self.free.shape)
+        sigma[self.free] = np.sqrt(np.diag(self.covariance))
+        return sigma
+
+    def predict(self, u: Array) -> Array:
+        """(N, L) response to drives (N, D), without offset."""
+        return u @ self.coefficients.T
+
+
+def fit_response(
+    u: Array,
+    y: Array,
+    cov: Array,
+    *,
+    form: Form = "matrix",
+    offset_cov: Array | None = None,
+    group: NDArray[np.int64] | None = None,
+) -> ResponseFit:
+    """Fit ``y_n = c_g(n) + K u_n`` by generalised least squares (telescope report eq. 1-3; force sensor eq. 28).
+
+    u (N, D) drives; y (N, L) responses, NaN where missing; cov (N, L, L) covariance of each y, singular where a frame
+    was fitted to the same data; offset_cov (L, L) the prior covariance of the offset (an error common to all rows, such as
+    the survey's), None for a free offset; group (N,) which offset a row carries, by default one for all.
+    Raises ValueError for shapes that do not agree, and for ``linear`` with D != L.
+    """
+    u, y, cov = np.asarray(u, float), np.asarray(y, float), np.asarray(cov, float)
+    (n, d), width = u.shape, y.shape[1]
+    if y.shape[0] != n or cov.shape != (n, width, width):
+        raise ValueError(f"u {u.shape}, y {y.shape} and cov {cov.shape} must be (N, D), (N, L) and (N, L, L)")
+    if form == "linear" and d != width:
+        raise ValueError(f"the linear model pairs each response with its own drive: {width} responses, {d} drives")
+    group = np.zeros(n, np.int64) if group is None else np.asarray(group)
+    free = {"none": np.zeros((width, d), bool), "linear": np.eye(width, d, dtype=bool), "matrix": np.ones((width, d), bool)}[form]
+    weight = _precision(cov, np.isfinite(y))
+    design = _design(u, free, group)
+    prior = _offset_precision(offset_cov, int(free.sum()), width, int(group.max()) + 1)
+    return _solve(form, free, design, np.nan_to_num(y), np.isfinite(y), weight, prior)
+
+
+def _design(u: Array, free: NDArray[np.bool_], group: NDArray[np.int64]) -> Array:
+    """(N, L, P) derivative of the response by the free entries of K and the offsets."""
+    n, width = len(u), free.shape[0]
+    rows, columns = np.nonzero(free)
+    groups = int(group.max()) + 1
+    design = np.zeros((n, width, len(rows) + groups * width))
+    design[:, rows, np.arange(len(rows))] = u[:, columns]
+    for leg in range(width):
+        design[np.arange(n), leg, len(rows) + group * width + leg] = 1.0
+    return design
+
+
+def _precision(cov: Array, seen: NDArray[np.bool_]) -> Array:
+    """(N, L, L) pseudo-inverse of the covariance of what was seen; zero for what was not."""
+    masked = cov * seen[:, :, None] * seen[:, None, :]
+    values, vectors = np.linalg.eigh(masked)
+    kept = values > _RANK_CUTOFF * values[:, -1:]
+    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+    return np.einsum("nik,nk,njk->nij", vectors, inverse, vectors)
+
+
+def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups: int) -> Array:
+    precision = np.zeros((n_free + groups * width,) * 2)
+    if offset_cov is not None:
+        block = np.linalg.pinv(offset_cov, rcond=_RANK_CUTOFF, hermitian=True)
+        for g in range(groups):
+            part = slice(n_free + g * width, n_free + (g + 1) * width)
+            precision[part, part] = block
+    return precision
+
+
+def _solve(
+    form: Form, free: NDArray[np.bool_], design: Array, y: Array, seen: NDArray[np.bool_], weight: Array, prior: Array
+) -> ResponseFit:
+    weighted = np.einsum("nlp,nlm->nmp", design, weight)
+    normal = np.einsum("nmp,nmq->pq", weighted, design) + prior
+    covariance, deficient = _scaled_inverse(normal)
+    theta = covariance @ np.einsum("nmp,nm->p", weighted, y)
+    residuals = y - design @ theta
+    loo = _leave_one_out(design, covariance, weight, residuals)
+    n_free, width = int(free.sum()), free.shape[0]
+    coefficients = np.zeros(free.shape)
+    coefficients[free] = theta[:n_free]
+    chi_square = float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta)
+    informative = int(round(np.einsum("nij,nij->", weight, np.linalg.pinv(weight, hermitian=True))))
+    informative += int(np.linalg.matrix_rank(prior, hermitian=True)) if prior.any() else 0
+    return ResponseFit(
+        form=form,
+        coefficients=coefficients,
+        covariance=covariance[:n_free, :n_free],
+        free=free,
+        offset=theta[n_free:].reshape(-1, width),
+        residuals=np.where(seen, residuals, np.nan),
+        loo_residuals=np.where(seen, loo, np.nan),
+        chi_square=chi_square,
+        dof=informative - (len(theta) - deficient),
+        deficient=deficient,
+    )
+
+
+def _scaled_inverse(normal: Array) -> tuple[Array, int]:
+    """Pseudo-inverse after scaling to unit diagonal (drives may differ in unit by many powers of ten)."""
+    scale = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    kept = values > _RANK_CUTOFF * max(values[-1], 1e-300)
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    return inverse / np.outer(scale, scale), int((~kept).sum())
+
+
+def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:
+    """Residuals of each row against the fit to all others: (I - H_nn)^-1 r_n with the hat matrix's blocks."""
+    hat = np.einsum("nlp,pq,nmq,nmk->nlk", design, covariance, design, weight, optimize=True)
+    return np.einsum("nlk,nk->nl", np.linalg.pinv(np.eye(hat.shape[1]) - hat, rcond=1e-9), residuals)
+
+
+def keep_consistent(
+    u: Array, y: Array, cov: Array, *, form: Form = "matrix", offset_cov: Array | None = None,
+    group: NDArray[np.int64] | None = None, false_rejections: float = 0.05,
+) -> NDArray[np.bool_]:
+    """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
+
+    ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the least
+    absolute deviation by reweighting; the rest is the predictive residual of each value in units of its own deviation.
+    """
+    from scipy.special import ndtri
+
+    seen = np.isfinite(y)
+    limit = -ndtri(0.5 * min(1.0, false_rejections / max(seen.sum(), 1)))
+    kept = seen & (_standardised_l1(u, y, cov, form, offset_cov, group) < 1.5 * limit)
+    for _ in range(20):
+        fit = fit_response(u, np.where(kept, y, np.nan), cov, form=form, offset_cov=offset_cov, group=group)
+        again = seen & (_standardised(fit, u, y, cov, group) < limit)
+        if (again == kept).all():
+            break
+        kept = again
+    return kept
+
+
+def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array, group: NDArray[np.int64] | None) -> Array:
+    """(N, L) |residual| in units of its deviation, for rejected values as well as for kept ones."""
+    offset = fit.offset[np.zeros(len(u), np.int64) if group is None else group]
+    residual = np.where(np.isfinite(fit.residuals), fit.residuals, y - offset - fit.predict(u))
+    spread = np.sqrt(np.einsum("nll->nl", cov))
+    return np.abs(np.nan_to_num(residual)) / np.where(spread > 0.0, spread, np.inf)
+
+
+def _standardised_l1(
+    u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: NDArray[np.int64] | None
+) -> Array:
+    kept = np.where(np.isfinite(y), y, np.nan)
+    inflated = cov
+    for _ in range(30):
+        fit = fit_response(u, kept, inflated, form=form, offset_cov=offset_cov, group=group)
+        z = _standardised(fit, u, y, cov, group)
+        root = np.sqrt(np.maximum(z, 1.0))
+        inflated = cov * root[:, :, None] * root[:, None, :]
+    return z
