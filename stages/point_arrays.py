@@ -1,0 +1,105 @@
+"""From tables of points to dense arrays in metres: what every stage that computes over poses begins with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+_AXES = "xyz"
+_PAIRS = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
+
+
+@dataclass(frozen=True)
+class SurveyPoints:
+    """One body's survey: targets (T names), points (T, 3) in m in the body frame, cov (T, 3, 3) in m^2, leg (T,), 0 for none."""
+
+    targets: tuple[str, ...]
+    points: Array
+    cov: Array
+    leg: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class PosePoints:
+    """One body over all poses: poses (B ids), targets (T names), points (B, T, 3) in m as measured, zero where not seen;
+    cov (B, T, 3, 3) in m^2; seen (B, T)."""
+
+    poses: tuple[int | str, ...]
+    targets: tuple[str, ...]
+    points: Array
+    cov: Array
+    seen: NDArray[np.bool_]
+
+
+def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
+    """A text column as an array of str."""
+    return np.asarray(table.column(name).to_pylist(), dtype=object)
+
+
+def number_column(table: pa.Table, name: str) -> Array:
+    """A column of numbers as float64, NaN where empty."""
+    return np.asarray(table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def pose_ids(table: pa.Table, name: str = "pose") -> tuple[int | str, ...]:
+    """The poses of a table, each once, in order of appearance."""
+    return tuple(dict.fromkeys(table.column(name).to_pylist()))
+
+
+def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
+    """The survey of one body; without rows where the body was not surveyed."""
+    import pyarrow.compute as pc
+
+    rows = survey.filter(pc.equal(survey.column("body"), body))
+    leg = np.nan_to_num(number_column(rows, "leg")).astype(np.int64)
+    return SurveyPoints(tuple(rows.column("target").to_pylist()), *_points_and_cov(rows), leg)
+
+
+def pose_points(
+    observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...] | None = None
+) -> PosePoints:
+    """One body's observations as dense arrays, in the given orders of poses and targets; targets not named are left out."""
+    import pyarrow.compute as pc
+
+    rows = observations.filter(pc.equal(observations.column("body"), body))
+    if targets is None:
+        targets = tuple(dict.fromkeys(rows.column("target").to_pylist()))
+    at_pose = _positions(rows.column("pose"), poses)
+    at_target = _positions(rows.column("target"), targets)
+    known = (at_pose >= 0) & (at_target >= 0)
+    points, cov = _points_and_cov(rows)
+    place = (at_pose[known], at_target[known])
+    shape = (len(poses), len(targets))
+    dense = PosePoints(poses, targets, np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros(shape, bool))
+    dense.points[place], dense.cov[place], dense.seen[place] = points[known], cov[known], True
+    return dense
+
+
+def _points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
+    """(N, 3) points in m and (N, 3, 3) covariances in m^2 from coordinates, sigmas and, where given, correlations."""
+    points = np.column_stack([number_column(rows, f"{a}_mm") for a in _AXES]) * 1e-3
+    sigma = np.column_stack([number_column(rows, f"sigma_{a}_mm") for a in _AXES]) * 1e-3
+    correlation = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
+    for pair, i, j in _PAIRS:
+        if f"corr_{pair}" in rows.schema.names:
+            correlation[:, i, j] = correlation[:, j, i] = np.nan_to_num(number_column(rows, f"corr_{pair}"))
+    return points, correlation * sigma[:, :, None] * sigma[:, None, :]
+
+
+def _positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[np.int64]:
+    """Where each value of a column stands in ``order``; -1 where it does not."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not order:
+        return np.full(len(column), -1, np.int64)
+    found = pc.index_in(column, value_set=pa.array(order, column.type))
+    return np.asarray(pc.fill_null(found, -1).to_numpy(), dtype=np.int64)
