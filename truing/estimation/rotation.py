@@ -87,8 +87,24 @@ def _quaternion(R: NDArray) -> NDArray:
     a, b, c = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     xy, xz, yz = R[..., 0, 1] + R[..., 1, 0], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 2] + R[..., 2, 1]
-    products = (1 + a + b + c, wx, wy, wz, wx, 1 + a - b - c, xy, xz,
-                wy, xy, 1 - a + b - c, yz, wz, xz, yz, 1 - a - b + c)
+    products = (
+        1 + a + b + c,
+        wx,
+        wy,
+        wz,
+        wx,
+        1 + a - b - c,
+        xy,
+        xz,
+        wy,
+        xy,
+        1 - a + b - c,
+        yz,
+        wz,
+        xz,
+        yz,
+        1 - a - b + c,
+    )
     outer = np.stack(products, axis=-1).reshape(*R.shape[:-2], 4, 4)
     largest = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1).real, axis=-1)
     q = np.take_along_axis(outer, largest[..., None, None], axis=-2)[..., 0, :]

@@ -1,0 +1,94 @@
+"""Covariances of rigid motions: of a weighted fit, and through composition and inversion.
+
+Order (p, theta) with ``R <- exp(theta) R`` and ``p <- p + dp`` in the parent frame; m and rad; batches lead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import skew
+
+
+def weighted_fit_covariance(
+    arm: NDArray, w: NDArray, noise: NDArray, ok: NDArray, with_scale: bool = False
+) -> NDArray:
+    """Return the covariance (B, 6, 6) of a weighted rigid fit, or (B, 7, 7) with relative scale last.
+
+    arm (B, N, 3), in m: points from the source origin, in target axes; w (B, N): weights of the fit;
+    noise (B, N), in m^2: variance per coordinate. ``A^-1 B A^-1`` with A the normal matrix and B that of the
+    weighted noise, which is ``A^-1`` where w = 1/noise. Entries not ok (B,) get a meaningless matrix.
+    """
+    total = np.maximum(w.sum(-1), np.finfo(float).tiny)
+    centre = np.einsum("bn,bni->bi", w, arm) / total[:, None]
+    a = arm - centre[:, None]
+    size = 7 if with_scale else 6
+    normal = np.where(ok[:, None, None], _moments(a, w)[:, :size, :size], np.eye(size))
+    inverse = np.linalg.inv(normal)
+    about_centre = inverse @ _moments(a, w * w * noise)[:, :size, :size] @ inverse
+    G = np.zeros((len(a), size, size)) + np.eye(size)
+    G[:, :3, 3:6] = skew(centre)
+    if with_scale:
+        G[:, :3, 6] = -centre
+    return symmetric(G @ about_centre @ np.swapaxes(G, -1, -2))
+
+
+def _moments(a: NDArray, v: NDArray) -> NDArray:
+    """Return ``sum v J' J`` (B, 7, 7) of J = [I, -[a]x, a]: position, rotation, relative scale."""
+    first = np.einsum("bn,bni->bi", v, a)
+    second = np.einsum("bn,bni,bnj->bij", v, a, a)
+    trace = np.trace(second, axis1=-2, axis2=-1)
+    out = np.zeros((len(a), 7, 7))
+    out[:, :3, :3] = v.sum(-1)[:, None, None] * np.eye(3)
+    out[:, 3:6, :3] = skew(first)
+    out[:, :3, 3:6] = -out[:, 3:6, :3]
+    out[:, 3:6, 3:6] = trace[:, None, None] * np.eye(3) - second
+    out[:, :3, 6] = out[:, 6, :3] = first
+    out[:, 6, 6] = trace
+    return out
+
+
+def compose(
+    R_ab: NDArray, p_ab: NDArray, cov_ab: NDArray, R_bc: NDArray, p_bc: NDArray, cov_bc: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return ``T_ab T_bc`` as R (..., 3, 3), p (..., 3) and covariance (..., 6, 6); factors independent."""
+    lever = apply_rotation(R_ab, p_bc)
+    J_ab = _blocks(np.eye(3), -skew(lever), np.eye(3))
+    J_bc = _blocks(R_ab, np.zeros((3, 3)), R_ab)
+    return R_ab @ R_bc, p_ab + lever, symmetric(_sandwich(J_ab, cov_ab) + _sandwich(J_bc, cov_bc))
+
+
+def invert(R: NDArray, p: NDArray, cov: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Return ``T^-1`` as R (..., 3, 3), p (..., 3) and covariance (..., 6, 6)."""
+    Rt = np.swapaxes(R, -1, -2)
+    J = _blocks(-Rt, -Rt @ skew(p), -Rt)
+    return Rt, -apply_rotation(Rt, p), symmetric(_sandwich(J, cov))
+
+
+def relative(
+    R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, R_wb: NDArray, p_wb: NDArray, cov_wb: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return ``T_wa^-1 T_wb``, the pose of b seen from a, with its covariance; a and b independent."""
+    return compose(*invert(R_wa, p_wa, cov_wa), R_wb, p_wb, cov_wb)
+
+
+def apply_rotation(R: NDArray, v: NDArray) -> NDArray:
+    """Return ``R v`` (..., 3)."""
+    return np.einsum("...ij,...j->...i", R, v)
+
+
+def symmetric(C: NDArray) -> NDArray:
+    """Return the symmetric part (..., n, n), which removes rounding only."""
+    return (C + np.swapaxes(C, -1, -2)) / 2
+
+
+def _sandwich(J: NDArray, C: NDArray) -> NDArray:
+    return J @ C @ np.swapaxes(J, -1, -2)
+
+
+def _blocks(pp: NDArray, ptheta: NDArray, thetatheta: NDArray) -> NDArray:
+    shape = np.broadcast_shapes(pp.shape, ptheta.shape, thetatheta.shape)
+    J = np.zeros((*shape[:-2], 6, 6))
+    J[..., :3, :3], J[..., :3, 3:], J[..., 3:, 3:] = pp, ptheta, thetatheta
+    return J
