@@ -1,0 +1,1 @@
+"""Campaigns with something hidden in them, and the demand that it be found and named."""

@@ -1,0 +1,152 @@
+"""One campaign from layout, moves, effects and seed: what was recorded, and the truth behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.blind.generator.effects import Effect, Setting, as_record
+from tests.blind.generator.instrument import (
+    Record,
+    back_to_body,
+    declared_sigma,
+    read_actuators,
+    record_points,
+    settle,
+    survey,
+)
+from tests.blind.generator.layout import LEGS, Geometry, Layout
+from tests.blind.generator.machine import (
+    Machine,
+    Marks,
+    Standing,
+    at_reference,
+    build,
+    exact_points,
+    framed_pose,
+    place_marks,
+    stand,
+)
+from tests.blind.generator.quaternions import Array, rotate, to_vector
+from tests.blind.generator.schedule import Schedule, plan
+
+Move = tuple[int, str, Array]
+STREAMS = ("build", "marks", "plan", "settle", "readings", "survey", "points")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really was: the geometry made, true displacements (N, 6), platform poses as the contract defines them, and shifts of the
+    attachments along the platform's z (N, 6); mm, and rotation vectors in rad."""
+
+    built: Geometry
+    drho: Array
+    position: Array
+    rotation_vector: Array
+    delta_bz: Array
+    effects: tuple[Effect, ...]
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Everything that is written down, and the truth, which is not."""
+
+    layout: Layout
+    schedule: Schedule
+    marks: Marks
+    surveyed: Array
+    readings: Array
+    record: Record
+    truth: Truth
+
+
+def draw_campaign(layout: Layout, moves: Sequence[Move], effects: Sequence[Effect], rng: np.random.Generator) -> Campaign:
+    """Runs the chain once: schedule, drive, structure, instrument. Each step draws from a stream of its own, so that an effect or
+    another noise leaves all other draws as they are."""
+    stream = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
+    built = build(layout.geometry, layout.tolerance, stream["build"])
+    marks = place_marks(layout, built, stream["marks"])
+    schedule = plan(moves, layout.surroundings, stream["plan"])
+    setting = Setting(schedule, marks, layout.targets.follow, layout.noise.declared_actuator_mm or layout.noise.actuator_mm)
+    indicated = settle(schedule, layout.surroundings, stream["settle"])
+
+    machine = _structured(built, marks, _driven(indicated, effects, setting), effects, setting)
+    standing = stand(machine, at_reference(built, marks, np.zeros((1, LEGS))))
+    exact = exact_points(machine, standing, marks)
+    recorded = exact
+    for effect in effects:
+        recorded = effect.instrument(recorded, standing, setting)
+    return Campaign(
+        layout=layout,
+        schedule=schedule,
+        marks=marks,
+        surveyed=survey(marks, layout, stream["survey"]),
+        readings=read_actuators(indicated, layout, stream["readings"]),
+        record=record_points(recorded, marks, layout, stream["points"]),
+        truth=_truth(built, machine, standing, exact, marks, tuple(effects)),
+    )
+
+
+def _driven(indicated: Array, effects: Sequence[Effect], setting: Setting) -> Array:
+    drho = indicated
+    for effect in effects:
+        drho = effect.drive(drho, setting)
+    return drho
+
+
+def _structured(
+    built: Geometry, marks: Marks, drho: Array, effects: Sequence[Effect], setting: Setting
+) -> Machine:
+    machine = at_reference(built, marks, drho)
+    for effect in effects:
+        effect.structure(machine, setting)
+    return machine
+
+
+def _truth(
+    built: Geometry, machine: Machine, standing: Standing, exact: Array, marks: Marks, effects: tuple[Effect, ...]
+) -> Truth:
+    position, turn = standing.position[:, 1], standing.turn[:, 1]
+    upper = rotate(turn[:, None], machine.b) + position[:, None]
+    if len(marks.framing("platform")) >= 3:
+        position, turn = framed_pose(exact, marks)
+    upper = back_to_body(turn[:, None], position[:, None], upper)
+    return Truth(
+        built=built,
+        drho=machine.drho,
+        position=position,
+        rotation_vector=to_vector(turn),
+        delta_bz=upper[..., 2] - built.b[:, 2],
+        effects=effects,
+    )
+
+
+def truth_record(campaign: Campaign, seed: int) -> dict[str, object]:
+    """The truth as plain values, for the file beside the campaign folder."""
+    truth, schedule, marks = campaign.truth, campaign.schedule, campaign.marks
+    rows, columns = np.nonzero(campaign.record.gross & campaign.record.seen)
+    return {
+        "seed": seed,
+        "effects": [as_record(effect) for effect in truth.effects],
+        "noise": {"point_mm": campaign.layout.noise.point_mm, "declared_point_mm": declared_sigma(campaign.layout.noise)[0]},
+        "geometry": {
+            "a_mm": truth.built.a.tolist(),
+            "b_mm": truth.built.b.tolist(),
+            "u": truth.built.u.tolist(),
+            "length_mm": truth.built.length.tolist(),
+            "rho0_mm": truth.built.rho0.tolist(),
+        },
+        "poses": [
+            {
+                "pose": pose,
+                "delta_rho_mm": truth.drho[n].tolist(),
+                "p_mm": truth.position[n].tolist(),
+                "rotation_vector_rad": truth.rotation_vector[n].tolist(),
+                "delta_bz_um": (1000 * truth.delta_bz[n]).tolist(),
+            }
+            for n, pose in enumerate(schedule.pose)
+        ],
+        "gross_errors": [[schedule.pose[n], marks.body[k], marks.name[k]] for n, k in zip(rows, columns, strict=True)],
+    }

@@ -1,0 +1,357 @@
+"""What nature does and a plain simulation leaves out: one class per effect, at the step of the chain where it acts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tests.blind.generator.machine import BODIES, Machine, Marks, Standing, shift_attachments
+from tests.blind.generator.quaternions import Array, rotate
+from tests.blind.generator.schedule import Schedule
+
+ALL_LEGS = (1, 2, 3, 4, 5, 6)
+Parameter = tuple[float | str, str]  # value, unit
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an effect may look at: the schedule, the marks, how far the platform follows, and the actuators' declared noise."""
+
+    schedule: Schedule
+    marks: Marks
+    follow: float
+    actuator_mm: float
+
+
+class Effect:
+    """An effect changes the chain at one or more of its steps; where it does nothing, the step is left as it is."""
+
+    id: ClassVar[str]
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Name to value and unit, named as in the campaign format."""
+        raise NotImplementedError
+
+    @property
+    def subject(self) -> str:
+        """What it concerns, empty for the whole."""
+        return ""
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        """True displacements (N, 6) of the actuators from those that they indicate, mm."""
+        return drho
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        """Changes joints, legs and marks."""
+
+    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+        """Points (N, M, 3) as they are recorded, from those that are there; base frame."""
+        return points
+
+
+def as_record(effect: Effect) -> dict[str, object]:
+    """The effect as it stands in the file of truths."""
+    values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
+    return json.loads(json.dumps({"cause": effect.id, "subject": effect.subject, "parameters": values}))
+
+
+def _per_leg(name: str, legs: tuple[int, ...], values: Array, unit: str) -> dict[str, Parameter]:
+    return {f"{name}_{leg}": (float(values[leg - 1]), unit) for leg in legs}
+
+
+def _legs_named(legs: tuple[int, ...]) -> str:
+    return "" if legs == ALL_LEGS else " ".join(f"leg{leg}" for leg in legs)
+
+
+@dataclass(frozen=True)
+class PerLeg(Effect):
+    """An effect with one number per leg: ``amount`` (6,), zero where a leg is spared."""
+
+    amount: Array
+
+    @property
+    def legs(self) -> tuple[int, ...]:
+        return tuple(leg for leg in ALL_LEGS if self.amount[leg - 1] != 0.0)
+
+    @property
+    def subject(self) -> str:
+        return _legs_named(self.legs)
+
+
+class LinearDeformation(PerLeg):
+    """Attachment i shifts along the platform's z by kappa_i times the displacement of its actuator."""
+
+    id = "platform-deformation-linear"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return _per_leg("kappa", self.legs, self.amount, "1")
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        shift_attachments(machine, setting.marks, self.amount * machine.drho, setting.follow)
+
+
+@dataclass(frozen=True)
+class MatrixDeformation(Effect):
+    """The attachments shift along the platform's z by K (6, 6) times the displacements of all actuators."""
+
+    K: Array
+    id = "platform-deformation-matrix"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {f"K{i}{j}": (float(self.K[i - 1, j - 1]), "1") for i in ALL_LEGS for j in ALL_LEGS}
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        shift_attachments(machine, setting.marks, machine.drho @ self.K.T, setting.follow)
+
+
+@dataclass(frozen=True)
+class NonlinearDeformation(PerLeg):
+    """As the linear one, plus a quadratic (1/mm) and a cubic (1/mm^2) term (6,) each."""
+
+    quadratic: Array
+    cubic: Array
+    id = "platform-deformation-nonlinear"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {
+            **_per_leg("kappa", self.legs, self.amount, "1"),
+            **_per_leg("quadratic", self.legs, self.quadratic, "1/mm"),
+            **_per_leg("cubic", self.legs, self.cubic, "1/mm^2"),
+        }
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        d = machine.drho
+        shift = self.amount * d + self.quadratic * d**2 + self.cubic * d**3
+        shift_attachments(machine, setting.marks, shift, setting.follow)
+
+
+@dataclass(frozen=True)
+class ThermalExpansion(Effect):
+    """Base and platform grow about their origins and the legs in length; targets are carried along."""
+
+    alpha_base: float
+    alpha_platform: float
+    alpha_legs: float
+    id = "thermal-expansion"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        if self.alpha_base == self.alpha_platform == self.alpha_legs:
+            return {"alpha": (self.alpha_base, "1/K")}
+        return {
+            "alpha_base": (self.alpha_base, "1/K"),
+            "alpha_platform": (self.alpha_platform, "1/K"),
+            "alpha_legs": (self.alpha_legs, "1/K"),
+        }
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        heat = setting.schedule.heat[:, None, None]
+        machine.a *= 1 + self.alpha_base * heat
+        machine.b *= 1 + self.alpha_platform * heat
+        machine.length *= 1 + self.alpha_legs * heat[..., 0]
+        kinds = {"base": self.alpha_base, "platform": self.alpha_platform}
+        alpha = np.array([kinds.get(body, self.alpha_legs) for body in setting.marks.body])
+        machine.marks *= 1 + alpha[:, None] * heat
+
+
+@dataclass(frozen=True)
+class LegThermal(Effect):
+    """The legs grow with temperature, tube and targets on it, while the bodies do not."""
+
+    alpha: float
+    id = "leg-thermal"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"alpha": (self.alpha, "1/K")}
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        ThermalExpansion(0.0, 0.0, self.alpha).structure(machine, setting)
+
+
+@dataclass(frozen=True)
+class BaseDeformation(Effect):
+    """Base targets and joints shift along z in a saddle or a bowl that follows the temperature or one actuator."""
+
+    driver: str  # "temperature" or "rho1" .. "rho6"
+    saddle_x: float
+    saddle_y: float
+    bowl: float
+    id = "base-deformation"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        unit = "mm/K" if self.driver == "temperature" else "mm/mm"
+        return {
+            "driver": (self.driver, ""),
+            "saddle_x": (self.saddle_x, unit),
+            "saddle_y": (self.saddle_y, unit),
+            "bowl": (self.bowl, unit),
+        }
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        q = setting.schedule.heat if self.driver == "temperature" else machine.drho[:, int(self.driver[-1]) - 1]
+        radius = np.mean(np.linalg.norm(machine.a[..., :2], axis=-1))
+        base = setting.marks.of("base")
+        machine.marks[:, base, 2] += q[:, None] * self._shape(machine.marks[:, base], radius)
+        machine.a[..., 2] += q[:, None] * self._shape(machine.a, radius)
+
+    def _shape(self, place: Array, radius: float) -> Array:
+        x, y = place[..., 0] / radius, place[..., 1] / radius
+        return self.saddle_x * (x**2 - y**2) + self.saddle_y * 2 * x * y + self.bowl * (x**2 + y**2)
+
+
+class ActuatorGain(PerLeg):
+    """The actuator goes (1 + gain) times as far as it indicates."""
+
+    id = "actuator-gain"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return _per_leg("gain", self.legs, self.amount, "1")
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        return drho * (1 + self.amount)
+
+
+class Backlash(PerLeg):
+    """The actuator stays behind by half the gap, against the direction from which it came."""
+
+    id = "actuator-backlash"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return _per_leg("backlash", self.legs, self.amount, "mm")
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        return drho - self.amount * approach(drho, setting.schedule, 5 * setting.actuator_mm)
+
+
+def approach(drho: Array, schedule: Schedule, least: float) -> Array:
+    """Direction (N, 6) of each actuator's last movement larger than ``least`` (mm), in time order; +1 before any."""
+    in_time = np.argsort(schedule.time_s)
+    direction = np.ones_like(drho)
+    for before, now in zip(in_time[:-1], in_time[1:], strict=True):
+        step = drho[now] - drho[before]
+        direction[now] = np.where(np.abs(step) > least, np.sign(step), direction[before])
+    return direction
+
+
+@dataclass(frozen=True)
+class PeriodicError(PerLeg):
+    """The leadscrew adds a sine of its own pitch (mm) to every displacement; ``phase`` (6,) in rad."""
+
+    pitch: float
+    phase: Array
+    id = "actuator-periodic-error"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {
+            **_per_leg("amplitude", self.legs, self.amount, "mm"),
+            "pitch": (self.pitch, "mm"),
+            **_per_leg("phase", self.legs, self.phase, "rad"),
+        }
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        return drho + self.amount * np.sin(2 * np.pi * drho / self.pitch + self.phase)
+
+
+@dataclass(frozen=True)
+class LegDrift(PerLeg):
+    """A leg's effective length drifts over the campaign by ``amount`` (mm), evenly or with a time constant ``tau`` (s)."""
+
+    tau: float | None = None
+    id = "leg-drift"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        settling = {} if self.tau is None else {"tau": (self.tau, "s")}
+        return {**_per_leg("drift", self.legs, self.amount, "mm"), **settling}
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        t = setting.schedule.time_s - setting.schedule.time_s.min()
+        grown = t if self.tau is None else 1 - np.exp(-t / self.tau)
+        machine.length += (grown / grown.max())[:, None] * self.amount
+
+
+@dataclass(frozen=True)
+class FlexureShift(Effect):
+    """The flexures at both ends of every leg bend as beams instead of turning as ideal joints."""
+
+    flexure_length: float
+    id = "flexure-shift"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"flexure_length": (self.flexure_length, "mm")}
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        machine.flexure = np.full(6, self.flexure_length)
+
+
+@dataclass(frozen=True)
+class MeasurementScale(Effect):
+    """The scale bar is wrong by ``scale``, and by ``scale_per_k`` more for every degree."""
+
+    scale: float = 0.0
+    scale_per_k: float = 0.0
+    id = "measurement-scale"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        named = {"scale": (self.scale, "1"), "scale_per_k": (self.scale_per_k, "1/K")}
+        return {name: parameter for name, parameter in named.items() if parameter[0] != 0.0}
+
+    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+        return points * (1 + self.scale + self.scale_per_k * setting.schedule.heat[:, None, None])
+
+
+@dataclass(frozen=True)
+class TargetMoved(Effect):
+    """A target sits elsewhere, by ``shift`` (mm, body frame), from the pose ``from_pose`` on in time."""
+
+    body: str
+    target: str
+    shift: tuple[float, float, float]
+    from_pose: int
+    id = "target-moved"
+
+    @property
+    def subject(self) -> str:
+        return f"target {self.target}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        moved = {f"d{axis}": (value, "mm") for axis, value in zip("xyz", self.shift, strict=True)}
+        return {**moved, "from_pose": (self.from_pose, "")}
+
+    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+        rank = setting.schedule.rank
+        late = rank >= rank[setting.schedule.pose.index(self.from_pose)]
+        turn = standing.turn[late, BODIES.index(self.body)]
+        moved = points.copy()
+        moved[late, _mark(setting.marks, self.body, self.target)] += rotate(turn, np.array(self.shift))
+        return moved
+
+
+@dataclass(frozen=True)
+class TargetsSwapped(Effect):
+    """Two labels of a body are exchanged in some poses."""
+
+    body: str
+    targets: tuple[str, str]
+    poses: tuple[int, ...]
+    id = "targets-swapped"
+
+    @property
+    def subject(self) -> str:
+        return f"targets {' '.join(self.targets)}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"poses": (" ".join(str(pose) for pose in self.poses), "")}
+
+    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+        rows = np.isin(setting.schedule.pose, self.poses)
+        first, second = (_mark(setting.marks, self.body, target) for target in self.targets)
+        swapped = points.copy()
+        swapped[rows, first], swapped[rows, second] = points[rows, second], points[rows, first]
+        return swapped
+
+
+def _mark(marks: Marks, body: str, target: str) -> int:
+    return list(zip(marks.body, marks.name, strict=True)).index((body, target))

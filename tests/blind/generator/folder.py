@@ -1,0 +1,99 @@
+"""Writes a campaign as the folder that the campaign format describes, and the truth beside the folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tests.blind.generator.campaign import Campaign, truth_record
+from tests.blind.generator.instrument import declared_sigma
+from tests.blind.generator.layout import LEGS
+from tests.blind.generator.quaternions import Array
+
+
+def write_campaign(campaign: Campaign, folder: Path, seed: int) -> Path:
+    """Fills ``folder`` (made where missing) and writes ``<folder>.truth.json`` next to it; returns the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(folder / "campaign.toml", _campaign_toml(campaign))
+    _write(folder / "points.csv", _points(campaign))
+    _write(folder / "targets.csv", _targets(campaign))
+    _write(folder / "configurations.csv", _configurations(campaign))
+    truth = json.dumps(truth_record(campaign, seed), indent=1)
+    _write(truth_path(folder), [truth])
+    return folder
+
+
+def truth_path(folder: Path) -> Path:
+    """Where the truth of the campaign in ``folder`` lies."""
+    return folder.with_name(f"{folder.name}.truth.json")
+
+
+def _write(path: Path, lines: Iterable[str]) -> None:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def _points(campaign: Campaign) -> Iterable[str]:
+    noise, decimals = campaign.layout.noise, campaign.layout.decimals
+    sigmas = "," + _numbers(declared_sigma(noise)[1], 6) if noise.write_sigmas else ""
+    yield "pose,body,target,x_mm,y_mm,z_mm" + (",sigma_x_mm,sigma_y_mm,sigma_z_mm" if sigmas else "")
+    marks = list(zip(campaign.marks.body, campaign.marks.name, strict=True))
+    for n, pose in enumerate(campaign.schedule.pose):
+        for k in np.flatnonzero(campaign.record.seen[n]):
+            body, name = marks[k]
+            yield f"{pose},{body},{name},{_numbers(campaign.record.points[n, k], decimals)}{sigmas}"
+
+
+def _targets(campaign: Campaign) -> Iterable[str]:
+    marks = campaign.marks
+    yield "body,target,x_mm,y_mm,z_mm,leg"
+    for body, name, leg, place in zip(marks.body, marks.name, marks.on_leg, campaign.surveyed, strict=True):
+        yield f"{body},{name},{_numbers(place, campaign.layout.decimals)},{leg or ''}"
+
+
+def _configurations(campaign: Campaign) -> Iterable[str]:
+    schedule = campaign.schedule
+    yield "pose,role,time_s," + ",".join(f"rho{i}_mm" for i in range(1, LEGS + 1)) + ",temperature_c"
+    for n, pose in enumerate(schedule.pose):
+        readings = _numbers(campaign.readings[n], campaign.layout.decimals)
+        yield f"{pose},{schedule.role[n]},{schedule.time_s[n]:.1f},{readings},{schedule.temperature_c[n]:.2f}"
+
+
+def _numbers(values: Array, decimals: int) -> str:
+    return ",".join(f"{value:.{decimals}f}" for value in values)
+
+
+def _campaign_toml(campaign: Campaign) -> Iterable[str]:
+    layout = campaign.layout
+    yield "format = 1"
+    yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "photogrammetry"')
+    yield from ("", "[mechanism]", 'type = "6-pus"')
+    yield f"reference_temperature_c = {layout.surroundings.reference_temperature_c}"
+    if layout.actuator_pitch_mm is not None:
+        yield f"actuator_pitch_mm = {layout.actuator_pitch_mm}"
+    yield "legs = ["
+    yield from (f"  {_leg(campaign, i)}," for i in range(LEGS))
+    yield "]"
+    tolerance = layout.tolerance
+    yield from ("", "[mechanism.tolerance]", f"a_mm = {tolerance.a_mm}", f"b_mm = {tolerance.b_mm}")
+    yield from (f"u = {tolerance.u}", f"length_mm = {tolerance.length_mm}")
+    yield from ("", "[noise]", f"point_mm = {declared_sigma(layout.noise)[0]:.7g}")
+    declared = layout.noise.declared_actuator_mm
+    yield f"actuator_mm = {layout.noise.actuator_mm if declared is None else declared}"
+    yield from layout.further_sections
+
+
+def _leg(campaign: Campaign, i: int) -> str:
+    g = campaign.layout.geometry
+    parts = [f"a_mm = {_vector(g.a[i])}", f"b_mm = {_vector(g.b[i])}", f"u = {_vector(g.u[i])}"]
+    parts += [f"length_mm = {g.length[i]}", f"rho0_mm = {g.rho0[i]}"]
+    if g.flexure_length is not None:
+        parts.append(f"flexure_length_mm = {g.flexure_length}")
+    return "{ " + ", ".join(parts) + " }"
+
+
+def _vector(values: Array) -> str:
+    # Adding zero turns a rounded -0.0 into 0.0, which is what a person would write.
+    return "[" + ", ".join(str(float(np.round(value, 6)) + 0.0) for value in values) + "]"
