@@ -1,0 +1,67 @@
+# A thin face of the command line `truing`: it prepares the environment and passes on what is asked for.
+#
+#   make all                        every stage that is not up to date, on the sample campaign
+#   make all CAMPAIGN=my-campaign   the same on another one
+#   make pose CAMPAIGN=my-campaign  one stage by its name, and what it needs
+#   make test | check | bench       tests; style, types and collection; side by side with other libraries
+#   make setup | lock | clean       the environment alone; locked versions anew; everything made, removed
+
+CAMPAIGN ?= sample_data/telescope
+PYTHON ?= python3
+VENV ?= .venv
+export CAMPAIGN
+export OMP_NUM_THREADS ?= 1
+
+python := $(VENV)/bin/python
+digest = $(shell { pwd; cat pyproject.toml requirements/$(1).txt; } | cksum | tr ' ' -)
+runtime := $(VENV)/ready-runtime-$(call digest,runtime)
+dev := $(VENV)/ready-dev-$(call digest,dev)
+
+.PHONY: all setup test check bench lock clean
+
+all: $(runtime)
+	@$(VENV)/bin/truing run "$$CAMPAIGN"
+
+setup: $(runtime)
+
+test: $(dev)
+	$(python) -m pytest -n auto --dist worksteal
+
+check: $(dev)
+	$(python) -m ruff check .
+	$(python) -m mypy
+	$(python) -m pytest -q tests/packaging
+
+bench: $(dev)
+	$(python) -m benchmarks
+
+# Any other target is the name of a stage; the command line knows them, and answers where there is none.
+.DEFAULT:
+	@$(MAKE) --no-print-directory setup
+	@$(VENV)/bin/truing run --only $@ "$$CAMPAIGN"
+
+# An environment is ready when its mark is there, and the mark carries a digest of all that the environment
+# was made from. `unfinished` stays behind where an installation was cut short: then it is made afresh.
+$(runtime):
+	@$(PYTHON) -c 'import sys; sys.exit("truing needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	@if [ -e $(VENV)/unfinished ]; then rm -rf $(VENV); fi
+	@mkdir -p $(VENV) && touch $(VENV)/unfinished
+	@if [ ! -x $(python) ]; then $(PYTHON) -m venv $(VENV); fi
+	$(python) -m pip install --quiet --only-binary :all: --require-hashes -r requirements/runtime.txt
+	$(python) -m pip install --quiet --no-deps --no-build-isolation -e .
+	@rm -f $(VENV)/ready-* $(VENV)/unfinished && touch $@
+
+$(dev): $(runtime)
+	@touch $(VENV)/unfinished
+	$(python) -m pip install --quiet --only-binary :all: --require-hashes -r requirements/dev.txt
+	@rm -f $(VENV)/unfinished && touch $@
+
+lock := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest \
+	--generate-hashes --no-emit-index-url --no-header --no-annotate --quiet
+lock:
+	$(lock) --extra build -o requirements/runtime.txt
+	$(lock) --extra build --extra dev -c requirements/runtime.txt -o requirements/dev.txt
+
+clean:
+	rm -rf $(VENV) runs build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
