@@ -2,28 +2,109 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import re
+import string
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+Format = Literal["auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "vstars", "tracker"]
+
+
+def _compiles(pattern: str) -> str:
+    try:
+        re.compile(pattern)
+    except re.error as error:
+        raise ValueError(f"not a regular expression: {error}") from None
+    return pattern
+
+
+def _has_groups(pattern: str) -> str:
+    if not re.compile(_compiles(pattern)).groupindex:
+        raise ValueError("a regular expression with named groups, such as (?P<target>\\d+)")
+    return pattern
+
+
+def _is_template(template: str) -> str:
+    fields = [field for _, field, _, _ in string.Formatter().parse(template) if field is not None]
+    if not fields or "" in fields:
+        raise ValueError('a template with the names of columns in braces, such as "{set}-{ID}"')
+    return template
+
+
+Pattern = Annotated[str, AfterValidator(_compiles)]
+GroupPattern = Annotated[str, AfterValidator(_has_groups)]
+Template = Annotated[str, AfterValidator(_is_template)]
 
 
 class FileMapping(BaseModel):
-    """One [files.<table>] entry (or one of several): which raw files, in which format, and which column is what."""
+    """One [files.<table>] entry (or one of several): which raw files, in which format, which column is what.
+
+    A column of the table is what ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join`` says it
+    is, else the raw column that ``columns`` names, else the raw column of the same name. Then ``rename`` and
+    ``offset`` apply.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    path: str | tuple[str, ...] = Field(description="file or glob, relative to campaign.toml; may lead out of the folder")
-    format: Literal["auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc"] = "auto"
+    path: str | tuple[str, ...] = Field(description="file or glob, relative to campaign.toml")
+    format: Format = Field("auto", description="auto goes by the file's name")
     separator: str | None = Field(None, description='one character, or "whitespace"; absent: found out')
-    header: bool = True
+    header: bool | None = Field(None, description="whether the first line names the columns")
+    names: tuple[str, ...] = Field((), description="names for the columns of a file without header")
     decimal: Literal[".", ","] = "."
-    thousands: str | None = None
+    thousands: Literal[",", ".", "'", " "] | None = Field(None, description="a blank: any kind of blank")
     encoding: str = "utf-8"
+    quote: str = Field('"', max_length=1, description="empty where a quotation mark is a mark like any other")
     comment: str | None = Field(None, description="lines that begin with it are passed over")
-    skip_lines: int = Field(0, ge=0)
-    columns: dict[str, str | int] = Field(default_factory=dict, description="table column = raw name, or position from 1")
-    units: dict[str, str] = Field(default_factory=dict, description="unit of a raw column, where not the table's own")
+    skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
+    keep_lines: Pattern | None = Field(None, description="expression of the lines to read")
+    columns: dict[str, str | int] = Field(
+        default_factory=dict, description="column = raw name, or position from 1"
+    )
+    units: dict[str, str] = Field(default_factory=dict, description="column = unit it is given in")
     unit: str | None = Field(None, description="unit of all coordinates")
-    constants: dict[str, str | int | float] = Field(default_factory=dict)
-    missing: tuple[str, ...] = Field((), description="values that mean missing")
-    from_name: str | None = Field(None, description="regular expression on the file's name; named groups become columns")
+    constants: dict[str, str | int | float] = Field(default_factory=dict, description="column = its value")
+    missing: tuple[str, ...] = Field(
+        (), description='values that mean missing; "0 0 0" means all three coordinates'
+    )
+    from_name: GroupPattern | None = Field(
+        None,
+        description="regular expression on the file's name (on its path, where it holds a slash); "
+        "named groups become columns",
+    )
+    split: dict[str, GroupPattern] = Field(
+        default_factory=dict,
+        description="column = regular expression for its whole value; named groups become columns",
+    )
+    number_rows: dict[str, int] = Field(
+        default_factory=dict, description="column = number of a file's first row"
+    )
+    join: dict[str, Template] = Field(
+        default_factory=dict, description='column = template, such as "{set}-{ID}"'
+    )
+    rename: dict[str, dict[Pattern, str]] = Field(
+        default_factory=dict, description="column = expressions for whole values, and what they become"
+    )
+    offset: dict[str, int] = Field(default_factory=dict, description="column = whole number to add")
+    select: dict[str, Pattern] = Field(
+        default_factory=dict, description="column = expression for the whole value of the rows to read"
+    )
+    wide: Template | None = Field(
+        None, description='template of the raw names of coordinates, "{target}_{axis}": a row per target'
+    )
+    arrays: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict, description="raw column whose cells hold several numbers = names for these"
+    )
+    time_format: str | None = Field(None, description="strptime format of time_s, counted from the earliest")
+
+    @model_validator(mode="after")
+    def _wide_has_an_axis(self) -> FileMapping:
+        if self.wide is not None and ("{axis}" not in self.wide or "{target}" not in self.wide):
+            raise ValueError("wide needs {target} and {axis}")
+        return self
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The files or globs as a tuple, also where there is one."""
+        return (self.path,) if isinstance(self.path, str) else self.path

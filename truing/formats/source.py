@@ -1,0 +1,106 @@
+"""Which raw files a campaign has, and how each is to be read; nothing here opens one."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
+    from schemas.mapping import FileMapping
+
+TABLES = ("points", "targets", "configurations", "displacement", "interferometer", "signals")
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """One raw file: its name as campaign.toml reaches it, and where it lies."""
+
+    name: str
+    path: Path
+
+    @property
+    def suffix(self) -> str:
+        """The ending that tells the format, without that of a compression: ``.csv`` of ``points.csv.gz``."""
+        plain = re.sub(r"\.(gz|bz2|xz|zip)$", "", self.path.name, flags=re.IGNORECASE)
+        return Path(plain).suffix.lower()
+
+
+class CampaignFiles:
+    """The raw files of one campaign, found from its folder and its [files]."""
+
+    def __init__(self, folder: Path, campaign: Campaign) -> None:
+        self.folder = folder
+        self._files = campaign.files
+
+    def entries(self, table: str) -> tuple[FileMapping, ...]:
+        """How a table's raw files are read: as [files.<table>] says, else as the contract names them."""
+        mapped = self._files.get(table)
+        if mapped is not None:
+            return mapped if isinstance(mapped, tuple) else (mapped,)
+        from schemas.mapping import FileMapping
+
+        present = [name for name in _contract_names(table) if (self.folder / name).is_file()]
+        return tuple(FileMapping(path=name) for name in present)
+
+    def is_mapped(self, table: str) -> bool:
+        """Whether campaign.toml says how to read a table."""
+        return table in self._files
+
+    def resolve(self, pattern: str) -> tuple[RawFile, ...]:
+        """The files that a path or glob of campaign.toml means, ``pose2`` before ``pose10``."""
+        return tuple(RawFile(name, self.folder / name) for name in _expand(self.folder, pattern))
+
+    @cached_property
+    def raw_files(self) -> tuple[Path, ...]:
+        """Every raw file that ingest opens."""
+        found = (
+            raw.path
+            for table in TABLES
+            for entry in self.entries(table)
+            for pattern in entry.paths
+            for raw in self.resolve(pattern)
+        )
+        return tuple(sorted(set(found)))
+
+
+def raw_files(folder: Path, document: Mapping[str, Any]) -> tuple[Path, ...]:
+    """Every existing raw file that ingest would open; the parsed campaign.toml need not be valid."""
+    mapped = document.get("files")
+    mapped = mapped if isinstance(mapped, Mapping) else {}
+    patterns = [name for table in TABLES if table not in mapped for name in _contract_names(table)]
+    for entry in mapped.values():
+        patterns += _patterns(entry)
+    return tuple(sorted({folder / name for pattern in patterns for name in _expand(folder, pattern)}))
+
+
+def _patterns(entry: object) -> list[str]:
+    if isinstance(entry, Mapping):
+        entry = entry.get("path")
+    if isinstance(entry, str):
+        return [entry]
+    return [name for part in entry for name in _patterns(part)] if isinstance(entry, list | tuple) else []
+
+
+def _contract_names(table: str) -> tuple[str, str]:
+    return f"{table}.csv", f"{table}.parquet"
+
+
+def _expand(folder: Path, pattern: str) -> list[str]:
+    if (folder / pattern).is_file():
+        return [pattern]
+    try:
+        names = glob.glob(pattern, root_dir=folder, recursive=True)
+    except (OSError, ValueError, re.error):
+        return []
+    files = [name.replace("\\", "/") for name in names if (folder / name).is_file()]
+    return sorted(files, key=_natural)
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
