@@ -61,7 +61,9 @@ _POINTS = (
     *(_real(f"{a}_mm", "mm", f"{a} coordinate in the frame of the file") for a in "xyz"),
     *(_real(f"sigma_{a}_mm", "mm", f"one standard deviation of {a}", minimum=0.0, nullable=True) for a in "xyz"),
     *(
-        _real(f"corr_{p}", "", f"correlation of the errors in {p[0]} and {p[1]}", minimum=-1.0, maximum=1.0, nullable=True)
+        _real(
+            f"corr_{p}", "", f"correlation of the errors in {p[0]} and {p[1]}", minimum=-1.0, maximum=1.0, nullable=True
+        )
         for p in ("xy", "xz", "yz")
     ),
 )
@@ -72,12 +74,16 @@ _CONFIGURATIONS = (
 )
 
 _POSES = (
-    Column("method", "text", "the estimator", choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan")),
+    Column(
+        "method", "text", "the estimator", choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan")
+    ),
     Column("default", "flag", "whether this row feeds the following stages"),
     *(_real(f"p{a}_mm", "mm", f"{a} of the body's origin in the parent frame", nullable=True) for a in "xyz"),
     *(_real(f"r{a}_rad", "rad", f"{a} component of the rotation vector, body to parent", nullable=True) for a in "xyz"),
     *(
-        _real(f"cov_{i}_{j}", "SI", "covariance, order p then theta, R <- exp(theta) R in the parent frame", nullable=True)
+        _real(
+            f"cov_{i}_{j}", "SI", "covariance, order p then theta, R <- exp(theta) R in the parent frame", nullable=True
+        )
         for i in range(6)
         for j in range(i, 6)
     ),
@@ -101,7 +107,14 @@ _DEFORMATION = (
     Column("column", "integer", "which drive the coefficient multiplies, counted from 1; 0 is the offset", minimum=0),
     _real("coefficient", "", "response per unit of drive, in the unit of its row"),
     _real("sigma", "", "one standard deviation of the number beside it", minimum=0.0, nullable=True),
-    _real("p_value", "", "probability of a deviation at least this large by chance", minimum=0.0, maximum=1.0, nullable=True),
+    _real(
+        "p_value",
+        "",
+        "probability of a deviation at least this large by chance",
+        minimum=0.0,
+        maximum=1.0,
+        nullable=True,
+    ),
     Column("figure", "text", "the name of the figure"),
     _real("value", "", "the number, in the unit of its row", nullable=True),
 )
@@ -129,11 +142,19 @@ _DIAGNOSIS = (
     Column("parameters", "text", "JSON: name to value, sigma and unit"),
     Column("follows", "text", "for unexplained: the columns that it follows, separated by blanks", nullable=True),
     *(
-        _real(f"{held}rms_{when}", "unit", f"rms of measured minus predicted {when} this row is accepted", minimum=0.0, nullable=True)
+        _real(
+            f"{held}rms_{when}",
+            "unit",
+            f"rms of measured minus predicted {when} this row is accepted",
+            minimum=0.0,
+            nullable=True,
+        )
         for held in ("", "heldout_")
         for when in ("before", "after")
     ),
-    _real("noise_floor", "unit", "what the declared noise leaves after the fitted parameters", minimum=0.0, nullable=True),
+    _real(
+        "noise_floor", "unit", "what the declared noise leaves after the fitted parameters", minimum=0.0, nullable=True
+    ),
     Column("explanation", "text", "what, where, how large, how sure"),
     Column("next_measurement", "text", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
 )

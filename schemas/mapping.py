@@ -59,15 +59,11 @@ class FileMapping(BaseModel):
     comment: str | None = Field(None, description="lines that begin with it are passed over")
     skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
     keep_lines: Pattern | None = Field(None, description="expression of the lines to read")
-    columns: dict[str, str | int] = Field(
-        default_factory=dict, description="column = raw name, or position from 1"
-    )
+    columns: dict[str, str | int] = Field(default_factory=dict, description="column = raw name, or position from 1")
     units: dict[str, str] = Field(default_factory=dict, description="column = unit it is given in")
     unit: str | None = Field(None, description="unit of all coordinates")
     constants: dict[str, str | int | float] = Field(default_factory=dict, description="column = its value")
-    missing: tuple[str, ...] = Field(
-        (), description='values that mean missing; "0 0 0" means all three coordinates'
-    )
+    missing: tuple[str, ...] = Field((), description='values that mean missing; "0 0 0" means all three coordinates')
     from_name: GroupPattern | None = Field(
         None,
         description="regular expression on the file's name (on its path, where it holds a slash); "
@@ -77,12 +73,8 @@ class FileMapping(BaseModel):
         default_factory=dict,
         description="column = regular expression for its whole value; named groups become columns",
     )
-    number_rows: dict[str, int] = Field(
-        default_factory=dict, description="column = number of a file's first row"
-    )
-    join: dict[str, Template] = Field(
-        default_factory=dict, description='column = template, such as "{set}-{ID}"'
-    )
+    number_rows: dict[str, int] = Field(default_factory=dict, description="column = number of a file's first row")
+    join: dict[str, Template] = Field(default_factory=dict, description='column = template, such as "{set}-{ID}"')
     rename: dict[str, dict[Pattern, str]] = Field(
         default_factory=dict, description="column = expressions for whole values, and what they become"
     )

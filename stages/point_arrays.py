@@ -72,8 +72,8 @@ def pose_points(
     rows = observations.filter(pc.equal(observations.column("body"), body))
     if targets is None:
         targets = tuple(dict.fromkeys(rows.column("target").to_pylist()))
-    at_pose = _positions(rows.column("pose"), poses)
-    at_target = _positions(rows.column("target"), targets)
+    at_pose = positions(rows.column("pose"), poses)
+    at_target = positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)
     points, cov = _points_and_cov(rows)
     place = (at_pose[known], at_target[known])
@@ -94,7 +94,7 @@ def _points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
     return points, correlation * sigma[:, :, None] * sigma[:, None, :]
 
 
-def _positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[np.int64]:
+def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[np.int64]:
     """Where each value of a column stands in ``order``; -1 where it does not."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -103,3 +103,49 @@ def _positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray
         return np.full(len(column), -1, np.int64)
     found = pc.index_in(column, value_set=pa.array(order, column.type))
     return np.asarray(pc.fill_null(found, -1).to_numpy(), dtype=np.int64)
+
+
+def used_targets(
+    residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
+) -> NDArray[np.bool_]:
+    """(B, T) which targets entered the fit of the body's frame."""
+    import pyarrow.compute as pc
+
+    rows = residuals.filter(
+        pc.and_(pc.equal(residuals.column("body"), body), pc.greater(residuals.column("weight"), 0.0))
+    )
+    used = np.zeros((len(poses), len(targets)), bool)
+    place = (positions(rows.column("pose"), poses), positions(rows.column("target"), targets))
+    known = (place[0] >= 0) & (place[1] >= 0)
+    used[place[0][known], place[1][known]] = True
+    return used
+
+
+def default_rotations(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> Array:
+    """(B, 3, 3) rotation from the body frame to the measurement, through its parents; identity where a pose has none."""
+    import pyarrow.compute as pc
+
+    from truing.estimation.rotation import exp_so3
+
+    rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
+    vector = np.zeros((len(poses), 3))
+    place = positions(rows.column("pose"), poses)
+    vector[place[place >= 0]] = np.nan_to_num(
+        np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])[place >= 0]
+    )
+    rotation = exp_so3(vector)
+    parent = next(iter(rows.column("parent").to_pylist()), "measurement")
+    return rotation if parent == "measurement" else default_rotations(poses_table, parent, poses) @ rotation
+
+
+def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:
+    """(B, T, 3) residuals of a body's targets in m, body frame; NaN where a target was not seen or was rejected."""
+    import pyarrow.compute as pc
+
+    rows = residuals.filter(pc.and_(pc.equal(residuals.column("body"), body), pc.invert(residuals.column("rejected"))))
+    at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
+    known = (at_pose >= 0) & (at_target >= 0)
+    dense = np.full((len(poses), len(targets), 3), np.nan)
+    values = np.column_stack([number_column(rows, f"d{a}_mm") for a in "xyz"]) * 1e-3
+    dense[at_pose[known], at_target[known]] = values[known]
+    return dense

@@ -75,7 +75,11 @@ def fit_response(
     if form == "linear" and d != width:
         raise ValueError(f"the linear model pairs each response with its own drive: {width} responses, {d} drives")
     group = np.zeros(n, np.int64) if group is None else np.asarray(group)
-    free = {"none": np.zeros((width, d), bool), "linear": np.eye(width, d, dtype=bool), "matrix": np.ones((width, d), bool)}[form]
+    free = {
+        "none": np.zeros((width, d), bool),
+        "linear": np.eye(width, d, dtype=bool),
+        "matrix": np.ones((width, d), bool),
+    }[form]
     weight = _precision(cov, np.isfinite(y))
     design = _design(u, free, group)
     prior = _offset_precision(offset_cov, int(free.sum()), width, int(group.max()) + 1)
@@ -126,7 +130,7 @@ def _solve(
     coefficients = np.zeros(free.shape)
     coefficients[free] = theta[:n_free]
     chi_square = float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta)
-    informative = int(round(np.einsum("nij,nij->", weight, np.linalg.pinv(weight, hermitian=True))))
+    informative = round(float(np.einsum("nij,nij->", weight, np.linalg.pinv(weight, hermitian=True))))
     informative += int(np.linalg.matrix_rank(prior, hermitian=True)) if prior.any() else 0
     return ResponseFit(
         form=form,
@@ -158,13 +162,19 @@ def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: A
 
 
 def keep_consistent(
-    u: Array, y: Array, cov: Array, *, form: Form = "matrix", offset_cov: Array | None = None,
-    group: NDArray[np.int64] | None = None, false_rejections: float = 0.05,
+    u: Array,
+    y: Array,
+    cov: Array,
+    *,
+    form: Form = "matrix",
+    offset_cov: Array | None = None,
+    group: NDArray[np.int64] | None = None,
+    false_rejections: float = 0.05,
 ) -> NDArray[np.bool_]:
     """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
 
-    ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the least
-    absolute deviation by reweighting; the rest is the predictive residual of each value in units of its own deviation.
+    ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
+    least absolute deviation by reweighting; the rest is the predictive residual of each value in units of its own deviation.
     """
     from scipy.special import ndtri
 

@@ -12,12 +12,15 @@ from truing.estimation.response import ResponseFit
 Array = NDArray[np.float64]
 
 
-def entry_p_values(fit: ResponseFit) -> Array:
-    """(L, D) two-sided p-value of each entry of K against zero; NaN where the entry is not part of the model."""
+def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
+    """(L, D) two-sided p-value of each entry of K against zero; NaN where the entry is not part of the model.
+
+    ``widened`` multiplies the standard deviations, where the noise proved larger than declared.
+    """
     from scipy.special import ndtr
 
     p = np.full(fit.free.shape, np.nan)
-    z = fit.coefficients[fit.free] / np.sqrt(np.diag(fit.covariance))
+    z = fit.coefficients[fit.free] / (np.sqrt(np.diag(fit.covariance)) * widened)
     p[fit.free] = 2.0 * ndtr(-np.abs(z))
     return p
 
@@ -115,8 +118,8 @@ def significant_rank(fit: ResponseFit, false_alarm: float) -> int:
 class RingShape:
     """How the attachments' shifts look round the ring: shares of the mean square, and the principal shape.
 
-    lift, tilt, buckle sum to 1; buckle is what no plane explains. principal (L,): unit shape with the largest share over
-    poses, principal_share its share, amplitude_um its largest amplitude.
+    lift, tilt, buckle sum to 1; buckle is what no plane explains. principal (L,): unit shape with the largest
+    share over poses, principal_share its share, amplitude_um its largest amplitude.
     """
 
     lift: float

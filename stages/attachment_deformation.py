@@ -1,0 +1,228 @@
+"""Deformation of a legged platform: the shift of each attachment along z, against the actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.declaration import Outcome
+from stages.point_arrays import (
+    SurveyPoints,
+    default_rotations,
+    number_column,
+    pose_ids,
+    pose_points,
+    residual_points,
+    survey_points,
+    used_targets,
+)
+from stages.response_tables import FALSE_ALARM, HeldOut, Rows, entry_tests, error_rows, fit_models
+from truing.estimation.frame import residual_covariance
+from truing.estimation.response import ResponseFit, keep_consistent
+from truing.estimation.response_structure import (
+    gain_p_value,
+    holm_significant,
+    pair_couplings,
+    ring_shape,
+    significant_rank,
+    symmetry,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Leg
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Shift of each leg's attachment along z of the platform.
+
+    shift (B, L) in m, NaN where not seen; noise (B, L, L) of the measurement, survey (L, L) of the survey, which all poses
+    share; attachments (L, 3); modulo_plane: the frame was fitted to the attachments themselves.
+    """
+
+    shift: Array
+    noise: Array
+    survey: Array
+    attachments: Array
+    modulo_plane: bool
+
+
+def attachment_deformation(tables: Mapping[str, pa.Table], legs: Sequence[Leg]) -> Outcome:
+    """Shifts of the attachments, their linear and matrix models, and what these say (telescope report, eq. 1-4)."""
+    poses, drive, heldout = _drives(tables["configurations"], tables["residuals"], legs)
+    shifts = _shifts(tables, poses, len(legs))
+    fitted = ~heldout
+    prior = {"offset_cov": shifts.survey}
+    good = np.isfinite(shifts.shift)
+    good[fitted] = keep_consistent(drive[fitted], shifts.shift[fitted], shifts.noise[fitted], **prior)
+    kept = np.where(good, shifts.shift, np.nan)
+    fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
+    held = HeldOut(drive[heldout], kept[heldout])
+    rejected = np.isfinite(shifts.shift) & ~good
+    identifier = "int64" if isinstance(poses[0], int) else "string"
+    artifacts = {
+        "deformation": _deformation_rows(poses, drive, shifts, rejected).table(identifier),
+        "deformation_models": _model_rows(fits).table(),
+        "deformation_errors": _error_rows(fits, held, shifts, kept[fitted]).table(),
+    }
+    return Outcome(artifacts, *_words(shifts, rejected, fits))
+
+
+def _drives(
+    configurations: pa.Table, residuals: pa.Table, legs: Sequence[Leg]
+) -> tuple[tuple[int | str, ...], Array, NDArray[np.bool_]]:
+    """Poses with residuals, actuator displacements (B, L) in m, and which poses are held out."""
+    measured = set(pose_ids(residuals))
+    poses = configurations.column("pose").to_pylist()
+    rows = np.array([i for i, pose in enumerate(poses) if pose in measured], dtype=np.int64)
+    reading = np.column_stack([number_column(configurations, f"rho{i + 1}_mm") for i in range(len(legs))])
+    drive = (reading[rows] - np.array([leg.rho0_mm for leg in legs])) * 1e-3
+    role = np.array(configurations.column("role").to_pylist(), dtype=object)[rows]
+    return tuple(poses[i] for i in rows), drive, role == "verification"
+
+
+def _shifts(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], n_legs: int) -> Shifts:
+    survey = survey_points(tables["survey"], "platform")
+    residual = residual_points(tables["residuals"], "platform", poses, survey.targets)
+    observed = pose_points(tables["observations"], "platform", poses, survey.targets)
+    used = used_targets(tables["residuals"], "platform", poses, survey.targets)
+    rotation = default_rotations(tables["poses"], "platform", poses)
+    seen = np.isfinite(residual[:, :, 2])
+    noise = np.einsum("bji,btjk,bkl->btil", rotation, observed.cov, rotation)
+    per_leg = _leg_average(survey, seen, noise, n_legs)
+    measured = _along_z(residual_covariance(survey.points, noise, used, seen))
+    surveyed = _along_z(_survey_covariance(survey, used))
+    shift = np.einsum("blt,bt->bl", per_leg, np.nan_to_num(residual[:, :, 2]))
+    at_leg = per_leg.any(axis=2)
+    typical = _typical_average(survey, n_legs)
+    return Shifts(
+        np.where(at_leg, shift, np.nan),
+        np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg),
+        typical @ surveyed @ typical.T,
+        typical @ survey.points,
+        bool((used & (survey.leg > 0)).any()),
+    )
+
+
+def _along_z(covariance: Array) -> Array:
+    return covariance[..., 2::3, 2::3]
+
+
+def _survey_covariance(survey: SurveyPoints, used: NDArray[np.bool_]) -> Array:
+    """(3T, 3T) covariance that the survey's own noise leaves in every pose's residuals alike."""
+    usual = used.mean(axis=0) > 0.5
+    everywhere = np.ones((1, len(survey.targets)), bool)
+    return residual_covariance(survey.points, survey.cov[None], usual[None], everywhere)[0]
+
+
+def _leg_average(survey: SurveyPoints, seen: NDArray[np.bool_], noise: Array, n_legs: int) -> Array:
+    """(B, L, T) weights that average the targets of each attachment, by their noise along z; zero rows where none was seen."""
+    member = survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]
+    variance = np.where(noise[:, :, 2, 2] > 0.0, noise[:, :, 2, 2], np.inf)
+    weight = member[None] * np.where(seen, 1.0 / variance, 0.0)[:, None, :]
+    total = weight.sum(axis=2, keepdims=True)
+    return np.divide(weight, total, out=np.zeros_like(weight), where=total > 0.0)
+
+
+def _typical_average(survey: SurveyPoints, n_legs: int) -> Array:
+    member = (survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]).astype(float)
+    return member / np.maximum(member.sum(axis=1, keepdims=True), 1.0)
+
+
+def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts, rejected: NDArray[np.bool_]) -> Rows:
+    from scipy.special import ndtr
+
+    sigma = np.sqrt(np.einsum("bll->bl", shifts.noise) + np.diag(shifts.survey))
+    p = 2.0 * ndtr(-np.abs(shifts.shift) / sigma)
+    significant = holm_significant(np.where(rejected, np.nan, p), FALSE_ALARM)
+    b, leg = np.nonzero(np.isfinite(shifts.shift))
+    rows = Rows("deformation")
+    rows.add(
+        pose=[poses[i] for i in b],
+        leg=leg + 1,
+        delta_rho_mm=drive[b, leg] * 1e3,
+        delta_bz_um=shifts.shift[b, leg] * 1e6,
+        sigma_um=sigma[b, leg] * 1e6,
+        p_value=p[b, leg],
+        significant=significant[b, leg],
+        rejected=rejected[b, leg],
+        reason=["gross error: far from every model that fits the rest" if r else None for r in rejected[b, leg]],
+    )
+    return rows
+
+
+def _model_rows(fits: Mapping[str, ResponseFit]) -> Rows:
+    rows = Rows("deformation_models")
+    for name in ("linear", "matrix"):
+        sigma, p, significant = entry_tests(fits[name])
+        leg, column = np.nonzero(fits[name].free)
+        rows.add(
+            model=name,
+            leg=leg + 1,
+            column=column + 1,
+            coefficient=fits[name].coefficients[leg, column],
+            sigma=sigma[leg, column],
+            unit="1",
+            p_value=p[leg, column],
+            significant=significant[leg, column],
+        )
+    return rows
+
+
+def _error_rows(fits: Mapping[str, ResponseFit], heldout: HeldOut, shifts: Shifts, kept: Array) -> Rows:
+    rows = Rows("deformation_errors")
+    for name, fit in fits.items():
+        error_rows(rows, name, fit, heldout, "um", 1e6, None)
+    matrix = fits["matrix"]
+    rows.add(model="linear", figure="p_value_over_none", value=gain_p_value(fits["none"], fits["linear"]), unit="1")
+    rows.add(model="matrix", figure="p_value_over_linear", value=gain_p_value(fits["linear"], matrix), unit="1")
+    rows.add(model="matrix", figure="rank", value=float(significant_rank(matrix, FALSE_ALARM)), unit="1")
+    even = symmetry(matrix)
+    rows.add(model="matrix", figure="asymmetry", value=even.relative, unit="1")
+    rows.add(model="matrix", figure="symmetry_p_value", value=even.p_value, unit="1")
+    rows.add(model="matrix", figure="modulo_plane", value=float(shifts.modulo_plane), unit="1")
+    for i, j, strength, p in pair_couplings(matrix):
+        pair = f"leg{i + 1} leg{j + 1}"
+        rows.add(model="matrix", figure="coupling", value=strength, unit="1", subject=pair)
+        rows.add(model="matrix", figure="coupling_p_value", value=p, unit="1", subject=pair)
+    _shape_rows(rows, kept, shifts.attachments)
+    return rows
+
+
+def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
+    """The buckled wheel: what of the shifts is lift, tilt and buckling, and the shape they follow most."""
+    whole = kept[np.isfinite(kept).all(axis=1)]
+    if not len(whole):
+        return
+    shape = ring_shape(whole, attachments)
+    figures: dict[str, Any] = {
+        "share_lift": shape.lift,
+        "share_tilt": shape.tilt,
+        "share_buckle": shape.buckle,
+        "share_principal": shape.principal_share,
+    }
+    for figure, value in figures.items():
+        rows.add(model="none", figure=figure, value=value, unit="1")
+    rows.add(model="none", figure="principal_amplitude", value=shape.amplitude * 1e6, unit="um")
+    rows.add(
+        model="none", leg=np.arange(1, len(attachments) + 1), figure="principal_shape", value=shape.principal, unit="1"
+    )
+
+
+def _words(shifts: Shifts, rejected: NDArray[np.bool_], fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
+    seen = int(np.isfinite(shifts.shift).sum())
+    read = f"{seen} shifts at {shifts.shift.shape[1]} attachments in {len(shifts.shift)} poses"
+    left_out = f"{int(rejected.sum())} shifts as gross errors" if rejected.any() else "nothing"
+    rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
+    figure = f"rms left {rms['none']:.1f} um without a model, {rms['linear']:.1f} linear, {rms['matrix']:.1f} matrix"
+    if shifts.modulo_plane:
+        figure += "; modulo a plane: fewer than three platform targets away from the attachments"
+    return read, left_out, figure

@@ -1,0 +1,71 @@
+"""Deformation: what moves within a body that was taken for rigid, and the drive that it follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Progress, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+DECLARATION = Stage(
+    name="deformation",
+    reads=("observations?", "survey?", "configurations?", "poses?", "residuals?", "displacement?"),
+    leaves=("deformation", "deformation_models", "deformation_errors", "target_deformation?", "compliance?"),
+    settings=(
+        "campaign.kind",
+        "campaign.drives",
+        "mechanism.type",
+        "mechanism.legs",
+        "noise.displacement_mm",
+        "noise.rotation_rad",
+    ),
+    summary="deformation residuals, linear and matrix deformation models",
+)
+
+
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    """Fit the deformation models that the campaign's instrument and mechanism allow."""
+    progress(0, 1, "deformation models")
+    if settings.campaign.kind == "interferometer":
+        return _of_loads(tables, settings)
+    if settings.mechanism.type in ("6-pus", "ups"):
+        return _of_legs(tables, settings)
+    return _of_targets(tables, settings)
+
+
+def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    from stages.attachment_deformation import attachment_deformation
+
+    attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
+    if "configurations" not in tables or not len(attached):
+        return not_evaluated("no platform target sits at an attachment (column leg of targets.csv)")
+    return attachment_deformation(tables, settings.mechanism.legs)
+
+
+def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    from stages.target_deformation import target_deformation
+
+    drives = settings.campaign.drives
+    if not drives or "configurations" not in tables:
+        return not_evaluated("no mechanism, and no drives named in [campaign]")
+    return target_deformation(tables, drives)
+
+
+def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    from stages.load_deformation import load_deformation
+
+    if "displacement" not in tables:
+        return not_evaluated("no six-component displacement of the platform")
+    return load_deformation(tables["displacement"], settings.noise.displacement_mm, settings.noise.rotation_rad)
+
+
+def not_evaluated(why: str) -> Outcome:
+    """The outcome of a campaign that does not hold what this stage needs."""
+    empty = {name: ARTIFACTS[name].empty() for name in ("deformation", "deformation_models", "deformation_errors")}
+    return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")

@@ -1,0 +1,120 @@
+"""How fitted response models are told as table rows, for attachments, targets and loads alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from truing.estimation.response import ResponseFit, fit_response
+from truing.estimation.response_structure import entry_p_values, holm_significant
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 0.05  # family-wise, over all entries of one table
+
+
+@dataclass
+class Rows:
+    """Rows of one artifact, gathered column by column; missing columns of a row are empty."""
+
+    artifact: str
+    columns: dict[str, list[Any]] = field(default_factory=dict)
+    count: int = 0
+
+    def add(self, **values: Any) -> None:
+        """One row, or one row per element where values are sequences of equal length."""
+        length = max((len(v) for v in values.values() if isinstance(v, (list, np.ndarray))), default=1)
+        for name in {*self.columns, *values}:
+            column = self.columns.setdefault(name, [None] * self.count)
+            value = values.get(name)
+            column.extend(list(value) if isinstance(value, (list, np.ndarray)) else [value] * length)
+        self.count += length
+
+    def table(self, identifier: str = "int64") -> pa.Table:
+        """The rows as the artifact's table."""
+        import pyarrow as pa
+
+        artifact = ARTIFACTS[self.artifact]
+        present = tuple(name for name in self.columns if name not in artifact.columns)
+        schema = artifact.arrow_schema(identifier, present)
+        filled = {name: self.columns.get(name, [None] * self.count) for name in schema.names}
+        return pa.table([pa.array(filled[f.name], f.type, from_pandas=True) for f in schema], schema=schema)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Drives (N, D) and responses (N, L) that nothing was fitted to."""
+
+    u: Array
+    y: Array
+
+
+def birge(fit: ResponseFit) -> float:
+    """Factor on the standard deviations: above 1 only where the residuals are larger than declared noise allows."""
+    from scipy.special import chdtrc
+
+    if fit.dof <= 0 or chdtrc(fit.dof, fit.chi_square) > 0.01:
+        return 1.0
+    return float(np.sqrt(fit.chi_square / fit.dof))
+
+
+def entry_tests(fit: ResponseFit) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """(L, D) sigma, p-value and significance of every entry, widened where the noise is larger than declared."""
+    factor = birge(fit)
+    p = entry_p_values(fit, factor)
+    return fit.sigma * factor, p, holm_significant(p, FALSE_ALARM)
+
+
+def error_rows(
+    rows: Rows,
+    name: str,
+    fit: ResponseFit,
+    heldout: HeldOut | None,
+    unit: str,
+    scale: float,
+    responses: tuple[str, ...] | None,
+    *,
+    part: slice = slice(None),
+    whole: str | None = None,
+) -> None:
+    """The error figures of one model: fitted, cross-validated and held out; for all responses and for each.
+
+    ``scale`` turns SI into ``unit``. Responses are legs counted from 1 where ``responses`` is None, are told by name
+    where it names them, and are told only together, under the subject ``whole``, where it is empty.
+    """
+    sets = {"": fit.residuals, "cv_": fit.loo_residuals}
+    if heldout is not None and len(heldout.u):
+        sets["verification_"] = heldout.y - fit.offset.mean(axis=0) - fit.predict(heldout.u)
+    chosen = range(*part.indices(fit.residuals.shape[1])) if responses != () else ()
+    for prefix, residual in sets.items():
+        _size_rows(rows, name, prefix, residual[:, part] * scale, unit, {"subject": whole})
+        for k in chosen:
+            where = {"leg": k + 1} if responses is None else {"subject": responses[k]}
+            _size_rows(rows, name, prefix, residual[:, k] * scale, unit, where)
+    ratio = float(np.sqrt(fit.chi_square / max(fit.dof, 1)))
+    rows.add(model=name, figure="noise_ratio", value=ratio, unit="1", subject=whole)
+    rows.add(model=name, figure="degrees_of_freedom", value=float(fit.dof), unit="1", subject=whole)
+
+
+def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:
+    size = np.abs(residual[np.isfinite(residual)])
+    if not len(size):
+        return
+    for figure, value in (
+        ("max_error", size.max()),
+        ("mean_error", size.mean()),
+        ("rms_error", np.sqrt((size**2).mean())),
+    ):
+        rows.add(model=name, figure=prefix + figure, value=float(value), unit=unit, **where)
+
+
+def fit_models(u: Array, y: Array, cov: Array, forms: tuple[str, ...], **prior: Any) -> dict[str, ResponseFit]:
+    """Every model form fitted to the same data."""
+    return {form: fit_response(u, y, cov, form=form, **prior) for form in forms}  # type: ignore[arg-type]
