@@ -1,0 +1,56 @@
+"""Reading the project's own source without importing it: its files, and what each of them imports."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[2]
+ROOMS = ("schemas", "truing", "stages", "pipeline")  # from the ground up
+FOLDERS = (*ROOMS, "tests", "benchmarks", "docs", "requirements", "sample_data", ".ci")
+TEXT = {"", ".cfg", ".css", ".html", ".jinja", ".js", ".md", ".py", ".toml", ".txt", ".yml"}
+
+
+def modules(folder: str) -> list[Path]:
+    """Every Python file below a folder of the project."""
+    return sorted((PROJECT / folder).rglob("*.py"))
+
+
+def text_files() -> Iterator[Path]:
+    """Every text file that belongs to the project (what a run or an installation made is left out)."""
+    candidates = [*PROJECT.iterdir(), *(path for folder in FOLDERS for path in (PROJECT / folder).rglob("*"))]
+    for path in candidates:
+        if path.is_file() and path.suffix in TEXT and "__pycache__" not in path.parts:
+            yield path
+
+
+def module_name(path: Path) -> str:
+    """The dotted name of a Python file of the project: `truing.estimation.rigid`."""
+    parts = path.relative_to(PROJECT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported_names(path: Path) -> set[str]:
+    """Dotted names that a file imports anywhere; of `from a import b` both `a` and `a.b`."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            origin = _origin(node, path)
+            names.update({origin, *(f"{origin}.{alias.name}" for alias in node.names)})
+    return names
+
+
+def _origin(node: ast.ImportFrom, path: Path) -> str:
+    """What stands after `from`, with leading dots resolved."""
+    if not node.level:
+        return node.module or ""
+    package = list(path.relative_to(PROJECT).parts[: -node.level])
+    return ".".join([*package, *([node.module] if node.module else [])])
+
+
+def within(name: str, package: str) -> bool:
+    """Whether a dotted name is a package or lies inside it."""
+    return name == package or name.startswith(package + ".")

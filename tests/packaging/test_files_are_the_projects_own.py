@@ -1,0 +1,28 @@
+"""Nothing of one person's machine, of a package index or of a passing conversation stays behind in the files."""
+
+from __future__ import annotations
+
+import re
+
+from tests.packaging.source_tree import PROJECT, text_files
+
+# Written in pieces, so that this file passes its own test.
+STRAY = re.compile(
+    "|".join(
+        [
+            r"(?<![\w.])/(?:wo" r"rk|ho" r"me|Us" r"ers)/\w+",
+            r"pypi\." r"org|python" r"hosted",
+            r"\bis" r"sue #?\d+|\bsub" r"agents?\b|\bC" r"EO\b|\bthis ses" r"sion\b",
+            r"\bTO" r"DO\b|\bFIX" r"ME\b|\bX" r"XX\b",
+        ]
+    )
+)
+
+
+def test_no_stray_words() -> None:
+    found = {
+        path.relative_to(PROJECT).as_posix(): match.group()
+        for path in text_files()
+        if (match := STRAY.search(path.read_text(encoding="utf-8")))
+    }
+    assert not found

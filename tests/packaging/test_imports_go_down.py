@@ -1,0 +1,57 @@
+"""Imports go down only: pipeline -> stages -> truing -> schemas, and inside truing no room leans on a wrong one."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from tests.packaging.source_tree import PROJECT, ROOMS, imported_names, module_name, modules, within
+
+FORBIDDEN = {
+    "schemas": ("truing", "stages", "pipeline"),
+    "truing": ("stages", "pipeline"),
+    "stages": ("pipeline",),
+    "truing/estimation": ("truing.simulation", "truing.formats", "truing.report"),
+    "truing/simulation": ("truing.formats", "truing.report"),
+    "truing/formats": ("truing.estimation", "truing.simulation", "truing.report"),
+    "truing/report": ("truing.estimation", "truing.simulation", "truing.formats"),
+    "tests/blind/generator": ("truing", "stages", "pipeline", "schemas"),
+}
+NOT_A_STAGES_BUSINESS = ("argparse", "os", "pathlib", "rich", "shutil", "subprocess", "tempfile", "typer")
+
+
+def climbing(path: Path, forbidden: tuple[str, ...]) -> list[str]:
+    return sorted(name for name in imported_names(path) for package in forbidden if within(name, package))
+
+
+@pytest.mark.parametrize("folder", FORBIDDEN)
+def test_no_module_imports_what_lies_above_or_beside_it(folder: str) -> None:
+    faults = {module_name(path): climbing(path, FORBIDDEN[folder]) for path in modules(folder)}
+    assert not {name: found for name, found in faults.items() if found}
+
+
+def is_stage(path: Path) -> bool:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = [target for node in tree.body if isinstance(node, ast.Assign) for target in node.targets]
+    names += [node.target for node in tree.body if isinstance(node, ast.AnnAssign)]
+    return any(isinstance(name, ast.Name) and name.id == "DECLARATION" for name in names)
+
+
+def test_a_stage_knows_no_other_stage_no_path_and_no_command_line() -> None:
+    stages = [path for path in modules("stages") if is_stage(path)]
+    assert stages
+    for path in stages:
+        others = tuple(module_name(other) for other in stages if other != path)
+        assert climbing(path, others + NOT_A_STAGES_BUSINESS) == [], path
+
+
+def test_open3d_is_imported_in_one_place() -> None:
+    importing = {
+        path.relative_to(PROJECT).as_posix()
+        for room in ROOMS
+        for path in modules(room)
+        if climbing(path, ("open3d",)) or '"open3d")' in path.read_text(encoding="utf-8")
+    }
+    assert importing == {"truing/open3d_library.py"}
