@@ -38,8 +38,9 @@ STREAMS = ("build", "marks", "plan", "settle", "readings", "survey", "points")
 
 @dataclass(frozen=True)
 class Truth:
-    """What really was: the geometry made, true displacements (N, 6), platform poses as the contract defines them, and shifts of the
-    attachments along the platform's z (N, 6); mm, and rotation vectors in rad."""
+    """What really was: the geometry made, true displacements (N, 6), platform poses as the contract defines
+    them, and shifts of the attachments along the platform's z (N, 6); mm, and rotation vectors in rad.
+    """
 
     built: Geometry
     drho: Array
@@ -62,14 +63,19 @@ class Campaign:
     truth: Truth
 
 
-def draw_campaign(layout: Layout, moves: Sequence[Move], effects: Sequence[Effect], rng: np.random.Generator) -> Campaign:
-    """Runs the chain once: schedule, drive, structure, instrument. Each step draws from a stream of its own, so that an effect or
-    another noise leaves all other draws as they are."""
+def draw_campaign(
+    layout: Layout, moves: Sequence[Move], effects: Sequence[Effect], rng: np.random.Generator
+) -> Campaign:
+    """Runs the chain once: schedule, drive, structure, instrument. Each step draws from a stream of its own,
+    so that an effect or another noise leaves all other draws as they are.
+    """
     stream = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
     built = build(layout.geometry, layout.tolerance, stream["build"])
     marks = place_marks(layout, built, stream["marks"])
     schedule = plan(moves, layout.surroundings, stream["plan"])
-    setting = Setting(schedule, marks, layout.targets.follow, layout.noise.declared_actuator_mm or layout.noise.actuator_mm)
+    setting = Setting(
+        schedule, marks, layout.targets.follow, layout.noise.declared_actuator_mm or layout.noise.actuator_mm
+    )
     indicated = settle(schedule, layout.surroundings, stream["settle"])
 
     machine = _structured(built, marks, _driven(indicated, effects, setting), effects, setting)
@@ -96,9 +102,7 @@ def _driven(indicated: Array, effects: Sequence[Effect], setting: Setting) -> Ar
     return drho
 
 
-def _structured(
-    built: Geometry, marks: Marks, drho: Array, effects: Sequence[Effect], setting: Setting
-) -> Machine:
+def _structured(built: Geometry, marks: Marks, drho: Array, effects: Sequence[Effect], setting: Setting) -> Machine:
     machine = at_reference(built, marks, drho)
     for effect in effects:
         effect.structure(machine, setting)
@@ -106,7 +110,12 @@ def _structured(
 
 
 def _truth(
-    built: Geometry, machine: Machine, standing: Standing, exact: Array, marks: Marks, effects: tuple[Effect, ...]
+    built: Geometry,
+    machine: Machine,
+    standing: Standing,
+    exact: Array,
+    marks: Marks,
+    effects: tuple[Effect, ...],
 ) -> Truth:
     position, turn = standing.position[:, 1], standing.turn[:, 1]
     upper = rotate(turn[:, None], machine.b) + position[:, None]
@@ -130,7 +139,10 @@ def truth_record(campaign: Campaign, seed: int) -> dict[str, object]:
     return {
         "seed": seed,
         "effects": [as_record(effect) for effect in truth.effects],
-        "noise": {"point_mm": campaign.layout.noise.point_mm, "declared_point_mm": declared_sigma(campaign.layout.noise)[0]},
+        "noise": {
+            "point_mm": campaign.layout.noise.point_mm,
+            "declared_point_mm": declared_sigma(campaign.layout.noise)[0],
+        },
         "geometry": {
             "a_mm": truth.built.a.tolist(),
             "b_mm": truth.built.b.tolist(),

@@ -1,4 +1,6 @@
-"""Where the platform stands: the closure of the six legs, as polynomials in the quaternion of the platform."""
+"""Where the platform stands: the closure of the six legs, as polynomials in the quaternion of the
+platform.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ class NotAssembled(Exception):
 def platform_pose(lower: Array, upper: Array, length: Array, height: float) -> tuple[Array, Array]:
     """Poses p (N, 3), q (N, 4) with |p + R(q) upper - lower| = length for all six legs of all N poses.
 
-    ``lower`` (N, 6, 3) are the lower joints in the base frame, ``upper`` (N, 6, 3) the upper ones in the platform frame, ``length``
-    (N, 6), all mm; Newton's method on seven polynomials (six squared lengths and |q|^2 = 1) in seven unknowns, started level at ``height``.
+    ``lower`` (N, 6, 3) are the lower joints in the base frame, ``upper`` (N, 6, 3) the upper ones in the
+    platform frame, ``length`` (N, 6), all mm; Newton's method on seven polynomials (six squared lengths and
+    |q|^2 = 1) in seven unknowns, started level at ``height``.
     """
     p = np.tile([0.0, 0.0, height], (len(lower), 1))
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(lower), 1))
@@ -59,13 +62,15 @@ def _turning(q: Array, v: Array) -> Array:
 
 
 def flexed_length(length: Array, flexure: Array, bent_low: Array, bent_high: Array) -> Array:
-    """Distance between the joints of legs with flexures of length ``flexure`` at both ends (report, eq 14 to 17, beta = 1/4).
+    """Distance between the joints of legs with flexures of length ``flexure`` at both ends (report, eq 14 to
+    17, beta = 1/4).
 
-    ``bent_low`` and ``bent_high`` are cosines of the angle by which each flexure is bent; straight ones leave ``length``.
+    ``bent_low`` and ``bent_high`` are cosines of the angle by which each flexure is bent; straight ones leave
+    ``length``.
     """
     return length - flexure + _end_shift(flexure, bent_low) + _end_shift(flexure, bent_high)
 
 
 def _end_shift(flexure: Array, cosine: Array) -> Array:
-    # The positive root of x^2 + (1/2) l c x - (1/2) l^2 = 0: the axis of the leg meets the circle of radius 3/4 l.
+    # The positive root of x^2 + l c x / 2 - l^2 / 2 = 0: the leg's axis meets the circle of radius 3 l / 4.
     return flexure / 2 * (np.sqrt(2 + (cosine / 2) ** 2) - cosine / 2)

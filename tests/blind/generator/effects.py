@@ -1,10 +1,13 @@
-"""What nature does and a plain simulation leaves out: one class per effect, at the step of the chain where it acts."""
+"""What nature does and a plain simulation leaves out: one class per effect, at the step of the chain where it
+acts.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +22,9 @@ Parameter = tuple[float | str, str]  # value, unit
 
 @dataclass(frozen=True)
 class Setting:
-    """What an effect may look at: the schedule, the marks, how far the platform follows, and the actuators' declared noise."""
+    """What an effect may look at: the schedule, the marks, how far the platform follows, and the actuators'
+    declared noise.
+    """
 
     schedule: Schedule
     marks: Marks
@@ -28,7 +33,9 @@ class Setting:
 
 
 class Effect:
-    """An effect changes the chain at one or more of its steps; where it does nothing, the step is left as it is."""
+    """An effect changes the chain at one or more of its steps; where it does nothing, the step is left as it
+    is.
+    """
 
     id: ClassVar[str]
 
@@ -173,7 +180,9 @@ class LegThermal(Effect):
 
 @dataclass(frozen=True)
 class BaseDeformation(Effect):
-    """Base targets and joints shift along z in a saddle or a bowl that follows the temperature or one actuator."""
+    """Base targets and joints shift along z in a saddle or a bowl that follows the temperature or one
+    actuator.
+    """
 
     driver: str  # "temperature" or "rho1" .. "rho6"
     saddle_x: float
@@ -227,10 +236,12 @@ class Backlash(PerLeg):
 
 
 def approach(drho: Array, schedule: Schedule, least: float) -> Array:
-    """Direction (N, 6) of each actuator's last movement larger than ``least`` (mm), in time order; +1 before any."""
+    """Direction (N, 6) of each actuator's last movement larger than ``least`` (mm), in time order; +1 before
+    any.
+    """
     in_time = np.argsort(schedule.time_s)
     direction = np.ones_like(drho)
-    for before, now in zip(in_time[:-1], in_time[1:], strict=True):
+    for before, now in pairwise(in_time):
         step = drho[now] - drho[before]
         direction[now] = np.where(np.abs(step) > least, np.sign(step), direction[before])
     return direction
@@ -257,7 +268,9 @@ class PeriodicError(PerLeg):
 
 @dataclass(frozen=True)
 class LegDrift(PerLeg):
-    """A leg's effective length drifts over the campaign by ``amount`` (mm), evenly or with a time constant ``tau`` (s)."""
+    """A leg's effective length drifts over the campaign by ``amount`` (mm), evenly or with a time constant
+    ``tau`` (s).
+    """
 
     tau: float | None = None
     id = "leg-drift"

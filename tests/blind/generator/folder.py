@@ -15,7 +15,9 @@ from tests.blind.generator.quaternions import Array
 
 
 def write_campaign(campaign: Campaign, folder: Path, seed: int) -> Path:
-    """Fills ``folder`` (made where missing) and writes ``<folder>.truth.json`` next to it; returns the folder."""
+    """Fills ``folder`` (made where missing) and writes ``<folder>.truth.json`` next to it; returns the
+    folder.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     _write(folder / "campaign.toml", _campaign_toml(campaign))
     _write(folder / "points.csv", _points(campaign))

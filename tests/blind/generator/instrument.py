@@ -1,4 +1,6 @@
-"""What the instruments make of it: measurement frames, noise, gross errors, missing targets, the survey, the readings."""
+"""What the instruments make of it: measurement frames, noise, gross errors, missing targets, the survey, the
+readings.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ FEWEST_SEEN = 4  # of base and platform in every pose: below, no one would have 
 
 @dataclass(frozen=True)
 class Record:
-    """Points (N, M, 3) in the frame of each pose's measurement, whether they were seen, and which are grossly wrong (N, M)."""
+    """Points (N, M, 3) in the frame of each pose's measurement, whether they were seen, and which are grossly
+    wrong (N, M).
+    """
 
     points: Array
     seen: Array
@@ -24,7 +28,9 @@ class Record:
 
 
 def record_points(points: Array, marks: Marks, layout: Layout, rng: np.random.Generator) -> Record:
-    """Measures points (N, M, 3) given in the base frame; noise, gross errors and losses each from a stream of their own."""
+    """Measures points (N, M, 3) given in the base frame; noise, gross errors and losses each from a stream of
+    their own.
+    """
     frames, noise, gross, losses = rng.spawn(4)
     measured = _in_own_frames(points, layout.surroundings, frames)
     measured += _point_noise(points.shape, layout.noise, noise)
@@ -65,10 +71,12 @@ def _seen(shape: tuple[int, ...], marks: Marks, faults: DataFaults, rng: np.rand
 
 
 def survey(marks: Marks, layout: Layout, rng: np.random.Generator) -> Array:
-    """The surveyed places (M, 3): true ones with the instrument's noise, laid into the frames that they define themselves.
+    """The surveyed places (M, 3): true ones with the instrument's noise, laid into the frames that they
+    define themselves.
 
-    Base and platform: turned and shifted so that the least-squares motion from the survey of the targets without leg to the targets
-    is none. Legs: the survey's own axes, or any other frame where ``leg_frame`` is "free".
+    Base and platform: turned and shifted so that the least-squares motion from the survey of the targets
+    without leg to the targets is none. Legs: the survey's own axes, or any other frame where ``leg_frame`` is
+    "free".
     """
     noise, frames = rng.spawn(2)
     sigma = layout.noise.point_mm if layout.noise.survey_mm is None else layout.noise.survey_mm
@@ -97,7 +105,9 @@ def settle(schedule: Schedule, surroundings: Surroundings, rng: np.random.Genera
 
 
 def declared_sigma(noise: Noise) -> tuple[float, Array]:
-    """The noise that the campaign declares: one number, and one per axis of the measurement frame (3,), mm."""
+    """The noise that the campaign declares: one number, and one per axis of the measurement frame (3,),
+    mm.
+    """
     ratio = np.array(noise.axis_ratio)
     level = noise.declared_point_mm
     if level is None:

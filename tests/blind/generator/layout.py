@@ -26,7 +26,9 @@ class Geometry:
 
     @property
     def home_height(self) -> float:
-        """Height of the level platform that the mean leg would reach; where the closure starts to look, mm."""
+        """Height of the level platform that the mean leg would reach; where the closure starts to look,
+        mm.
+        """
         sideways = np.mean(np.sum((self.b - self.a)[:, :2] ** 2, axis=1))
         return float(np.sqrt(np.mean(self.length) ** 2 - sideways) + np.mean(self.rho0))
 
@@ -40,7 +42,9 @@ def telescope_geometry(
     length: float = 500.0,
     rho0: float = 10.0,
 ) -> Geometry:
-    """Joints in close pairs on two circles, base pairs (2,3) (4,5) (6,1), platform pairs (1,2) (3,4) (5,6), actuators along z."""
+    """Joints in close pairs on two circles, base pairs (2,3) (4,5) (6,1), platform pairs (1,2) (3,4) (5,6),
+    actuators along z.
+    """
     base = _pair_angles(BASE_CLOSE_PAIRS, (-30.0, 90.0, 210.0), base_half_separation_deg)
     platform = _pair_angles(PLATFORM_CLOSE_PAIRS, (-90.0, 30.0, 150.0), platform_half_separation_deg)
     return Geometry(
@@ -65,7 +69,9 @@ def _on_circle(radius: float, angles: Array) -> Array:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """One standard deviation of manufacturing and assembly: what the campaign declares, and what nature draws from."""
+    """One standard deviation of manufacturing and assembly: what the campaign declares, and what nature draws
+    from.
+    """
 
     a_mm: float = 0.5
     b_mm: float = 0.5
@@ -141,6 +147,9 @@ def noiseless(layout_noise: Noise) -> Noise:
     """The same declaration, with instruments that make no error."""
     declared = layout_noise.declared_point_mm or layout_noise.point_mm
     return Noise(
-        point_mm=0.0, declared_point_mm=declared, survey_mm=0.0, actuator_mm=0.0,
+        point_mm=0.0,
+        declared_point_mm=declared,
+        survey_mm=0.0,
+        actuator_mm=0.0,
         declared_actuator_mm=layout_noise.declared_actuator_mm or layout_noise.actuator_mm,
     )

@@ -1,4 +1,6 @@
-"""The machine as nature built it: true geometry, the marks on its bodies, and where everything stands in each pose."""
+"""The machine as nature built it: true geometry, the marks on its bodies, and where everything stands in each
+pose.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ from tests.blind.generator.quaternions import (
 
 @dataclass(frozen=True)
 class Marks:
-    """The targets: body, name, leg whose attachment it sits on (0: none), and true place (M, 3) in the body's frame."""
+    """The targets: body, name, leg whose attachment it sits on (0: none), and true place (M, 3) in the body's
+    frame.
+    """
 
     body: tuple[str, ...]
     name: tuple[str, ...]
@@ -42,10 +46,12 @@ class Marks:
 
 @dataclass
 class Machine:
-    """The state of the structure in N poses, which effects may change: joints, legs and marks, mm, pose first.
+    """The state of the structure in N poses, which effects may change: joints, legs and marks, mm, pose
+    first.
 
-    ``a``, ``u`` in the base frame and ``b`` in the platform frame (N, 6, 3); ``length``, ``drho`` (N, 6); ``rho0`` (6,); ``marks``
-    (N, M, 3) in the frames of their bodies; ``flexure`` length of the flexures that shift (6,), 0 where joints are ideal.
+    ``a``, ``u`` in the base frame and ``b`` in the platform frame (N, 6, 3); ``length``, ``drho`` (N, 6);
+    ``rho0`` (6,); ``marks`` (N, M, 3) in the frames of their bodies; ``flexure`` length of the flexures that
+    shift (6,), 0 where joints are ideal.
     """
 
     a: Array
@@ -61,7 +67,9 @@ class Machine:
 
 @dataclass(frozen=True)
 class Standing:
-    """Where the bodies stand: position (N, 8, 3) and quaternion (N, 8, 4) in the base frame; base, platform, leg1 to leg6."""
+    """Where the bodies stand: position (N, 8, 3) and quaternion (N, 8, 4) in the base frame; base, platform,
+    leg1 to leg6.
+    """
 
     position: Array
     turn: Array
@@ -106,7 +114,9 @@ def place_marks(layout: Layout, built: Geometry, rng: np.random.Generator) -> Ma
 
 
 def _ring(count: int, radius: float, height: float, rng: np.random.Generator) -> Array:
-    """Places all round a ring, alternately inside and outside it, at heights from 0 to ``height`` (count, 3)."""
+    """Places all round a ring, alternately inside and outside it, at heights from 0 to ``height`` (count,
+    3).
+    """
     angle = 2 * np.pi * (np.arange(count) + rng.uniform(-0.25, 0.25, count)) / max(count, 1)
     r = radius * (1 + 0.15 * (-1.0) ** np.arange(count))
     z = height * rng.permutation(count) / max(count - 1, 1)
@@ -136,10 +146,11 @@ def at_reference(built: Geometry, marks: Marks, drho: Array) -> Machine:
 
 
 def shift_attachments(machine: Machine, marks: Marks, shift: Array, follow: float) -> None:
-    """Move attachment i by ``shift`` (N, 6) along the platform's z, with the targets on it and, by ``follow``, those around.
+    """Move attachment i by ``shift`` (N, 6) along the platform's z, with the targets on it and, by
+    ``follow``, those around.
 
-    What follows is put back into the least-squares frame of the targets that define the platform's frame, which is the one that
-    the shift refers to.
+    What follows is put back into the least-squares frame of the targets that define the platform's frame,
+    which is the one that the shift refers to.
     """
     machine.b[:, :, 2] += shift
     for k, leg in enumerate(marks.on_leg):
@@ -156,9 +167,11 @@ def shift_attachments(machine: Machine, marks: Marks, shift: Array, follow: floa
 
 
 def assemble(machine: Machine, straight: Array | None = None) -> tuple[Array, Array, Array]:
-    """Position (N, 3) and quaternion (N, 4) of the platform, and the leg directions z (N, 6, 3); closes all loops.
+    """Position (N, 3) and quaternion (N, 4) of the platform, and the leg directions z (N, 6, 3); closes all
+    loops.
 
-    ``straight`` (1, 6, 3) are the directions in which the flexures are not bent; without them the joints are ideal.
+    ``straight`` (1, 6, 3) are the directions in which the flexures are not bent; without them the joints are
+    ideal.
     """
     lower = lower_joints(machine)
     p, q = platform_pose(lower, machine.b, machine.length, machine.home_height)
@@ -180,10 +193,11 @@ def lower_joints(machine: Machine) -> Array:
 
 
 def stand(machine: Machine, reference: Machine) -> Standing:
-    """The frames of all eight bodies in every pose, seen from the reference configuration (a machine of one pose).
+    """The frames of all eight bodies in every pose, seen from the reference configuration (a machine of one
+    pose).
 
-    A leg's frame has its origin in the lower joint and z along the leg; about its own axis the leg turns half as far as the platform's
-    end of it turns against the base's end, as two equal flexures make it.
+    A leg's frame has its origin in the lower joint and z along the leg; about its own axis the leg turns half
+    as far as the platform's end of it turns against the base's end, as two equal flexures make it.
     """
     _, q0, z0 = assemble(reference)
     p, q, z = assemble(machine, z0)
@@ -206,7 +220,9 @@ def exact_points(machine: Machine, standing: Standing, marks: Marks) -> Array:
 
 
 def framed_pose(points: Array, marks: Marks) -> tuple[Array, Array]:
-    """Position (N, 3) and quaternion (N, 4) of the platform frame in the base frame, as their targets without leg define them."""
+    """Position (N, 3) and quaternion (N, 4) of the platform frame in the base frame, as their targets without
+    leg define them.
+    """
     base, platform = marks.framing("base"), marks.framing("platform")
     base_turn, base_position = fit_motion(np.broadcast_to(marks.place[base], points[:, base].shape), points[:, base])
     turn, position = fit_motion(np.broadcast_to(marks.place[platform], points[:, platform].shape), points[:, platform])

@@ -1,4 +1,6 @@
-"""Rotations as unit quaternions (w, x, y, z); the last axis is the quaternion, the axes before it broadcast."""
+"""Rotations as unit quaternions (w, x, y, z); the last axis is the quaternion, the axes before it
+broadcast.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def unit(v: Array) -> Array:
 
 
 def shortest_arc(start: Array, end: Array) -> Array:
-    """The rotation (..., 4) without twist that takes the unit vector ``start`` to ``end`` (never opposite ones)."""
+    """The rotation (..., 4) without twist that takes the unit vector ``start`` to ``end`` (never opposite
+    ones).
+    """
     w = 1 + np.sum(start * end, axis=-1, keepdims=True)
     return unit(np.concatenate([w, np.cross(start, end)], axis=-1))
 
@@ -60,7 +64,9 @@ def to_vector(q: Array) -> Array:
 
 
 def with_axis(z: Array) -> Array:
-    """The frame (..., 4) whose third axis is the unit vector z and whose second is perpendicular to the base's x."""
+    """The frame (..., 4) whose third axis is the unit vector z and whose second is perpendicular to the
+    base's x.
+    """
     x = unit(np.array([1.0, 0.0, 0.0]) - z[..., :1] * z)
     upright = shortest_arc(np.broadcast_to([0.0, 0.0, 1.0], z.shape), z)
     x_now = rotate(upright, np.broadcast_to([1.0, 0.0, 0.0], z.shape))
@@ -68,9 +74,11 @@ def with_axis(z: Array) -> Array:
 
 
 def fit_motion(source: Array, target: Array) -> tuple[Array, Array]:
-    """Least-squares q (N, 4), t (N, 3) with target = rotate(q, source) + t; points (N, M, 3), M >= 3 (Horn 1987).
+    """Least-squares q (N, 4), t (N, 3) with target = rotate(q, source) + t; points (N, M, 3), M >= 3 (Horn
+    1987).
 
-    The rotation is the eigenvector to the largest eigenvalue of Horn's 4 x 4 matrix, not a singular value decomposition.
+    The rotation is the eigenvector to the largest eigenvalue of Horn's 4 x 4 matrix, not a singular value
+    decomposition.
     """
     centre_s, centre_t = source.mean(axis=-2), target.mean(axis=-2)
     s = np.einsum("...ki,...kj->...ij", source - centre_s[..., None, :], target - centre_t[..., None, :])

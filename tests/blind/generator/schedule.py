@@ -38,7 +38,9 @@ class Schedule:
 
 
 def published_moves() -> list[tuple[int, str, Array]]:
-    """Pose id, role and displacements (6,) of the report's tables 3 and 4 at +-1.3 mm: 40 calibration poses, then 6 for verification."""
+    """Pose id, role and displacements (6,) of the report's tables 3 and 4 at +-1.3 mm: 40 calibration poses,
+    then 6 for verification.
+    """
     with TABLES.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     return [
@@ -62,9 +64,7 @@ def at_rest(pose: int = 0) -> tuple[int, str, Array]:
     return pose, "reference", np.zeros(LEGS)
 
 
-def plan(
-    moves: Sequence[tuple[int, str, Array]], surroundings: Surroundings, rng: np.random.Generator
-) -> Schedule:
+def plan(moves: Sequence[tuple[int, str, Array]], surroundings: Surroundings, rng: np.random.Generator) -> Schedule:
     """Moves in the order given (or shuffled in time), one pause apart, while the temperature walks slowly."""
     n = len(moves)
     order = rng.permutation(n) if surroundings.shuffled else np.arange(n)

@@ -1,4 +1,6 @@
-"""The sample campaign: the report's telescope, its 46 configurations, and its platform deformed by the published K."""
+"""The sample campaign: the report's telescope, its 46 configurations, and its platform deformed by the
+published K.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ LAYOUT = Layout(
 
 
 def telescope_campaign(layout: Layout = LAYOUT, seed: int = SEED) -> Campaign:
-    """The sample campaign in memory: the reference configuration, then the poses of tables 3 and 4 in the report's order."""
+    """The sample campaign in memory: the reference configuration, then the poses of tables 3 and 4 in the
+    report's order.
+    """
     moves = [at_rest(), *published_moves()]
     return draw_campaign(layout, moves, [MatrixDeformation(PUBLISHED_K)], np.random.default_rng(seed))
 
