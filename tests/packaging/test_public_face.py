@@ -25,7 +25,8 @@ def test_importing_truing_loads_no_heavy_library() -> None:
 
 
 def test_every_public_name_is_there() -> None:
-    assert all(getattr(truing, name) is not None for name in truing.__all__)
+    assert sorted(truing._HOME) == truing.__all__
+    assert all(getattr(truing, name).__module__.startswith("truing.") for name in truing.__all__)
     assert set(truing.__all__) <= set(dir(truing))
 
 
