@@ -100,7 +100,9 @@ def place_marks(layout: Layout, built: Geometry, rng: np.random.Generator) -> Ma
         ("platform", "P", _ring(targets.platform, 0.8 * platform_radius, 0.25 * platform_radius, rng)),
     ]
     for leg in range(1, LEGS + 1):
-        along = nominal.length[leg - 1] * np.linspace(0.15, 0.85, targets.per_leg)
+        # Uneven spacing, as a hand sets it: an even one would look the same from either end.
+        spots = np.linspace(0.15, 0.85, targets.per_leg) + rng.uniform(-0.05, 0.05, targets.per_leg)
+        along = nominal.length[leg - 1] * spots
         groups.append((f"leg{leg}", f"L{leg}", _helix(along, rng)))
     body = [name for name, _, places in groups for _ in places]
     label = [f"{letter}{k:02d}" for _, letter, places in groups for k in range(1, len(places) + 1)]
