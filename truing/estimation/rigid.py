@@ -93,7 +93,7 @@ def umeyama(
 
     source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a
     missing point. ``sigma``, in m, is the standard deviation per coordinate of target - R source (scalar,
-    (B, 1) or (B, N)): that of the measured cloud, or ``hypot(sigma_source, sigma_target)`` where both carry noise.
+    (B, 1) or (B, N)): that of the measured cloud, or ``hypot(sigma_source, sigma_target)`` where both have noise.
     Weights need not be 1/sigma^2; the covariance is that of the estimator as weighted. Without sigma the
     residuals' scatter takes its place, the weights being read as relative 1/variance.
     Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
@@ -155,9 +155,7 @@ def weighted_centroid(points: NDArray, w: NDArray, total: NDArray) -> NDArray:
     return np.einsum("bn,bni->bi", w, points) / total[:, None]
 
 
-def _status(
-    x: NDArray, y: NDArray, w: NDArray, q: NDArray, p: NDArray, s: NDArray, handed: NDArray
-) -> NDArray:
+def _status(x: NDArray, y: NDArray, w: NDArray, q: NDArray, p: NDArray, s: NDArray, handed: NDArray) -> NDArray:
     """Return a status (B,) from the clouds, the centred clouds and the singular values s of their product."""
     gap, on_line = s[:, 1] + handed * s[:, 2], s[:, 1] <= _SINGULAR * s[:, 0]
     conditions = [
@@ -197,8 +195,34 @@ def _assemble(
     covariance = weighted_fit_covariance(arm, w, noise, ok, with_scale)
     scale_sigma = scale * np.sqrt(covariance[:, 6, 6]) if with_scale else np.zeros(len(R))
     rms = np.sqrt(misfit / np.maximum(w.sum(-1), np.finfo(float).tiny))
-    numbers = (R, t, scale, covariance[:, :6, :6], scale_sigma, rms)
-    return RigidFit(*(mask_entries(a, ok) for a in numbers), used, status, np.zeros(len(R), np.int64))
+    return masked_fit(R, t, scale, covariance[:, :6, :6], scale_sigma, rms, used, status)
+
+
+def masked_fit(
+    R: NDArray,
+    t: NDArray,
+    scale: NDArray,
+    covariance: NDArray,
+    scale_sigma: NDArray,
+    rms: NDArray,
+    n_used: NDArray,
+    status: NDArray,
+    iterations: NDArray | None = None,
+) -> RigidFit:
+    """Return the fit with the numbers of every entry whose status is not OK masked with NaN."""
+    ok = status == FitStatus.OK
+    iterations = np.zeros(len(R), np.int64) if iterations is None else iterations
+    return RigidFit(
+        mask_entries(R, ok),
+        mask_entries(t, ok),
+        mask_entries(scale, ok),
+        mask_entries(covariance, ok),
+        mask_entries(scale_sigma, ok),
+        mask_entries(rms, ok),
+        n_used,
+        status,
+        iterations,
+    )
 
 
 def mask_entries(values: NDArray, ok: NDArray) -> NDArray:
