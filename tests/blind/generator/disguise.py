@@ -71,8 +71,6 @@ def whitespace_per_pose(source: Path, out: Path) -> Path:
         labels = [f"{row['body']}_{row['target']}" for row in rows]
         places = ["   ".join(_metres(row[f"{a}_mm"]) for a in AXES) for row in rows]
         lines += [f"{label}  {place}" for label, place in zip(labels, places, strict=True)]
-            f"{row['body']}_{row['target']}  " + "   ".join(_metres(row[f"{a}_mm"]) for a in AXES) for row in rows
-        ]
         _write_text(out / "raw" / f"pose_{pose}.txt", lines)
     points = (
         '[files.points]\npath = "raw/pose_*.txt"\nformat = "delimited"\nseparator = "whitespace"\nheader = false\n'
