@@ -44,8 +44,8 @@ Array = NDArray[np.float64]
 class Shifts:
     """Shift of each leg's attachment along z of the platform.
 
-    shift (B, L) in m, NaN where not seen; noise (B, L, L) of the measurement, survey (L, L) of the survey, which all poses
-    share; attachments (L, 3); modulo_plane: the frame was fitted to the attachments themselves.
+    shift (B, L) in m, NaN where not seen; noise (B, L, L) of the measurement, survey (L, L) of the survey,
+    which all poses share; attachments (L, 3); modulo_plane: the frame was fitted to the attachments themselves.
     """
 
     shift: Array
@@ -124,7 +124,8 @@ def _survey_covariance(survey: SurveyPoints, used: NDArray[np.bool_]) -> Array:
 
 
 def _leg_average(survey: SurveyPoints, seen: NDArray[np.bool_], noise: Array, n_legs: int) -> Array:
-    """(B, L, T) weights that average the targets of each attachment, by their noise along z; zero rows where none was seen."""
+    """(B, L, T) weights that average the targets of each attachment, by their noise along z; zero rows where
+    none was seen."""
     member = survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]
     variance = np.where(noise[:, :, 2, 2] > 0.0, noise[:, :, 2, 2], np.inf)
     weight = member[None] * np.where(seen, 1.0 / variance, 0.0)[:, None, :]

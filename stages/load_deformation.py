@@ -35,7 +35,8 @@ _FORMS = ("none", "linear", "matrix")
 
 
 def load_deformation(displacement: pa.Table, sigma_mm: float | None, sigma_rad: float | None) -> Outcome:
-    """Fit the linear and the matrix compliance, one free zero per run; noise from the residuals where none is declared."""
+    """Fit the linear and the matrix compliance, one free zero per run; noise from the residuals where none is
+    declared."""
     u = np.nan_to_num(np.column_stack([number_column(displacement, name) for name in _LOAD_COLUMNS]))
     y = np.column_stack([number_column(displacement, name) * factor for name, factor in _RESPONSE_COLUMNS])
     run, heldout = _runs(displacement)

@@ -19,7 +19,8 @@ _PAIRS = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
 
 @dataclass(frozen=True)
 class SurveyPoints:
-    """One body's survey: targets (T names), points (T, 3) in m in the body frame, cov (T, 3, 3) in m^2, leg (T,), 0 for none."""
+    """One body's survey: targets (T names), points (T, 3) in m in the body frame, cov (T, 3, 3) in m^2, leg
+    (T,), 0 for none."""
 
     targets: tuple[str, ...]
     points: Array
@@ -29,8 +30,8 @@ class SurveyPoints:
 
 @dataclass(frozen=True)
 class PosePoints:
-    """One body over all poses: poses (B ids), targets (T names), points (B, T, 3) in m as measured, zero where not seen;
-    cov (B, T, 3, 3) in m^2; seen (B, T)."""
+    """One body over all poses: poses (B ids), targets (T names), points (B, T, 3) in m as measured, zero where
+    not seen; cov (B, T, 3, 3) in m^2; seen (B, T)."""
 
     poses: tuple[int | str, ...]
     targets: tuple[str, ...]
@@ -66,7 +67,8 @@ def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
 def pose_points(
     observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...] | None = None
 ) -> PosePoints:
-    """One body's observations as dense arrays, in the given orders of poses and targets; targets not named are left out."""
+    """One body's observations as dense arrays, in the given orders of poses and targets; targets not named are
+    left out."""
     import pyarrow.compute as pc
 
     rows = observations.filter(pc.equal(observations.column("body"), body))
@@ -122,7 +124,8 @@ def used_targets(
 
 
 def default_rotations(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> Array:
-    """(B, 3, 3) rotation from the body frame to the measurement, through its parents; identity where a pose has none."""
+    """(B, 3, 3) rotation from the body frame to the measurement, through its parents; identity where a pose
+    has none."""
     import pyarrow.compute as pc
 
     from truing.estimation.rotation import exp_so3

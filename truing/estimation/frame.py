@@ -14,7 +14,8 @@ def frame_covariance(points: Array, noise: Array, used: NDArray[np.bool_]) -> Ar
     """(B, 6, 6) covariance of a frame (p, theta; body axes) fitted to the used targets.
 
     points (T, 3) in the body frame; noise (B, T, 3, 3) per target in body axes; used (B, T). Directions that the
-    used targets leave free (fewer than three, or in line) come out as zero, not as infinite: check the fit's status first.
+    used targets leave free (fewer than three, or in line) come out as zero, not as infinite: check the fit's
+    status first.
     """
     lever = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2)
     weight = _inverse(noise) * used[:, :, None, None]
@@ -25,9 +26,9 @@ def frame_covariance(points: Array, noise: Array, used: NDArray[np.bool_]) -> Ar
 def residual_covariance(points: Array, noise: Array, used: NDArray[np.bool_], seen: NDArray[np.bool_]) -> Array:
     """(B, 3T, 3T) covariance of the residuals of all targets, those used for the frame and those judged in it.
 
-    points (T, 3), noise (B, T, 3, 3) in body axes, used and seen (B, T). A residual is ``e_a - J_a delta`` with delta the
-    frame's error; where a target was used its own error is in delta too, which takes out of the residuals what the
-    frame swallowed. Rows of targets not seen are zero.
+    points (T, 3), noise (B, T, 3, 3) in body axes, used and seen (B, T). A residual is ``e_a - J_a delta``
+    with delta the frame's error; where a target was used its own error is in delta too, which takes out of the
+    residuals what the frame swallowed. Rows of targets not seen are zero.
     """
     batch, count = used.shape
     lever = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), -skew(points)], axis=2)

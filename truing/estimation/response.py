@@ -25,8 +25,8 @@ class ResponseFit:
     coefficients (L, D): K, zero off the diagonal for ``linear``. covariance (P, P): of the free entries of K in
     row-major order, offsets marginalised. free (L, D): which entries of K were fitted. offset (G, L): one per group.
     residuals (N, L): y - fitted, NaN where y was missing. loo_residuals (N, L): each observation predicted from
-    all the others (exact). chi_square, dof: of the residuals under the stated covariance. deficient: directions of the
-    parameters which the data do not determine (there the shortest solution was taken).
+    all the others (exact). chi_square, dof: of the residuals under the stated covariance. deficient:
+    directions of the parameters which the data do not determine (there the shortest solution was taken).
     """
 
     form: Form
@@ -64,9 +64,9 @@ def fit_response(
     """Fit ``y_n = c_g(n) + K u_n`` by generalised least squares (telescope report eq. 1-3; force sensor eq. 28).
 
     u (N, D) drives; y (N, L) responses, NaN where missing; cov (N, L, L) covariance of each y, singular where a frame
-    was fitted to the same data; offset_cov (L, L) the prior covariance of the offset (an error common to all rows, such as
-    the survey's), None for a free offset; group (N,) which offset a row carries, by default one for all.
-    Raises ValueError for shapes that do not agree, and for ``linear`` with D != L.
+    was fitted to the same data; offset_cov (L, L) the prior covariance of the offset (an error common to all
+    rows, such as the survey's), None for a free offset; group (N,) which offset a row carries, by default one
+    for all. Raises ValueError for shapes that do not agree, and for ``linear`` with D != L.
     """
     u, y, cov = np.asarray(u, float), np.asarray(y, float), np.asarray(cov, float)
     (n, d), width = u.shape, y.shape[1]
@@ -174,7 +174,8 @@ def keep_consistent(
     """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
 
     ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
-    least absolute deviation by reweighting; the rest is the predictive residual of each value in units of its own deviation.
+    least absolute deviation by reweighting; the rest is the predictive residual of each value in units of its
+    own deviation.
     """
     from scipy.special import ndtri
 

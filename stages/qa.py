@@ -1,0 +1,72 @@
+"""QA: whether the measurements are fit to be used, check by check, before anything is concluded from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Progress, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Acceptance, Campaign
+    from stages.quality_bodies import BodyView
+    from stages.quality_checks import Check
+
+DECLARATION = Stage(
+    name="qa",
+    reads=("observations", "survey?", "configurations?"),
+    leaves=("qa",),
+    settings=("campaign.drives", "mechanism.type", "bodies", "noise.actuator_mm", "qa", "accept"),
+    summary="completeness, noise, geometry, outliers, labels, moved targets, drift",
+)
+
+
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
+    from stages.quality_bodies import body_views, surroundings
+    from stages.quality_checks import FAIL, WARN, all_checks
+
+    around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
+    bodies = _reference_first(body_views(tables, around), settings)
+    checks = []
+    for check in all_checks(bodies, around, settings.noise.actuator_mm, settings.qa.false_alarm):
+        checks.append(check)
+        progress(len(checks), 0, check.check)
+    accepted = [_acceptance(check, settings.accept) for check in checks]
+    failed = tuple(
+        f"{c.check} {c.subject}".strip() for c, a in zip(checks, accepted, strict=True) if c.verdict == FAIL and not a
+    )
+    warned = sum(c.verdict == WARN for c in checks)
+    return Outcome(
+        {"qa": _table(checks, accepted)},
+        read=f"{tables['observations'].num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses",
+        left_out="nothing",
+        figure=f"{len(checks)} checks, {len(failed)} failed, {warned} warn, {sum(map(bool, accepted))} accepted",
+        failed_checks=failed,
+    )
+
+
+def _reference_first(bodies: list[BodyView], settings: Campaign) -> list[BodyView]:
+    legged = settings.mechanism.type in ("6-pus", "ups")
+    reference = settings.bodies.reference or ("base" if legged else None)
+    return sorted(bodies, key=lambda body: body.name != reference)
+
+
+def _acceptance(check: Check, accept: tuple[Acceptance, ...]) -> str | None:
+    """Who accepted a verdict and why; an acceptance without a subject covers all of its check."""
+    for entry in accept:
+        if entry.check == check.check and entry.subject in (None, check.subject):
+            return f"{entry.by}: {entry.reason}"
+    return None
+
+
+def _table(checks: list[Check], accepted: list[str | None]) -> pa.Table:
+    import pyarrow as pa
+
+    schema = ARTIFACTS["qa"].arrow_schema(present=("accepted",))
+    rows = [{**asdict(check), "accepted": who} for check, who in zip(checks, accepted, strict=True)]
+    return pa.Table.from_pylist(rows, schema=schema)

@@ -1,0 +1,212 @@
+"""Statistics of a campaign's quality: noise, steps, drift, exchanged labels, repeats; arrays in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Sum of squares of standardised residuals and its degrees of freedom, per group; ratio estimated / declared."""
+
+    chi_square: Array
+    dof: Array
+
+    @property
+    def ratio(self) -> Array:
+        """Estimated over declared standard deviation; NaN where nothing is left to estimate it from."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.sqrt(np.where(self.dof > 0.0, self.chi_square / self.dof, np.nan))
+
+    def p_above(self, tolerated_ratio: float) -> Array:
+        """p-value of a noise no larger than ``tolerated_ratio`` times the declared (chi-square, one-sided)."""
+        from scipy.special import chdtrc
+
+        safe = np.maximum(self.dof, 1e-9)
+        return np.where(self.dof > 0.0, chdtrc(safe, self.chi_square / tolerated_ratio**2), 1.0)
+
+    def p_below(self, tolerated_ratio: float) -> Array:
+        """p-value of a noise no smaller than ``tolerated_ratio`` times the declared (chi-square, one-sided)."""
+        from scipy.special import chdtr
+
+        safe = np.maximum(self.dof, 1e-9)
+        return np.where(self.dof > 0.0, chdtr(safe, self.chi_square / tolerated_ratio**2), 1.0)
+
+
+def unexplained_scatter(residuals: Array, sigma: Array, kept: Mask, covariates: Array, n_fitted: Array) -> Scatter:
+    """Scatter per axis of what follows neither a covariate nor a constant of its target.
+
+    residuals (B, T, 3) in m, sigma (B, T, 3), kept (B, T), covariates (B, C), n_fitted (B,) parameters of each
+    pose's own fit (6). A deforming body is no noisy one: what follows the drives, time or temperature is taken
+    out first, target by target. Degrees of freedom: those of the poses' fits and of the regressions are both
+    subtracted.
+    """
+    design = np.column_stack([np.ones(len(covariates)), covariates])
+    weight = kept[:, :, None] / np.where(kept[:, :, None], sigma, 1.0) ** 2
+    left, used = _regress_out(np.where(kept[:, :, None], residuals, 0.0), weight, design)
+    count = kept.sum()
+    pose_share = np.where(kept.sum(axis=1) > 0, n_fitted, 0.0).sum() / 3.0
+    whole = 3.0 * count
+    overlap = 1.0 - (3.0 * pose_share) / whole if whole else 0.0
+    dof = np.maximum((count - used) * overlap, 0.0)
+    return Scatter((weight * left**2).sum(axis=(0, 1)), dof)
+
+
+def _regress_out(values: Array, weight: Array, design: Array) -> tuple[Array, Array]:
+    """Residuals (B, T, 3) after a weighted regression of each target and axis on the design; parameters used
+    per axis."""
+    normal = np.einsum("bi,bta,bj->taij", design, weight, design, optimize=True)
+    right = np.einsum("bi,bta,bta->tai", design, weight, values, optimize=True)
+    inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
+    fitted = np.einsum("bi,taij,taj->bta", design, inverse, right, optimize=True)
+    used = np.einsum("taij,taji->a", inverse, normal)
+    return values - fitted, used
+
+
+@dataclass(frozen=True)
+class Step:
+    """The best step of each target: before which pose (index), its size (T, 3) in m, sigma, and p-value over
+    all onsets."""
+
+    onset: NDArray[np.int64]
+    size: Array
+    sigma: Array
+    p_value: Array
+
+
+def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> Step:
+    """The most significant step in each target's residuals over poses in time order.
+
+    values, sigma (B, T, 3), kept (B, T). The chi-square (3 degrees of freedom) of the difference of weighted
+    means after and before, maximised over onsets with at least ``shortest`` poses on either side, with
+    Bonferroni over the onsets.
+    """
+    from scipy.special import chdtrc
+
+    weight = kept[:, :, None] / np.where(kept[:, :, None], sigma, 1.0) ** 2
+    sums, weights, counts = (np.cumsum(a, axis=0) for a in (weight * values, weight, kept.astype(float)))
+    after, after_weight = sums[-1:] - sums, weights[-1:] - weights
+    enough = (counts >= shortest) & (counts[-1:] - counts >= shortest)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        difference = after / after_weight - sums / weights
+        variance = 1.0 / after_weight + 1.0 / weights
+        chi_square = np.where(enough, (difference**2 / variance).sum(axis=2), -1.0)
+    best = chi_square.argmax(axis=0)
+    target = np.arange(values.shape[1])
+    found = chi_square[best, target] >= 0.0
+    p = np.where(found, np.minimum(1.0, enough.sum(axis=0) * chdtrc(3, np.maximum(chi_square[best, target], 0.0))), 1.0)
+    pick = np.where(found[:, None], difference[best, target], 0.0)
+    return Step(best + 1, pick, np.sqrt(np.where(found[:, None], variance[best, target], 0.0)), p)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Smooth motion in time: p-value of no order in time, and the span of the smoothed positions (per target, m)."""
+
+    p_value: float
+    span: Array
+
+
+def find_drift(positions: Array, kept: Mask) -> Drift:
+    """Whether positions (B, T, 3), in time order, drift: von Neumann's ratio of successive differences, pooled.
+
+    The span is that of a running median over a twentieth of the poses (at least five), the largest over the
+    targets' axes being the size of the drift.
+    """
+    from scipy.special import ndtr
+
+    complete = kept.all(axis=1)
+    series = positions[complete].reshape(int(complete.sum()), -1)
+    n = len(series)
+    if n < 8:
+        return Drift(1.0, np.zeros(kept.shape[1]))
+    centred = series - series.mean(axis=0)
+    variance = (centred**2).mean(axis=0)
+    moving = variance > 0.0
+    ratio = (np.diff(series, axis=0)[:, moving] ** 2).mean(axis=0) / variance[moving]
+    z = (ratio - 2.0) / np.sqrt(4.0 * (n - 2) / (n**2 - 1))
+    p = float(min(1.0, max(moving.sum(), 1) * ndtr(z).min())) if moving.any() else 1.0
+    smooth = running_median(positions[complete], max(5, n // 20))
+    return Drift(p, np.linalg.norm(np.ptp(smooth, axis=0), axis=-1))
+
+
+def running_median(series: Array, width: int) -> Array:
+    """Median over a window of ``width`` rows, only where the window is whole."""
+    return np.median(np.lib.stride_tricks.sliding_window_view(series, min(width, len(series)), axis=0), axis=-1)
+
+
+def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Array) -> list[tuple[int, int, int]]:
+    """(pose, target, target) whose measured points fall on each other's places: exchanged labels.
+
+    fitted_from (B, T, 3) the survey moved by each pose, measured (B, T, 3), gross (B, T) targets off their own
+    place, limit (B, T) in m within which a point is taken for another's place.
+    """
+    found = []
+    for pose in np.nonzero(gross.sum(axis=1) >= 2)[0]:
+        off = np.nonzero(gross[pose])[0]
+        distance = np.linalg.norm(measured[pose, off, None] - fitted_from[pose, None, off], axis=2)
+        near = distance < limit[pose, off][None]
+        for a, b in zip(*np.nonzero(near & near.T & ~np.eye(len(off), dtype=bool)), strict=True):
+            if a < b:
+                found.append((int(pose), int(off[a]), int(off[b])))
+    return found
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Geometry of one body: root mean square extents along its principal axes (m, descending), leverage of
+    each target."""
+
+    extents: Array
+    leverage: Array
+
+
+def body_shape(points: Array) -> Shape:
+    """How well points (T, 3) fix a frame: principal extents, and the share of the fit that hangs on each
+    target (0..1)."""
+    centred = points - points.mean(axis=0)
+    extents = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
+    x, y, z = centred.T
+    zero = np.zeros_like(x)
+    lever = np.stack([np.stack([zero, z, -y], 1), np.stack([-z, zero, x], 1), np.stack([y, -x, zero], 1)], 1)
+    design = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), lever], axis=2)
+    inverse = np.linalg.pinv(np.einsum("tia,tib->ab", design, design), rcond=1e-9, hermitian=True)
+    return Shape(extents, np.einsum("tia,ab,tib->t", design, inverse, design) / 3.0)
+
+
+def repeated_groups(settings: Array, tolerance: Array) -> list[NDArray[np.int64]]:
+    """Groups of poses (indices) whose settings (B, D) agree within tolerance (D,), each with at least two."""
+    alike = np.ones((len(settings),) * 2, bool)
+    for column, allowed in zip(settings.T, tolerance, strict=True):
+        alike &= np.abs(column[:, None] - column[None]) <= allowed
+    first = alike.argmax(axis=1)
+    return [np.nonzero(first == f)[0] for f in np.unique(first) if (first == f).sum() > 1]
+
+
+def successive_sigma(values: Array, kept: Mask) -> Array:
+    """(T, 3) robust scatter of each target's values (B, T, 3) from successive differences: blind to steps and
+    slow drift."""
+    sigma = np.zeros(values.shape[1:])
+    for target in range(values.shape[1]):
+        series = values[kept[:, target], target]
+        if len(series) > 3:
+            sigma[target] = 1.4826 * np.median(np.abs(np.diff(series, axis=0)), axis=0) / np.sqrt(2.0)
+    return sigma
+
+
+def isolated(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Mask:
+    """(B, T) values further than ``limit`` deviations from the running median of five neighbours in time."""
+    far = np.zeros(kept.shape, bool)
+    for target in range(values.shape[1]):
+        rows = np.nonzero(kept[:, target])[0]
+        if len(rows) >= 5:
+            series = values[rows, target]
+            middle = running_median(np.concatenate([series[:2][::-1], series, series[-2:][::-1]]), 5)
+            far[rows, target] = (np.abs(series - middle) > limit * sigma[rows, target]).any(axis=1)
+    return far
