@@ -1,0 +1,209 @@
+"""Artifacts on the disk: schema enforced both ways, provenance inside, a stage's several files revealed together.
+
+Parquet is written with Snappy, in row groups of 2**18 rows and without pyarrow's private schema, so that pandas,
+DuckDB and polars read the columns as they are. No clock and no path enters: equal inputs give equal bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from pipeline.whole_file import discard_parts, reveal, settle, write_part
+from schemas.artifacts import ARTIFACTS, Artifact
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.columns import Column
+
+ROWS_PER_GROUP = 1 << 18
+_KEY = "truing."
+_COMMENT = "<!-- provenance: "
+
+
+class SchemaBreach(Exception):
+    """A stage left, or a file holds, something other than the schema says."""
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """What an artifact carries about its origin. ``left`` names all artifacts of the same run of its stage."""
+
+    stage: str
+    digest: str
+    campaign: str
+    software_version: str
+    left: tuple[str, ...]
+    failed_checks: tuple[str, ...] = ()
+
+    def metadata(self, artifact: Artifact, columns: list[str]) -> dict[str, str]:
+        """The file metadata: keys without their ``truing.`` prefix, values as text."""
+        return {
+            "schema": artifact.name,
+            "schema_version": str(artifact.version),
+            "units": json.dumps(artifact.units(columns)),
+            "stage": self.stage,
+            "digest": self.digest,
+            "software_version": self.software_version,
+            "campaign": self.campaign,
+            "left": json.dumps(self.left),
+            "failed_checks": json.dumps(self.failed_checks),
+        }
+
+
+def write_artifacts(
+    folder: Path, contents: Mapping[str, pa.Table | pa.RecordBatchReader | str], stamp: Stamp, obsolete: Sequence[str]
+) -> dict[str, str]:
+    """Write all that a stage left, in the mapping's order, then reveal it; returns the SHA-256 of each file.
+
+    ``obsolete`` files, of an earlier run that left more, go first. Raises SchemaBreach; whatever a stream raises
+    passes, and nothing is left behind then.
+    """
+    paths = {name: folder / ARTIFACTS[name].file for name in contents}
+    try:
+        digests = {name: _write(paths[name], ARTIFACTS[name], content, stamp) for name, content in contents.items()}
+        for file in obsolete:
+            (folder / file).unlink(missing_ok=True)
+        for path in paths.values():
+            reveal(path)
+        settle(folder)
+        return digests
+    finally:
+        discard_parts(paths.values())
+
+
+def drain(contents: Mapping[str, pa.Table | pa.RecordBatchReader | str]) -> None:
+    """Check everything that a stage left against its schema, and write nothing."""
+    for name, content in contents.items():
+        if not isinstance(content, str):
+            _, batches = _uniform(ARTIFACTS[name], content)
+            for _ in batches:
+                pass
+
+
+def _write(path: Path, artifact: Artifact, content: pa.Table | pa.RecordBatchReader | str, stamp: Stamp) -> str:
+    if isinstance(content, str) == artifact.is_table:
+        raise SchemaBreach(f"{artifact.file}: {type(content).__name__} is not what this artifact is made of")
+    if isinstance(content, str):
+        text = _with_provenance(path.suffix, content, stamp.metadata(artifact, [])).encode()
+        return write_part(path, lambda file: _write_bytes(file, text))
+    return write_part(path, lambda file: _write_parquet(file, artifact, content, stamp))
+
+
+def _write_bytes(file: BinaryIO, content: bytes) -> None:
+    file.write(content)
+
+
+def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.RecordBatchReader, stamp: Stamp) -> None:
+    import pyarrow.parquet as pq
+
+    schema, tables = _uniform(artifact, content)
+    metadata = {_KEY + key: value for key, value in stamp.metadata(artifact, schema.names).items()}
+    options: dict[str, Any] = {"compression": "snappy", "store_schema": False}
+    # Measured numbers hardly repeat: a dictionary of them would be built, outgrown and thrown away.
+    options["use_dictionary"] = [name for name in schema.names if _column(artifact, name).kind != "real"]
+    with pq.ParquetWriter(file, schema.with_metadata(metadata), **options) as writer:
+        for table in tables:
+            writer.write_table(table.replace_schema_metadata(metadata), row_group_size=ROWS_PER_GROUP)
+
+
+def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tuple[pa.Schema, Iterator[pa.Table]]:
+    """The schema to write, and the content cast to it and checked, in tables of at most one row group if streamed."""
+    import pyarrow as pa
+
+    schema = _schema(artifact, content.schema)
+    tables = iter([content]) if isinstance(content, pa.Table) else _gathered(content)
+    return schema, (_checked(artifact, table, schema) for table in tables)
+
+
+def _schema(artifact: Artifact, found: pa.Schema) -> pa.Schema:
+    """The artifact's columns in order, then what else was found, each nullable only where the schema says so."""
+    import pyarrow as pa
+
+    missing = [name for name in artifact.columns if name not in found.names]
+    if missing:
+        raise SchemaBreach(f"{artifact.file}: columns {', '.join(missing)} are missing")
+    names = [*artifact.columns, *(name for name in found.names if name not in artifact.columns)]
+    return pa.schema([pa.field(name, found.field(name).type, _column(artifact, name).nullable) for name in names])
+
+
+def _column(artifact: Artifact, name: str) -> Column:
+    column = artifact.column(name)
+    if column is None:
+        raise SchemaBreach(f"{artifact.file}: a column {name} is unknown")
+    return column
+
+
+def _checked(artifact: Artifact, table: pa.Table, schema: pa.Schema) -> pa.Table:
+    faults = artifact.faults(table)
+    if faults:
+        raise SchemaBreach("\n".join(str(fault) for fault in faults))
+    return table.select(schema.names).cast(schema).unify_dictionaries()
+
+
+def _gathered(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
+    """Batches of any size as tables of exactly one row group each, the last one shorter."""
+    import pyarrow as pa
+
+    waiting: list[pa.RecordBatch] = []
+    rows = 0
+    for batch in batches:
+        while rows + len(batch) >= ROWS_PER_GROUP:
+            head = batch.slice(0, ROWS_PER_GROUP - rows)
+            yield pa.Table.from_batches([*waiting, head])
+            waiting, rows, batch = [], 0, batch.slice(len(head))
+        waiting.append(batch)
+        rows += len(batch)
+    if rows:
+        yield pa.Table.from_batches(waiting)
+
+
+def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
+    """An artifact's table (or text); raises SchemaBreach where it is not what its schema says."""
+    if not artifact.is_table:
+        return (folder / artifact.file).read_text(encoding="utf-8")
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(folder / artifact.file)
+    faults = artifact.faults(table)
+    if faults:
+        raise SchemaBreach("\n".join(str(fault) for fault in faults))
+    return table
+
+
+def read_provenance(folder: Path, artifact: Artifact) -> dict[str, str] | None:
+    """The metadata that an artifact carries, or None where the file is absent, broken, or not of this project."""
+    path = folder / artifact.file
+    if not path.is_file():
+        return None
+    try:
+        return _provenance(path)
+    except (OSError, ValueError, KeyError):  # pyarrow's errors are among these
+        return None
+
+
+def _provenance(path: Path) -> dict[str, str]:
+    if path.suffix == ".toml":
+        return dict(tomllib.loads(path.read_text(encoding="utf-8"))["provenance"])
+    if path.suffix == ".html":
+        text = path.read_text(encoding="utf-8")
+        return dict(json.loads(text[text.rindex(_COMMENT) + len(_COMMENT) :].removesuffix(" -->\n")))
+    import pyarrow.parquet as pq
+
+    metadata = pq.read_schema(path).metadata or {}
+    return {key.decode().removeprefix(_KEY): value.decode() for key, value in metadata.items()}
+
+
+def _with_provenance(suffix: str, content: str, metadata: dict[str, str]) -> str:
+    if suffix == ".toml":
+        lines = (f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in metadata.items())
+        return "\n".join(chain([content.rstrip("\n"), "", "[provenance]"], lines, [""]))
+    # A comment may not hold two hyphens in a row.
+    note = json.dumps(metadata).replace("-", "\\u002d")
+    return f"{content.rstrip()}\n{_COMMENT}{note} -->\n"

@@ -1,0 +1,91 @@
+"""Everything that is wrong with a campaign, in campaign.toml and in the raw files, found in one go."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
+from pipeline.campaign_run import CampaignRun, open_run
+from pipeline.problems import ExitCode
+from pipeline.stage_order import RAW_READER
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults, Fault
+
+_ROUNDS = 3  # taking out a faulty key may uncover what stood behind it
+
+
+def check_campaign(campaign: CampaignFolder) -> str:
+    """Read and check everything, write nothing; returns what ingest read. Raises CampaignFaults with every fault."""
+    faults = settings_faults(campaign)
+    if faults:
+        raise CampaignFaults([*faults, *_raw_faults_despite(campaign)])
+    return _read_raw(open_run(campaign, Path()))
+
+
+def settings_faults(campaign: CampaignFolder) -> list[Fault]:
+    """Every fault of campaign.toml itself."""
+    known = {fault.column: fault for fault in identity_faults(campaign)}
+    try:
+        campaign.validated()
+    except CampaignFaults as error:
+        return [*known.values(), *(fault for fault in error.faults if fault.column not in known)]
+    return list(known.values())
+
+
+def _read_raw(run: CampaignRun) -> str:
+    from pipeline.artifacts import drain
+
+    ingest = next(stage for stage in run.order if stage.name == RAW_READER)
+    outcome = run.outcome(ingest, lambda done, total, what: None)
+    drain(outcome.artifacts)
+    return "; ".join(filter(None, (str(outcome.read), str(outcome.left_out))))
+
+
+def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:
+    """Faults of the raw files of a campaign whose campaign.toml has faults too, as far as they can be judged."""
+    mended = _without_faulty_keys(campaign)
+    if mended is None:
+        return ()
+    try:
+        _read_raw(open_run(mended, Path()))
+    except CampaignFaults as error:
+        return error.faults
+    except Exception:  # a campaign with keys taken out is none that ingest must be able to read
+        return ()
+    return ()
+
+
+def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
+    """The campaign without the keys at fault; None where it cannot do without them."""
+    mended = replace(campaign, document=copy.deepcopy(dict(campaign.document)))
+    for _ in range(_ROUNDS):
+        faults = settings_faults(mended)
+        if not faults:
+            return mended
+        if not all(_remove(mended.document, fault.column or "") for fault in faults):
+            return None
+    return None
+
+
+def _remove(document: Mapping[str, Any], dotted: str) -> bool:
+    """Take out the value at a fault's dotted path (list indices count from 1); False where it is not there."""
+    place: Any = document
+    *way, last = dotted.split(".")
+    try:
+        for part in way:
+            place = place[int(part) - 1] if isinstance(place, list) else place[part]
+        del place[int(last) - 1 if isinstance(place, list) else last]
+    except (KeyError, IndexError, ValueError, TypeError):
+        return False
+    return True
+
+
+def report_check(place: Path) -> ExitCode:
+    """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
+    campaign = open_campaign(place)
+    Voice(quiet=False).say(f"{campaign.file}: no fault; {check_campaign(campaign)}")
+    return ExitCode.DONE

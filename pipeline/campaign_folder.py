@@ -1,0 +1,129 @@
+"""A campaign's folder: where its campaign.toml is, what it says, and where its run belongs."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
+
+FILE = "campaign.toml"
+_UNSAFE = re.compile(r'[/\\:*?"<>|\x00-\x1f]')
+# Names that Windows keeps for devices, whatever their ending.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class CampaignFolder:
+    """A campaign as it lies on the disk: its folder, and campaign.toml as parsed but not yet validated."""
+
+    file: Path
+    document: Mapping[str, Any]
+
+    @property
+    def folder(self) -> Path:
+        """The folder that paths in campaign.toml are relative to."""
+        return self.file.parent
+
+    @property
+    def name(self) -> str:
+        """The campaign's name, which names its run's folder."""
+        return str(self.document["campaign"]["name"])
+
+    @property
+    def kind(self) -> str:
+        """photogrammetry or interferometer."""
+        return str(self.document["campaign"]["kind"])
+
+    def validated(self) -> Campaign:
+        """The campaign's settings; raises CampaignFaults with every fault of campaign.toml."""
+        from schemas.campaign import read_campaign
+
+        return read_campaign(dict(self.document), str(self.file))
+
+    def section(self, dotted: str) -> Any:
+        """The raw value of a section, by its dotted name; None where campaign.toml does not hold it."""
+        value: Any = self.document
+        for part in dotted.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        return value
+
+
+def open_campaign(place: Path) -> CampaignFolder:
+    """Parse the campaign.toml in a folder (or the file itself); raises CampaignFaults where that cannot be."""
+    file = place if place.suffix == ".toml" and place.is_file() else place / FILE
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (FileNotFoundError, NotADirectoryError):
+        raise CampaignFaults([Fault(str(file), _expected_instead(place))]) from None
+    except UnicodeDecodeError as error:
+        found = str(error.object[error.start : error.end])
+        raise CampaignFaults([Fault(str(file), "text in UTF-8", value=found)]) from None
+    try:
+        return CampaignFolder(file, tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise CampaignFaults([_toml_fault(file, error)]) from None
+
+
+def _expected_instead(place: Path) -> str:
+    if place.is_dir():
+        return f"a campaign.toml in this folder; `truing init {place}` writes one to complete"
+    return "a campaign folder that exists, with a campaign.toml in it"
+
+
+def _toml_fault(file: Path, error: tomllib.TOMLDecodeError) -> Fault:
+    message = str(error)
+    line = re.search(r"line (\d+)", message)
+    what = message.split(" (at ")[0]
+    return Fault(str(file), f"valid TOML; {what}", row=int(line[1]) if line else None)
+
+
+def identity_faults(campaign: CampaignFolder) -> list[Fault]:
+    """What is wrong with the two keys that a run cannot begin without: the name and the kind."""
+    from pipeline.stage_order import ORDER
+
+    section = campaign.document.get("campaign")
+    section = section if isinstance(section, Mapping) else {}
+    name, kind = section.get("name"), section.get("kind")
+    faults = []
+    if not isinstance(name, str) or not is_safe_name(name):
+        expected = "a name that can be a folder's: no / \\ : * ? \" < > | and no dot or blank at its ends"
+        faults.append(Fault(str(campaign.file), expected, column="campaign.name", value=_shown(name)))
+    if kind not in ORDER:
+        expected = f"one of {', '.join(ORDER)}"
+        faults.append(Fault(str(campaign.file), expected, column="campaign.kind", value=_shown(kind)))
+    return faults
+
+
+def _shown(value: object) -> str | None:
+    return None if value is None else str(value)
+
+
+def is_safe_name(name: str) -> bool:
+    """Whether a campaign's name is a file name on Linux, macOS and Windows alike."""
+    if not 0 < len(name.encode()) <= 120 or _UNSAFE.search(name) or _RESERVED.fullmatch(name):
+        return False
+    return name == name.strip(" .") and name.isprintable()
+
+
+def run_folder_of(campaign: CampaignFolder, out: Path | None, several: bool) -> Path:
+    """Where a campaign's run belongs: ``--out``, else runs/<campaign name> below the current folder."""
+    if out is None:
+        return Path("runs") / campaign.name
+    return out / campaign.name if several else out
+
+
+def relative_name(path: Path, folder: Path) -> str:
+    """A raw file's name relative to its campaign, with forward slashes; absolute on another drive."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return path.as_posix()

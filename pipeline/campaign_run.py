@@ -1,0 +1,168 @@
+"""A campaign and its run folder: which stages there are, where each stands, and running one of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pipeline
+from pipeline.campaign_folder import CampaignFolder
+from pipeline.freshness import Evidence, Standing, State
+from pipeline.ledger import Entry, Ledger, MadeFrom, digest_of, read_ledger
+from pipeline.remembered import RememberedDigests
+from pipeline.run_folder import PRIVATE
+from pipeline.settings_view import SettingsView
+from pipeline.source_digest import source_digests
+from pipeline.stage_order import ORDER, RAW_READER, bare, is_optional, makers, stage_module
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.declaration import Progress
+
+PROJECT = Path(pipeline.__file__).parent.parent
+
+
+@dataclass
+class CampaignRun:
+    """Reads the run folder when made; writes to it only in ``execute`` and ``save``, which need its lock."""
+
+    campaign: CampaignFolder
+    folder: Path
+    remembered: RememberedDigests
+    ledger: Ledger
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What freshness is judged from."""
+        return Evidence(self.campaign, self.folder, PROJECT, ARTIFACTS, self.remembered, self.ledger)
+
+    @cached_property
+    def order(self) -> tuple[Stage, ...]:
+        """The declarations of this campaign's stages, in order."""
+        there = [name for name in ORDER[self.campaign.kind] if (PROJECT / "stages" / f"{name}.py").exists()]
+        order = tuple(self._declaration(name) for name in there)
+        makers(order)
+        return order
+
+    def _declaration(self, name: str) -> Stage:
+        """A stage's declaration, without importing the stage where its source is known."""
+        key = f"declaration of {name} {digest_of(self.evidence.source_of(name))}"
+        known = self.remembered.fact(key)
+        if known is None:
+            known = asdict(stage_module(name).DECLARATION)
+            self.remembered.note(key, known)
+        lists = {field: tuple(known[field]) for field in ("reads", "leaves", "settings")}
+        return Stage(name=known["name"], summary=known["summary"], **lists)
+
+    def made_from(self, stage: Stage) -> MadeFrom:
+        """What a stage would be made from now."""
+        return self.evidence.made_from(stage, self._raw_files if stage.name == RAW_READER else ())
+
+    @cached_property
+    def _raw_files(self) -> tuple[Path, ...]:
+        from truing.formats.source import raw_files
+
+        return raw_files(self.campaign.folder, self.campaign.document)
+
+    def standing(self, stage: Stage, now: MadeFrom) -> Standing:
+        """Where a stage stands; a fresh one is entered into the ledger (in memory) if it was not there."""
+        standing = self.evidence.standing(stage, now)
+        if standing.entry is not None:
+            self.ledger.entries[stage.name] = standing.entry
+        return standing
+
+    def standings(self) -> Iterator[tuple[Stage, Standing]]:
+        """Where every stage stands, those included that wait for a stale one."""
+        maker = makers(self.order)
+        behind: dict[str, str] = {}
+        for stage in self.order:
+            standing = self.standing(stage, self.made_from(stage))
+            waits = sorted({maker[name] for name in map(bare, stage.reads) if maker.get(name) in behind})
+            if waits and standing.state is State.FRESH:
+                standing = Standing(State.STALE, (f"it depends on {', '.join(waits)}",))
+            if standing.state is not State.FRESH:
+                behind[stage.name] = standing.why
+            yield stage, standing
+
+    @cached_property
+    def settings(self) -> Campaign:
+        """The validated settings; raises CampaignFaults."""
+        return self.campaign.validated()
+
+    def validate(self) -> None:
+        """Validate campaign.toml unless this very content was found valid before; raises CampaignFaults."""
+        validator = source_digests(PROJECT, ("schemas.campaign",), self.remembered)
+        digest = digest_of([dict(self.campaign.document), validator])
+        if digest != self.ledger.valid_campaign:
+            assert self.settings is not None
+            self.ledger.valid_campaign = digest
+
+    def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
+        """Run a stage, write what it leaves, enter it into the ledger; returns its closing line."""
+        started = time.perf_counter()
+        outcome = self.outcome(stage, progress)
+        _check_leaves(stage, outcome)
+        self._store(stage, now, outcome)
+        words = (str(outcome.read), str(outcome.left_out), str(outcome.figure))
+        return "; ".join(word for word in words if word) + f"; {time.perf_counter() - started:.2f} s"
+
+    def outcome(self, stage: Stage, progress: Progress) -> Outcome:
+        """Call a stage with exactly what it declares."""
+        arguments: list[Any] = [self._tables(stage), SettingsView(self.settings, stage.settings), progress]
+        if stage.name == RAW_READER:
+            from truing.formats.source import CampaignFiles
+
+            arguments.append(CampaignFiles(self.campaign.folder, self.settings))
+        result = stage_module(stage.name).run(*arguments)
+        assert isinstance(result, Outcome)
+        return result
+
+    def _tables(self, stage: Stage) -> dict[str, pa.Table | str]:
+        from pipeline.artifacts import read_artifact
+
+        present = [name for name in map(bare, stage.reads) if self.evidence.input_digest(name) is not None]
+        return {name: read_artifact(self.folder, ARTIFACTS[name]) for name in present}
+
+    def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
+        from pipeline.artifacts import Stamp, write_artifacts
+        from truing import __version__
+
+        left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
+        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed)
+        obsolete = [ARTIFACTS[name].file for name in map(bare, stage.leaves) if name not in left]
+        digests = write_artifacts(self.folder, outcome.artifacts, stamp, obsolete)
+        self.ledger.entries[stage.name] = Entry(now.digest, digests, failed, now)
+        self.save()
+
+    def save(self) -> None:
+        """Write the ledger and the remembered digests where they changed."""
+        self.ledger.save(self.folder / PRIVATE / "ledger.json")
+        self.remembered.save()
+
+    def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
+        """The checks that failed in these stages' last success."""
+        entries = (self.ledger.entries.get(stage.name) for stage in stages)
+        return tuple(check for entry in entries if entry is not None for check in entry.failed_checks)
+
+
+def _check_leaves(stage: Stage, outcome: Outcome) -> None:
+    left, declared = set(outcome.artifacts), set(map(bare, stage.leaves))
+    required = {name for name in stage.leaves if not is_optional(name)}
+    if not required <= left <= declared:
+        raise ValueError(f"{stage.name} left {sorted(left)}, but declares {sorted(stage.leaves)}")
+
+
+def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False) -> CampaignRun:
+    """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
+    private = folder / PRIVATE
+    ledger = read_ledger(private / "ledger.json")
+    ledger.entries = {name: entry for name, entry in ledger.entries.items() if name in ORDER[campaign.kind]}
+    return CampaignRun(campaign, folder, RememberedDigests(private / "digests.json", distrust=distrust), ledger)

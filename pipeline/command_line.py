@@ -1,0 +1,115 @@
+"""The command line `truing`: a thin face of the functions that do the work."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.problems import ExitCode
+
+# Without rich's formatting of help: it would cost a third of a second before the first word.
+app = typer.Typer(
+    name="truing",
+    help="Diagnose where a mechanism and its simulation part ways, from measured points and readings.",
+    epilog="Example: truing run sample_data/telescope",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+class QaGate(StrEnum):
+    """What a failed QA check does to the exit code."""
+
+    WARN = "warn"
+    FAIL = "fail"
+
+
+Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders that hold a campaign.toml.")]
+OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="A folder that holds a campaign.toml.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="The run's folder; default: runs/<campaign name>.")
+]
+Gate = Annotated[QaGate, typer.Option("--qa", help="Whether a failed check is exit code 3 or only told.")]
+Anew = Annotated[bool, typer.Option("--check", help="Read every file anew instead of trusting size, time and inode.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Say only what went wrong.")]
+
+
+@app.command()
+def run(
+    campaigns: Campaigns,
+    out: Out = None,
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all after it again.")
+    ] = None,
+    only: Annotated[
+        str | None, typer.Option("--only", metavar="STAGE", help="Just this stage, and what it needs.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Run stages that are up to date, too.")] = False,
+    qa: Gate = QaGate.FAIL,
+    check: Anew = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run every stage that is not up to date, then say where the report lies.
+
+    Several campaigns are run one after the other, each in its own folder.
+
+    Exit codes: 0 done; 1 a defect of the software; 2 the campaign cannot be used; 3 done, but a QA check failed;
+    4 the environment prevented it.
+
+    Example: truing run sample_data/telescope --from pose
+    """
+    from pipeline.run_campaign import Wish, run_campaigns
+    from pipeline.selection import Selection
+
+    if first is not None and only is not None:
+        raise typer.BadParameter("--from and --only exclude each other")
+    wish = Wish(Selection(first, only, force), distrust=check, accept_failed_checks=qa is QaGate.WARN)
+    raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet))
+
+
+@app.command()
+def stages(
+    campaign: Annotated[Path | None, typer.Argument(metavar="CAMPAIGN", help="Absent: the stages there are.")] = None,
+    out: Out = None,
+    check: Anew = False,
+) -> None:
+    """Show each stage of a campaign as fresh, stale (and why) or never run; without one, list the stages there are.
+
+    Example: truing stages sample_data/telescope
+    """
+    from pipeline.show_stages import show_all_stages, show_standings
+
+    _end(show_all_stages if campaign is None else lambda: show_standings(campaign, out, distrust=check))
+
+
+@app.command()
+def check(campaigns: Campaigns) -> None:
+    """Validate campaigns without running them: every fault of campaign.toml and of the raw files; nothing is written.
+
+    Example: truing check my-campaign
+    """
+    from pipeline.campaign_check import report_check
+
+    _end(*(lambda place=place: report_check(place) for place in campaigns))
+
+
+def _end(*actions: Callable[[], ExitCode]) -> None:
+    from pipeline.endings import end_all
+    from pipeline.voice import Voice
+
+    raise typer.Exit(end_all(list(actions), Voice(quiet=False)))
+
+
+def main() -> None:
+    """The entry point of `truing` and of `python -m pipeline`."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a console that lacks Δ shall not end a run
+    app()

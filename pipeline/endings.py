@@ -1,0 +1,80 @@
+"""From a call to its exit code: whatever happens is said in one sentence, and told to the shell."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pipeline.interruption import interruptible
+from pipeline.problems import (
+    Defect,
+    EnvironmentProblem,
+    ExitCode,
+    Interrupted,
+    environment_problem,
+    gravest,
+)
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults
+
+_KEPT = "what was whole is whole still, and the same command carries on from there"
+
+
+def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
+    """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
+    try:
+        return action()
+    except CampaignFaults as error:
+        for fault in error.faults:
+            voice.warn(str(fault))
+        return ExitCode.UNUSABLE_CAMPAIGN
+    except EnvironmentProblem as error:
+        voice.warn(f"{error}; {_KEPT}")
+        return ExitCode.ENVIRONMENT
+    except Defect as error:
+        voice.warn(str(error))
+        return ExitCode.DEFECT
+    except Exception as error:
+        return _end_of(error, voice)
+
+
+def _end_of(error: Exception, voice: Voice) -> ExitCode:
+    known = environment_problem(error, "the work was prevented")
+    if known is not None:
+        voice.warn(f"{known}; {_KEPT}")
+        return ExitCode.ENVIRONMENT
+    voice.warn("".join(traceback.format_exception(error)))
+    voice.warn(f"truing has a defect: {type(error).__name__}: {error}")
+    return ExitCode.DEFECT
+
+
+def end_all(actions: list[Callable[[], ExitCode]], voice: Voice) -> ExitCode:
+    """Several actions, one after the other; the gravest ending is the call's, and an interruption ends them all."""
+    try:
+        with interruptible():
+            return gravest([end(action, voice) for action in actions])
+    except (Interrupted, KeyboardInterrupt) as error:
+        voice.warn(f"interrupted ({error or 'SIGINT'}); {_KEPT}")
+        return ExitCode.ENVIRONMENT
+
+
+@contextmanager
+def defects_logged(log: Path, doing: str) -> Iterator[None]:
+    """Turn what nobody expected into a Defect, its traceback in ``log``; blame the environment where it is to blame."""
+    try:
+        yield
+    except (CampaignFaults, EnvironmentProblem, Defect):
+        raise
+    except Exception as error:
+        known = environment_problem(error, doing)
+        if known is not None:
+            raise known from error
+        try:
+            log.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
+        except OSError:
+            raise error from None
+        brief = (str(error).splitlines() or [""])[0][:200]
+        sentence = f"truing has a defect: {doing} ended with {type(error).__name__}: {brief} (traceback in {log})"
+        raise Defect(sentence) from error

@@ -1,0 +1,170 @@
+"""Whether a stage is up to date, and if not, why: by content, never by clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.campaign_folder import CampaignFolder, relative_name
+from pipeline.ledger import Entry, Ledger, MadeFrom, canonical
+from pipeline.remembered import RememberedDigests
+from pipeline.source_digest import source_digests
+from pipeline.stage_order import bare
+
+if TYPE_CHECKING:
+    from schemas.artifacts import Artifact
+    from stages.declaration import Stage
+
+# The settings reach a stage through the one, its tables through the other: both shape what it leaves.
+_COMMON_SOURCE = ("schemas.campaign", "schemas.artifacts")
+_SHOWN_REASONS = 3
+
+
+class State(StrEnum):
+    """Where a stage stands."""
+
+    FRESH = "fresh"
+    STALE = "stale"
+    NEVER_RUN = "never run"
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A stage's state, the reasons where it is not fresh, and the ledger entry that speaks for it where it is."""
+
+    state: State
+    reasons: tuple[str, ...] = ()
+    entry: Entry | None = None
+
+    @property
+    def why(self) -> str:
+        """The reasons in one line."""
+        more = len(self.reasons) - _SHOWN_REASONS
+        return "; ".join(self.reasons[:_SHOWN_REASONS]) + (f"; and {more} more" if more > 0 else "")
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What freshness is judged from: the campaign, the run folder and the project's source."""
+
+    campaign: CampaignFolder
+    run_folder: Path
+    project: Path
+    artifacts: Mapping[str, Artifact]
+    remembered: RememberedDigests
+    ledger: Ledger
+
+    def source_of(self, stage: str) -> dict[str, str]:
+        """Digests of the source files that a stage consists of."""
+        return source_digests(self.project, (f"stages.{stage}", *_COMMON_SOURCE), self.remembered)
+
+    def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> MadeFrom:
+        """What the stage would be made from if it ran now; ``raw`` are the files that it reads besides artifacts."""
+        folder = self.campaign.folder
+        return MadeFrom(
+            campaign=self.campaign.name,
+            source=self.source_of(stage.name),
+            settings={section: self.campaign.section(section) for section in sorted(stage.settings)},
+            inputs={name: self.input_digest(name) for name in sorted(map(bare, stage.reads))},
+            raw={relative_name(path, folder): self.remembered.digest(path) for path in raw},
+        )
+
+    def input_digest(self, artifact: str) -> str | None:
+        """The digest of an artifact that some stage left, or None where no stage left it."""
+        return next((e.artifacts[artifact] for e in self.ledger.entries.values() if artifact in e.artifacts), None)
+
+    def standing(self, stage: Stage, now: MadeFrom) -> Standing:
+        """Whether the stage's artifacts are whole, as written, and made from what is there ``now``."""
+        entry = self.ledger.entries.get(stage.name) or self._embedded(stage)
+        if entry is None:
+            return Standing(State.NEVER_RUN, ("nothing of it is there",))
+        reasons = [*self._artifact_reasons(entry), *_changes(entry, now)]
+        if reasons:
+            return Standing(State.STALE, tuple(reasons))
+        return Standing(State.FRESH, entry=Entry(entry.digest, entry.artifacts, entry.failed_checks, now))
+
+    def _artifact_reasons(self, entry: Entry) -> Iterator[str]:
+        for name, digest in entry.artifacts.items():
+            file = self.artifacts[name].file
+            try:
+                if self.remembered.digest(self.run_folder / file) != digest:
+                    yield f"{file} is not as it was written"
+            except FileNotFoundError:
+                yield f"{file} is missing"
+
+    def _embedded(self, stage: Stage) -> Entry | None:
+        """The entry that a stage's artifacts speak for themselves, where the ledger is gone."""
+        from pipeline.artifacts import read_provenance
+
+        for name in map(bare, stage.leaves):
+            carried = read_provenance(self.run_folder, self.artifacts[name])
+            if carried is not None and carried.get("stage") == stage.name:
+                return self._entry_from(carried)
+        return None
+
+    def _entry_from(self, carried: Mapping[str, str]) -> Entry:
+        import json
+
+        from pipeline.artifacts import read_provenance
+
+        digests = {}
+        for name in json.loads(carried["left"]):
+            sibling = read_provenance(self.run_folder, self.artifacts[name])
+            whole = sibling is not None and sibling.get("digest") == carried["digest"]
+            digests[name] = self.remembered.digest(self.run_folder / self.artifacts[name].file) if whole else ""
+        return Entry(carried["digest"], digests, tuple(json.loads(carried["failed_checks"])))
+
+
+def _changes(entry: Entry, now: MadeFrom) -> Iterator[str]:
+    if entry.digest == now.digest:
+        return
+    then = entry.made_from
+    if then is None:
+        yield "it was made from something else (the run folder's ledger is gone, so what changed is not known)"
+        return
+    if then.campaign != now.campaign:
+        yield f"the campaign is {now.campaign!r}, not {then.campaign!r}"
+    yield from _setting_changes(dict(then.settings), dict(now.settings))
+    yield from _file_changes("raw file ", then.raw, now.raw)
+    yield from _file_changes("source of ", then.source, now.source)
+    yield from _file_changes("", _present(then.inputs), _present(now.inputs), ".parquet")
+
+
+def _present(inputs: Mapping[str, str | None]) -> dict[str, str]:
+    return {name: digest for name, digest in inputs.items() if digest is not None}
+
+
+def _file_changes(label: str, then: Mapping[str, str], now: Mapping[str, str], ending: str = "") -> Iterator[str]:
+    for name in sorted({*then, *now}):
+        if name not in now:
+            yield f"{label}{name}{ending} is no longer part of it"
+        elif name not in then:
+            yield f"{label}{name}{ending} is new to it"
+        elif then[name] != now[name]:
+            yield f"{label}{name}{ending} changed"
+
+
+def _setting_changes(then: Any, now: Any, path: str = "") -> Iterator[str]:
+    """Differences of two parsed TOML values, leaf by leaf."""
+    if canonical(then) == canonical(now):
+        return
+    if isinstance(then, dict) and isinstance(now, dict):
+        for key in sorted({*then, *now}):
+            yield from _setting_changes(then.get(key), now.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        for number, (left, right) in enumerate(zip(then, now, strict=True), start=1):
+            yield from _setting_changes(left, right, f"{path}[{number}]")
+    elif then is None:
+        yield f"{path} is new: {_brief(now)}"
+    elif now is None:
+        yield f"{path} is gone: it was {_brief(then)}"
+    else:
+        yield f"{path} changed from {_brief(then)} to {_brief(now)}"
+
+
+def _brief(value: Any) -> str:
+    text = canonical(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,0 +1,75 @@
+"""What a run folder remembers of each stage: what it was made from, what it left, and its closing line."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline.whole_file import write_whole
+
+
+def canonical(value: Any) -> str:
+    """JSON that is equal where the values are equal, whatever their order of writing."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+
+
+def digest_of(value: Any) -> str:
+    """SHA-256 of a value's canonical JSON."""
+    return hashlib.sha256(canonical(value).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class MadeFrom:
+    """Everything that a stage's artifacts follow from; digests are SHA-256, an absent input is None."""
+
+    campaign: str
+    source: Mapping[str, str]
+    settings: Mapping[str, Any]
+    inputs: Mapping[str, str | None]
+    raw: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """The digest that the stage's artifacts carry."""
+        return digest_of(asdict(self))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One stage's last success. ``artifacts`` maps names to the SHA-256 of the file's bytes."""
+
+    digest: str
+    artifacts: Mapping[str, str]
+    failed_checks: tuple[str, ...] = ()
+    made_from: MadeFrom | None = None
+
+
+@dataclass
+class Ledger:
+    """The entries of a run folder, and the digest of the last campaign.toml that was found valid."""
+
+    entries: dict[str, Entry] = field(default_factory=dict)
+    valid_campaign: str = ""
+
+    def save(self, store: Path) -> None:
+        """Write the ledger whole."""
+        write_whole(store, json.dumps(asdict(self), indent=1, default=str).encode())
+
+
+def read_ledger(store: Path) -> Ledger:
+    """The ledger of a run folder; an empty one where there is none, or none that can be read."""
+    try:
+        content = json.loads(store.read_bytes())
+        entries = {name: _entry(row) for name, row in content["entries"].items()}
+        return Ledger(entries, content["valid_campaign"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return Ledger()
+
+
+def _entry(row: dict[str, Any]) -> Entry:
+    made_from = None if row["made_from"] is None else MadeFrom(**row["made_from"])
+    return Entry(row["digest"], row["artifacts"], tuple(row["failed_checks"]), made_from)

@@ -1,0 +1,76 @@
+"""How a run may end: exit codes, and what the environment can do to it."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """What the shell is told."""
+
+    DONE = 0
+    DEFECT = 1
+    UNUSABLE_CAMPAIGN = 2
+    FAILED_CHECK = 3
+    ENVIRONMENT = 4
+
+
+# Of several campaigns in one call the gravest ending is the call's.
+GRAVITY = (ExitCode.DONE, ExitCode.FAILED_CHECK, ExitCode.UNUSABLE_CAMPAIGN, ExitCode.ENVIRONMENT, ExitCode.DEFECT)
+
+
+def gravest(codes: list[ExitCode]) -> ExitCode:
+    """The worst of several endings."""
+    return max(codes, key=GRAVITY.index, default=ExitCode.DONE)
+
+
+class EnvironmentProblem(Exception):
+    """Disk, permissions, another run or an interruption prevented the work; what was whole is whole still."""
+
+
+class Defect(Exception):
+    """Something that must not happen did; its traceback is in a log already."""
+
+
+class Interrupted(BaseException):
+    """The run was asked to stop (SIGINT or SIGTERM); no ordinary handler may swallow it."""
+
+
+_CAUSES = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EFBIG: "the file grew beyond what this system or its limits allow",
+    errno.EROFS: "the file system is read-only",
+    errno.EACCES: "permission is denied",
+    errno.EPERM: "the operation is not permitted",
+    errno.EIO: "the device reports an input/output error",
+    errno.EMFILE: "too many files are open",
+    errno.ENFILE: "too many files are open on this system",
+    errno.ENOMEM: "there is not enough memory",
+    errno.ENAMETOOLONG: "the path is too long for this file system",
+}
+
+
+def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | None:
+    """The problem in words where the environment is to blame for ``error``, else None."""
+    if isinstance(error, MemoryError):
+        return EnvironmentProblem(f"{doing}: there is not enough memory")
+    cause = _CAUSES.get(error.errno or 0) if isinstance(error, OSError) else None
+    if not isinstance(error, OSError) or cause is None:
+        return None
+    place = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
+    return EnvironmentProblem(f"{doing}: {cause}{place}")
+
+
+@contextmanager
+def environment(doing: str) -> Iterator[None]:
+    """Turn every OSError of a step in which only the environment can fail into a sentence."""
+    try:
+        yield
+    except OSError as error:
+        known = environment_problem(error, doing)
+        raise known or EnvironmentProblem(f"{doing}: {error.strerror or error}") from error

@@ -1,0 +1,65 @@
+"""Digests of files, remembered by size, time and inode, so that what did not change is not read again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from pipeline.whole_file import write_whole
+
+# A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
+_TICK_NS = 2_000_000_000
+
+
+class RememberedDigests:
+    """SHA-256 of files, and facts derived from their bytes, kept in one JSON file of the run folder."""
+
+    def __init__(self, store: Path, *, distrust: bool = False) -> None:
+        self._store = store
+        self._content = _load(store)
+        self._files: dict[str, list[Any]] = {} if distrust else self._content["files"]
+        self._facts: dict[str, Any] = self._content["facts"]
+        self._changed = distrust
+
+    def digest(self, path: Path) -> str:
+        """The SHA-256 of a file's bytes; raises FileNotFoundError."""
+        key = os.path.abspath(path)
+        status = os.stat(path)
+        identity = [status.st_size, status.st_mtime_ns, status.st_ino]
+        known = self._files.get(key)
+        if known is not None and known[:3] == identity:
+            return str(known[3])
+        with open(path, "rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if time.time_ns() - status.st_mtime_ns > _TICK_NS:
+            self._files[key] = [*identity, digest]
+            self._changed = True
+        return digest
+
+    def fact(self, digest: str) -> Any | None:
+        """What was noted about the file with these bytes, or None."""
+        return self._facts.get(digest)
+
+    def note(self, digest: str, fact: Any) -> None:
+        """Note something (JSON) that follows from a file's bytes alone."""
+        self._facts[digest] = fact
+        self._changed = True
+
+    def save(self) -> None:
+        """Write what is new to the run folder."""
+        if self._changed:
+            content = {"files": self._files, "facts": self._facts}
+            write_whole(self._store, json.dumps(content, indent=0).encode())
+            self._changed = False
+
+
+def _load(store: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(store.read_bytes())
+        return {"files": dict(content["files"]), "facts": dict(content["facts"])}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {"files": {}, "facts": {}}

@@ -1,0 +1,105 @@
+"""`truing run` on one campaign: what is fresh stays, what is stale runs, the report's place is said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from pipeline.campaign_check import check_campaign
+from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign, run_folder_of
+from pipeline.campaign_run import CampaignRun, open_run
+from pipeline.endings import defects_logged, end_all
+from pipeline.freshness import State
+from pipeline.problems import ExitCode
+from pipeline.run_folder import occupied
+from pipeline.selection import Selection
+from pipeline.voice import Voice
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults, Fault
+from stages.declaration import Stage
+
+_LOG = "defect.log"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the caller of `truing run` asked for besides the campaign."""
+
+    selection: Selection = field(default_factory=Selection)
+    distrust: bool = False
+    accept_failed_checks: bool = False
+
+
+def usable_campaign(place: Path) -> CampaignFolder:
+    """The campaign at a place, its name and kind known to be good; raises CampaignFaults with all that is wrong."""
+    campaign = open_campaign(place)
+    if identity_faults(campaign):
+        check_campaign(campaign)
+    return campaign
+
+
+def run_campaign(campaign: CampaignFolder, folder: Path, wish: Wish, voice: Voice) -> ExitCode:
+    """Bring the wished stages of a campaign up to date in its run folder."""
+    with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
+        run = open_run(campaign, folder, distrust=wish.distrust)
+        stages = wish.selection.stages(run.order)
+        _validate(run)
+        ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, wish, voice)]
+        run.save()
+        if not ran:
+            voice.say(f"{campaign.name}: everything is up to date")
+        _say_where(run, voice)
+        return _verdict(run.failed_checks(stages), wish, voice)
+
+
+def _validate(run: CampaignRun) -> None:
+    try:
+        run.validate()
+    except CampaignFaults:
+        check_campaign(run.campaign)  # tells what is wrong with the raw files in the same breath
+        raise
+
+
+def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: Wish, voice: Voice) -> bool:
+    """Run a stage unless it is fresh; returns whether it ran."""
+    log = run.folder / _LOG
+    with defects_logged(log, f"stage {stage.name}"):
+        now = run.made_from(stage)
+        standing = run.standing(stage, now)
+        if standing.state is State.FRESH and not wish.selection.forces(stage, run.order):
+            return False
+        log.unlink(missing_ok=True)
+        with voice.during(stage.name) as progress:
+            closing = run.execute(stage, now, progress)
+        voice.say(f"{stage.name:<12} {closing}")
+        return True
+
+
+def _say_where(run: CampaignRun, voice: Voice) -> None:
+    made = any("report" in entry.artifacts for entry in run.ledger.entries.values())
+    voice.say(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
+
+
+def _verdict(failed: tuple[str, ...], wish: Wish, voice: Voice) -> ExitCode:
+    if not failed:
+        return ExitCode.DONE
+    voice.warn(f"QA: {len(failed)} failed ({', '.join(failed)}); the report says why")
+    return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
+
+
+def run_campaigns(places: list[Path], out: Path | None, wish: Wish, *, quiet: bool) -> ExitCode:
+    """Run several campaigns one after the other; what ends one does not end the others, except an interruption."""
+    voice = Voice(quiet=quiet)
+    taken: set[Path] = set()
+
+    def action(place: Path) -> ExitCode:
+        campaign = usable_campaign(place)
+        folder = run_folder_of(campaign, out, several=len(places) > 1)
+        if folder in taken:
+            expected = "a name that no other campaign of this call has"
+            raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
+        taken.add(folder)
+        return run_campaign(campaign, folder, wish, voice)
+
+    return end_all([partial(action, place) for place in places], voice)

@@ -1,0 +1,55 @@
+"""The folder of one run: entered under its lock, swept of what dead runs left, never left half made."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pipeline.lock import hold
+from pipeline.problems import EnvironmentProblem, environment
+from pipeline.whole_file import PART
+
+PRIVATE = ".truing"  # ledger, remembered digests and lock; deleting it loses no result
+
+
+@contextmanager
+def occupied(folder: Path) -> Iterator[Path]:
+    """The run folder, created where needed and ours alone; one that received nothing vanishes again."""
+    created = _make(folder / PRIVATE)
+    lock = folder / PRIVATE / "lock"
+    with hold(lock):
+        _sweep(folder)
+        try:
+            yield folder
+        finally:
+            _remove_empty(lock, created)
+
+
+def _make(folder: Path) -> list[Path]:
+    """Create a folder with its parents; returns the created ones, innermost first."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    with environment(f"the run folder {folder.parent} cannot be made"):
+        folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise EnvironmentProblem(f"the run folder {folder.parent} is read-only")
+    return missing
+
+
+def _sweep(folder: Path) -> None:
+    with environment(f"the run folder {folder} cannot be tidied"):
+        for place in (folder, folder / PRIVATE):
+            for leftover in place.glob(f".*{PART}"):
+                leftover.unlink()
+
+
+def _remove_empty(lock: Path, created: list[Path]) -> None:
+    if not created or any(entry != lock for entry in lock.parent.iterdir()):
+        return
+    try:
+        lock.unlink()
+        for place in created:
+            place.rmdir()
+    except OSError:  # somebody put something there, or Windows keeps the open lock: the folder stays
+        return

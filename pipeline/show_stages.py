@@ -1,0 +1,34 @@
+"""`truing stages`: where each stage of a campaign stands, or which stages there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.campaign_folder import run_folder_of
+from pipeline.campaign_run import open_run
+from pipeline.problems import ExitCode
+from pipeline.run_campaign import usable_campaign
+from pipeline.stage_order import ORDER, stage_module
+from pipeline.voice import Voice
+
+
+def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
+    """One line per stage: fresh, stale and why, or never run. Writes nothing."""
+    campaign = usable_campaign(place)
+    run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
+    voice = Voice(quiet=False)
+    for stage, standing in run.standings():
+        voice.say(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())
+    return ExitCode.DONE
+
+
+def show_all_stages() -> ExitCode:
+    """The stages of every kind of campaign, with what they read and leave."""
+    voice = Voice(quiet=False)
+    for kind, names in ORDER.items():
+        voice.say(f"{kind}:")
+        for name in names:
+            stage = stage_module(name).DECLARATION
+            voice.say(f"  {name:<12} {stage.summary}")
+            voice.say(f"  {'':<12} reads {', '.join(stage.reads) or 'raw files'}; leaves {', '.join(stage.leaves)}")
+    return ExitCode.DONE

@@ -1,0 +1,56 @@
+"""The order of stages, written once per kind of campaign; what depends on what follows from the declarations."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from stages.declaration import Stage
+
+ORDER: dict[str, tuple[str, ...]] = {
+    "photogrammetry": ("ingest", "qa", "pose", "deformation", "diagnose", "report"),
+    "interferometer": ("ingest", "deformation", "report"),
+}
+
+RAW_READER = "ingest"  # the one stage that sees raw files, through truing.formats
+
+
+def stage_module(name: str) -> ModuleType:
+    """The module of a stage, imported."""
+    return importlib.import_module(f"stages.{name}")
+
+
+def is_optional(artifact: str) -> bool:
+    """Whether a declared artifact is marked as one that may be absent."""
+    return artifact.endswith("?")
+
+
+def bare(artifact: str) -> str:
+    """A declared artifact's name without its mark."""
+    return artifact.removesuffix("?")
+
+
+def makers(order: tuple[Stage, ...]) -> dict[str, str]:
+    """Which stage leaves which artifact; raises ValueError where two leave the same, or one is read too early."""
+    found: dict[str, str] = {}
+    for stage in order:
+        for artifact in stage.reads:
+            if bare(artifact) not in found and not is_optional(artifact):
+                raise ValueError(f"{stage.name} reads {artifact}, which no stage before it leaves")
+        for artifact in map(bare, stage.leaves):
+            if artifact in found:
+                raise ValueError(f"{artifact} is left by {found[artifact]} and by {stage.name}")
+            found[artifact] = stage.name
+    return found
+
+
+def needed_for(target: str, order: tuple[Stage, ...]) -> tuple[Stage, ...]:
+    """A stage and everything that it depends on, in order."""
+    maker = makers(order)
+    wanted = {target}
+    for stage in reversed(order):
+        if stage.name in wanted:
+            wanted.update(maker[name] for name in map(bare, stage.reads) if name in maker)
+    return tuple(stage for stage in order if stage.name in wanted)

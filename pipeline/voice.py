@@ -1,0 +1,77 @@
+"""What a person sees of a run: a progress bar on a terminal, plain lines elsewhere, nothing when asked for quiet."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+_SECONDS_BETWEEN_LINES = 5.0
+
+
+class Voice:
+    """Says what a run does. Used as a context around one stage, it is that stage's ``progress(done, total, what)``."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._terminal = not quiet and sys.stdout.isatty()
+        self._bar: Bar | None = None
+        self._stage = ""
+        self._last_line = 0.0
+
+    def say(self, line: str) -> None:
+        """One line for whoever watches."""
+        if self._quiet:
+            return
+        try:
+            sys.stdout.write(f"{line}\n")
+            sys.stdout.flush()
+        except BrokenPipeError:  # whoever listened has gone; the run goes on
+            self._quiet = True
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+    def warn(self, line: str) -> None:
+        """One line that is said even when quiet."""
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+    def during(self, stage: str) -> Voice:
+        """This voice, about to speak of a stage."""
+        self._stage = stage
+        self._last_line = time.monotonic()
+        return self
+
+    def __enter__(self) -> Voice:
+        if self._terminal:
+            self._bar = _bar()
+            self._bar.add_task(self._stage, total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+    def __call__(self, done: int, total: int, what: str) -> None:
+        """The progress of the stage: ``done`` of ``total`` (0: not known), working on ``what``."""
+        if self._bar is not None:
+            task = self._bar.task_ids[0]
+            self._bar.update(task, completed=done, total=total or None, description=f"{self._stage}: {what}")
+        elif time.monotonic() - self._last_line > _SECONDS_BETWEEN_LINES:
+            self._last_line = time.monotonic()
+            self.say(f"{self._stage}: {done} of {total} {what}" if total else f"{self._stage}: {done} {what}")
+
+
+def _bar() -> Bar:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return Progress(*columns, transient=True)
