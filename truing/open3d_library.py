@@ -1,18 +1,30 @@
-"""Loading Open3D where the system lacks a library that its wheels expect; everybody imports Open3D through here."""
+"""Loading Open3D where the system lacks libraries that its wheels expect; everybody imports Open3D through here."""
 
 from __future__ import annotations
 
 import ctypes
 import importlib
+import importlib.util
+import platform
 import sys
+from pathlib import Path
 from types import ModuleType
 
-_LIBUSB = "libusb-1.0.so.0"
+from truing.stand_in_library import missing_functions, provide_stand_in
 
-_REMEDY = (
+_LIBUSB = "libusb-1.0.so.0"
+# Graphics libraries that Open3D links, and the names of the functions that each defines.
+_GRAPHICS = {"libEGL.so.1": r"egl[A-Z]\w*", "libGL.so.1": r"gl[A-Z]\w*", "libX11.so.6": r"X[A-Z]\w*"}
+
+_NOT_INSTALLED = (
     "point-cloud files and dense scans need Open3D, which is not installed here. Its wheels exist for "
     "Python 3.11 to 3.14 on Linux (glibc 2.35 or newer), Windows on x86-64 and macOS on Apple silicon: use one of "
     "these and install again (`make setup`, or `pip install open3d`). Everything else works without it"
+)
+_NOT_LOADED = (
+    "Open3D is installed and does not load: {}. Where a system library is missing, install it "
+    "(Debian and Ubuntu: apt-get install libegl1 libgl1 libusb-1.0-0 libx11-6). Only point-cloud files and dense "
+    "scans need it"
 )
 
 
@@ -21,31 +33,40 @@ def load_open3d() -> ModuleType:
 
     Raises ImportError, with the remedy in its message, where Open3D has no wheel or cannot be loaded.
     """
-    if "open3d" not in sys.modules:
+    if "open3d" in sys.modules:
+        return sys.modules["open3d"]
+    package = importlib.util.find_spec("open3d")
+    if package is None or package.origin is None:
+        raise ImportError(_NOT_INSTALLED, name="open3d")
+    if sys.platform.startswith("linux"):
         _provide_libusb()
+        _provide_graphics(Path(package.origin).parent)
     try:
         return importlib.import_module("open3d")
-    except ModuleNotFoundError as error:
-        if error.name != "open3d":
-            raise
-        raise ImportError(_REMEDY, name="open3d") from error
+    except ImportError as error:
+        raise ImportError(_NOT_LOADED.format(error), name="open3d") from error
 
 
 def _provide_libusb() -> None:
-    """Make `libusb-1.0.so.0` resolvable: the wheels of Open3D for Linux link it and do not carry it."""
-    if not sys.platform.startswith("linux") or _loads(_LIBUSB):
-        return
-    try:
-        libusb_package = importlib.import_module("libusb_package")
-    except ModuleNotFoundError:
-        return  # Open3D's own message then names the library that is missing
-    _loads(str(libusb_package.get_library_path()))
+    """Make libusb resolvable from the wheel `libusb-package` where the system has none; Open3D does not carry it."""
+    if not _loads(_LIBUSB) and importlib.util.find_spec("libusb_package"):
+        library = importlib.import_module("libusb_package").get_library_path()
+        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+
+
+def _provide_graphics(package: Path) -> None:
+    """Make graphics libraries resolvable on a machine without a screen: nothing of what we use calls them."""
+    absent = [soname for soname in _GRAPHICS if not _loads(soname)]
+    if absent and platform.machine() == "x86_64":
+        for library in package.glob("libOpen3D.so*"):
+            for soname in absent:
+                provide_stand_in(soname, missing_functions(library, _GRAPHICS[soname]))
 
 
 def _loads(library: str) -> bool:
-    """Load a shared library for every library loaded after it; False where it cannot be."""
+    """Whether the system has a shared library."""
     try:
-        ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
+        ctypes.CDLL(library)
     except OSError:
         return False
     return True
