@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -309,3 +311,18 @@ def test_the_sample_has_the_published_deformation() -> None:
     # Actuators stand some 2 um from the round value: kappa moves by 5e-2 x 2 um / 1.1 mm / sqrt(40), some 1e-5.
     assert_close(found, kappa, atol=5e-5, what="kappa of each leg in the sample")
     assert_between(np.abs(bz).max(), 0.083, 0.0836, what="largest shift, mm")
+
+
+def test_the_generator_shares_no_code_with_what_it_judges() -> None:
+    """It imports numpy, the standard library and itself."""
+    allowed = {"numpy", "tests", *sys.stdlib_module_names}
+    for path in (PROJECT / "tests" / "blind" / "generator").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+                assert not names[0].startswith("tests") or names[0].startswith("tests.blind.generator"), path.name
+            else:
+                continue
+            assert {name.split(".")[0] for name in names} <= allowed, f"{path.name} imports {names}"
