@@ -150,7 +150,7 @@ def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Arr
     found = []
     for pose in np.nonzero(gross.sum(axis=1) >= 2)[0]:
         off = np.nonzero(gross[pose])[0]
-        distance = np.linalg.norm(measured[pose, off, None] - fitted_from[pose, None, off], axis=2)
+        distance = np.linalg.norm(measured[pose][off][:, None] - fitted_from[pose][off][None], axis=2)
         near = distance < limit[pose, off][None]
         for a, b in zip(*np.nonzero(near & near.T & ~np.eye(len(off), dtype=bool)), strict=True):
             if a < b:

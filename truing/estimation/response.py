@@ -122,7 +122,7 @@ def _solve(
 ) -> ResponseFit:
     weighted = np.einsum("nlp,nlm->nmp", design, weight)
     normal = np.einsum("nmp,nmq->pq", weighted, design) + prior
-    covariance, deficient = _scaled_inverse(normal)
+    covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
     theta = covariance @ np.einsum("nmp,nm->p", weighted, y)
     residuals = y - design @ theta
     loo = _leave_one_out(design, covariance, weight, residuals)
@@ -146,13 +146,23 @@ def _solve(
     )
 
 
-def _scaled_inverse(normal: Array) -> tuple[Array, int]:
-    """Pseudo-inverse after scaling to unit diagonal (drives may differ in unit by many powers of ten)."""
+def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
+    """Pseudo-inverse, and how many directions of the parameters the data leave open.
+
+    Scaled to unit diagonal before it is judged (drives may differ in unit by many powers of ten). In the open
+    directions the shortest solution is taken, lengths measured by the size (P,) of each parameter's effect on
+    a unit response.
+    """
     scale = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     kept = values > _RANK_CUTOFF * max(values[-1], 1e-300)
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    return inverse / np.outer(scale, scale), int((~kept).sum())
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
+    if kept.all():
+        return inverse, 0
+    open_directions = vectors[:, ~kept] * (size / scale)[:, None]
+    basis = np.linalg.qr(open_directions)[0]
+    shortest = np.eye(len(size)) - (basis / size[:, None]) @ (basis * size[:, None]).T
+    return shortest @ inverse @ shortest.T, int((~kept).sum())
 
 
 def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:

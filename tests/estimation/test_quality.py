@@ -1,0 +1,107 @@
+"""Quality statistics: they find what is planted, and stay silent at the rate they state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truing.estimation.quality import (
+    body_shape,
+    exchanged_pairs,
+    find_drift,
+    find_steps,
+    isolated,
+    repeated_groups,
+    successive_sigma,
+    unexplained_scatter,
+)
+
+SIGMA = 5e-6
+
+
+def _residuals(seed: int, poses: int = 46, targets: int = 10):
+    rng = np.random.default_rng(seed)
+    return rng, SIGMA * rng.standard_normal((poses, targets, 3)), np.full((poses, targets, 3), SIGMA)
+
+
+def test_scatter_counts_its_degrees_of_freedom():
+    total = np.zeros(2)
+    for seed in range(60):
+        rng, values, sigma = _residuals(seed)
+        covariates = rng.standard_normal((46, 7))
+        kept = rng.random((46, 10)) > 0.05
+        scatter = unexplained_scatter(values + covariates[:, :1, None] * 1e-4, sigma, kept, covariates, np.zeros(46))
+        total += scatter.chi_square.sum(), scatter.dof.sum()
+    assert abs(total[0] - total[1]) < 4 * np.sqrt(2 * total[1])
+
+
+def test_step_is_found_with_its_onset_and_size():
+    _, values, sigma = _residuals(1)
+    values[20:, 4] += [40e-6, -20e-6, 0.0]
+    step = find_steps(values, sigma, np.ones((46, 10), bool))
+    assert step.onset[4] == 20
+    assert step.p_value[4] < 1e-12
+    assert np.abs(step.size[4] - [40e-6, -20e-6, 0.0]).max() < 4 * step.sigma[4].max()
+    assert (np.delete(step.p_value, 4) > 1e-5).all()
+
+
+def test_steps_are_seen_in_noise_no_more_often_than_stated():
+    hits = sum(
+        (find_steps(values, sigma, np.ones((46, 10), bool)).p_value < 0.05).sum()
+        for _, values, sigma in map(_residuals, range(40))
+    )
+    assert hits <= 400 * 0.05 + 4 * np.sqrt(400 * 0.05)
+
+
+def test_drift_is_told_from_scatter():
+    _, values, _ = _residuals(2, poses=200, targets=3)
+    kept = np.ones((200, 3), bool)
+    assert find_drift(values, kept).p_value > 1e-3
+    values[:, 1, 2] += np.linspace(0.0, 50e-6, 200)
+    drift = find_drift(values, kept)
+    assert drift.p_value < 1e-9
+    assert drift.span.argmax() == 1
+    assert abs(drift.span[1] - 50e-6) < 10e-6
+
+
+def test_arbitrary_frames_are_no_drift():
+    rng = np.random.default_rng(3)
+    assert find_drift(rng.uniform(-1.0, 1.0, (60, 4, 3)), np.ones((60, 4), bool)).p_value > 1e-3
+
+
+def test_successive_differences_are_blind_to_steps():
+    _, values, _ = _residuals(4, poses=400)
+    values[200:, 0] += 1e-3
+    scatter = successive_sigma(values, np.ones((400, 10), bool))
+    assert (np.abs(scatter / SIGMA - 1.0) < 0.25).all()
+
+
+def test_isolated_values_are_not_steps():
+    _, values, sigma = _residuals(5)
+    values[7, 2] += 1e-3
+    values[20:, 3] += 1e-3
+    far = isolated(values, sigma, np.ones((46, 10), bool))
+    assert {(int(a), int(b)) for a, b in np.argwhere(far)} == {(7, 2)}
+
+
+def test_exchanged_labels_are_named():
+    rng = np.random.default_rng(6)
+    places = rng.uniform(-0.1, 0.1, (1, 8, 3)).repeat(3, axis=0)
+    measured = places + SIGMA * rng.standard_normal(places.shape)
+    measured[1, [2, 5]] = measured[1, [5, 2]]
+    gross = np.linalg.norm(measured - places, axis=2) > 1e-4
+    assert exchanged_pairs(places, measured, gross, np.full((3, 8), 1e-4)) == [(1, 2, 5)]
+
+
+def test_shape_of_a_line_a_plane_and_a_lone_target():
+    line = np.column_stack([np.linspace(0, 1, 6), np.zeros(6), np.zeros(6)])
+    assert body_shape(line).extents[1] < 1e-12
+    rng = np.random.default_rng(7)
+    flat = np.column_stack([rng.standard_normal((8, 2)), np.zeros(8)])
+    assert body_shape(flat).extents[2] < 1e-12
+    solid = rng.standard_normal((8, 3))
+    assert abs(body_shape(solid).leverage.sum() - 6 / 3) < 1e-9
+
+
+def test_repeats_are_grouped():
+    settings = np.array([[0.0, 1.0], [5.0, 1.0], [0.001, 1.0], [5.0, 2.0]])
+    assert [g.tolist() for g in repeated_groups(settings, np.array([0.01, 0.01]))] == [[0, 2]]
