@@ -1,0 +1,131 @@
+"""The simulated chain drive -> structure -> instrument, and how a change anywhere travels down it.
+
+A state holds what the three steps pass on. An effect (a cause with values for its parameters) changes the state
+at its own step; what follows downstream follows from the chain, in value and in exact derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.kinematics import forward
+from truing.simulation.legs import Change, Legs
+
+
+class Step(StrEnum):
+    """Where in the chain a cause acts."""
+
+    DRIVE = "drive"
+    STRUCTURE = "structure"
+    INSTRUMENT = "instrument"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a cause: its name as in the tables, its unit, and how large it plausibly is (one sigma)."""
+
+    name: str
+    unit: str
+    scale: float
+
+
+class Cause:
+    """A way in which nature departs from the plain simulation; a subclass is all that a new cause takes.
+
+    ``change`` returns the derivative of the state by the cause's parameters. For a linear cause it is its whole
+    effect; `Effect` multiplies it by the parameters' values.
+    """
+
+    id: str
+    kind: str = "linear"
+    step: Step
+    says: str  # what nature does, in words that fit "The data show that ..."
+    confirm: str  # what to measure to confirm it
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the parameters for a mechanism with that many legs."""
+        raise NotImplementedError
+
+    def change(self, state: State) -> Change:
+        """Return the derivative of the state's fields by the parameters; complex-safe."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A cause with the values of its parameters, in their units' SI form."""
+
+    cause: Cause
+    values: NDArray  # (P,)
+
+    def apply(self, state: State) -> State:
+        """Return the state as this effect leaves it."""
+        change = self.cause.change(state)
+        return state.shifted({name: field @ self.values for name, field in change.fields.items()})
+
+
+@dataclass(frozen=True)
+class State:
+    """What the chain passes on, B poses of L legs; m and rad.
+
+    ``rho`` is what the actuators really did, ``delta_bz`` the attachments' shift along z of the platform; the
+    pose p, R of the platform in the base frame is set once the structure has answered.
+    """
+
+    legs: Legs
+    rho: NDArray  # (B, L)
+    delta_bz: NDArray  # (B, L)
+    p: NDArray | None = None  # (B, 3)
+    R: NDArray | None = None  # (B, 3, 3)
+    converged: NDArray | None = None  # (B,)
+
+    @property
+    def delta_rho(self) -> NDArray:
+        """Return the displacement (B, L) from the reference reading, m."""
+        return self.rho - self.legs.rho0
+
+    def shifted(self, shifts: dict[str, NDArray]) -> State:
+        """Return the state with each named field moved by the array given for it."""
+        own = {name: getattr(self, name) + shift for name, shift in shifts.items() if name in ("rho", "delta_bz")}
+        joints = {name: getattr(self.legs, name) + shift for name, shift in shifts.items() if name not in own}
+        return replace(self, **own, legs=self.legs.replace(**joints) if joints else self.legs)
+
+
+def simulate(legs: Legs, rho: NDArray, effects: Sequence[Effect] = ()) -> State:
+    """Return the state at actuator positions rho (B, L), m, with the effects in force and the platform's poses."""
+    state = State(legs, rho, np.zeros_like(rho))
+    for step in (Step.DRIVE, Step.STRUCTURE):
+        for effect in effects:
+            if effect.cause.step is step:
+                state = effect.apply(state)
+    reached = forward(state.legs, state.rho, state.delta_bz)
+    return replace(state, p=reached.p, R=reached.R, converged=reached.converged)
+
+
+def carried(state: State, effects: Sequence[Effect], change: Change) -> Change:
+    """Return a change with what its share in the drive causes further down, in effects that follow the drive."""
+    driven = change.fields.get("rho")
+    if driven is None:
+        return change
+    fields = dict(change.fields)
+    for effect in effects:
+        if effect.cause.step is Step.STRUCTURE:
+            for name, slope in _drive_slope(effect, state).items():
+                fields[name] = fields.get(name, 0.0) + np.einsum("b...m,bmp->b...p", slope, driven)
+    return Change(fields, change.size)
+
+
+def _drive_slope(effect: Effect, state: State) -> dict[str, NDArray]:
+    """Return the derivative of an effect by the drive of each leg, leg last: a complex step, exact to rounding."""
+    tiny = 1e-30
+    columns: dict[str, list[NDArray]] = {}
+    for leg in range(state.legs.count):
+        nudged = replace(state, rho=state.rho + 1j * tiny * (np.arange(state.legs.count) == leg))
+        for name, field in effect.cause.change(nudged).fields.items():
+            columns.setdefault(name, []).append((field @ effect.values).imag / tiny)
+    return {name: np.stack(found, -1) for name, found in columns.items()}

@@ -1,0 +1,37 @@
+"""Closure of a leg of fixed length on a linear actuator: p + R b = a + rho u + l z, |z| = 1."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.legs import Change, Legs
+
+
+class SixPus:
+    """6-PUS: the actuator moves the lower joint along u, the leg keeps its length (telescope report, eq. 5)."""
+
+    name = "6-pus"
+
+    def lower(self, legs: Legs, rho: NDArray) -> NDArray:
+        """Return c = a + rho u, (..., L, 3) m."""
+        return legs.a + rho[..., None] * legs.u
+
+    def length(self, legs: Legs, rho: NDArray) -> NDArray:
+        """Return l, (..., L) m."""
+        return legs.l + 0.0 * rho
+
+    def invert(self, legs: Legs, h: NDArray) -> NDArray:
+        """Return the reading of the root with z u > 0, the platform ahead of the actuators (eq. 7)."""
+        along = np.sum(h * legs.u, -1)
+        return along - np.sqrt(along**2 - np.sum(h * h, -1) + legs.l**2)
+
+    def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
+        """Return dc = da + u drho + rho du, (..., L, 3, P)."""
+        vector, scalar = (legs.count, 3), (legs.count,)
+        driven = legs.u[..., None] * change.get("rho", scalar)[..., None, :]
+        return change.get("a", vector) + driven + rho[..., None, None] * change.get("u", vector)
+
+    def length_change(self, legs: Legs, change: Change) -> NDArray:
+        """Return dl, (..., L, P)."""
+        return change.get("l", (legs.count,))
