@@ -4,7 +4,7 @@
 #   make all CAMPAIGN=my-campaign   the same on another one
 #   make pose CAMPAIGN=my-campaign  one stage by its name, and what it needs
 #   make test | check | bench       tests; style, types and collection; side by side with other libraries
-#   make setup | lock | clean       the environment alone; locked versions anew; everything made, removed
+#   make setup | lock | clean       the environment alone; locked versions anew; all but the runs removed
 
 CAMPAIGN ?= sample_data/telescope
 PYTHON ?= python3
@@ -63,5 +63,5 @@ lock:
 	$(lock) --extra build --extra dev -c requirements/runtime.txt -o requirements/dev.txt
 
 clean:
-	rm -rf $(VENV) runs build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
