@@ -108,9 +108,10 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
     options: dict[str, Any] = {"compression": "snappy", "store_schema": False}
     # Measured numbers hardly repeat: a dictionary of them would be built, outgrown and thrown away.
     options["use_dictionary"] = [name for name in schema.names if _column(artifact, name).kind != "real"]
-    with pq.ParquetWriter(file, schema.with_metadata(metadata), **options) as writer:
+    with pq.ParquetWriter(file, schema, **options) as writer:
         for table in tables:
-            writer.write_table(table.replace_schema_metadata(metadata), row_group_size=ROWS_PER_GROUP)
+            writer.write_table(table, row_group_size=ROWS_PER_GROUP)
+        writer.add_key_value_metadata(metadata)  # beside the schema, which store_schema=False keeps out
 
 
 def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tuple[pa.Schema, Iterator[pa.Table]]:

@@ -9,16 +9,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
 PROJECT = Path(__file__).resolve().parents[2]
 
 STAGES = {
     "ingest": """
 import csv
-import os
-import signal
-import time
 import pyarrow as pa
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults, Fault
@@ -142,7 +137,8 @@ def run(tables, settings, progress):
 from stages.declaration import Outcome, Stage
 
 DECLARATION = Stage(
-    "report", ("observations", "survey?", "qa", "residuals", "diagnosis", "model"), ("report",), ("requirement",), "tells"
+    "report", ("observations", "survey?", "qa", "residuals", "diagnosis", "model"), ("report",), ("requirement",),
+    "tells",
 )
 
 
@@ -245,9 +241,3 @@ def make_fake_project(folder: Path) -> FakeProject:
     (campaign / "points.csv").write_text(POINTS)
     (folder / "here").mkdir()
     return FakeProject(root, campaign, folder / "here")
-
-
-@pytest.fixture
-def fake(tmp_path: Path) -> FakeProject:
-    """A tiny project of its own for one test."""
-    return make_fake_project(tmp_path)
