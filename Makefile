@@ -23,6 +23,7 @@ all: $(runtime)
 	@$(VENV)/bin/truing run "$$CAMPAIGN"
 
 setup: $(runtime)
+	@:
 
 test: $(dev)
 	$(python) -m pytest -n auto --dist worksteal
