@@ -34,8 +34,8 @@ class Closure(Protocol):
 class Legs:
     """Geometry of L legs, each array with any leading batch; m, unit vectors.
 
-    a: actuator's zero on the base (..., L, 3), base frame; b: joint on the platform (..., L, 3), platform frame; u: unit
-    direction of the actuator (..., L, 3), base frame; l: length (..., L); rho0: reference reading (..., L).
+    a: actuator's zero on the base (..., L, 3), base frame; b: joint on the platform (..., L, 3), platform frame;
+    u: unit direction of the actuator (..., L, 3), base frame; l: length (..., L); rho0: reference reading (..., L).
     """
 
     a: NDArray

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from numpy.typing import ArrayLike
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truing.simulation.legs import Legs
 from truing.simulation.six_pus import SixPus
@@ -13,8 +12,14 @@ from truing.simulation.ups import Ups
 CLOSURES = {closure.name: closure for closure in (SixPus(), Ups())}
 
 
-def mechanism(kind: str, a: ArrayLike, b: ArrayLike, u: ArrayLike | None, l: ArrayLike,  # noqa: E741
-              rho0: ArrayLike) -> Legs:
+def mechanism(
+    kind: str,
+    a: ArrayLike,
+    b: ArrayLike,
+    u: ArrayLike | None,
+    l: ArrayLike,  # noqa: E741
+    rho0: ArrayLike,
+) -> Legs:
     """Return the legs of a mechanism of type ``6-pus`` or ``ups`` from its data in m.
 
     Shapes as in `Legs`. Without u (a ups needs none) the actuators point along z of the base.

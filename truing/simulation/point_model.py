@@ -1,7 +1,7 @@
 """Points of all bodies and poses as a function of what is not known exactly, with exact derivatives.
 
-Unknowns are counted in their prior's standard deviations, so that a value is a pull: shared ones (geometry, shape of the
-bodies, how each leg's survey frame sits on its leg, effects) and, pose by pose, local ones (actuators, rolls of legs).
+Unknowns are counted in their prior's standard deviations, so that a value is a pull: shared ones (geometry, shape of
+the bodies, how each leg's survey frame sits on its leg, effects) and, pose by pose, local ones (actuators, rolls).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.chain import Cause, Effect, State, carried, simulate
-from truing.simulation.kinematics import forward, leg_vectors, unit
+from truing.simulation.kinematics import forward, leg_vectors, pose_change, unit
 from truing.simulation.legs import Change, Legs
 from truing.simulation.targets import (
     LEG,
@@ -49,8 +49,8 @@ class Prediction:
 class Known:
     """What is known beforehand of a mechanism and its targets; one standard deviation each, m and rad.
 
-    ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies' frames,
-    ``shape_factor`` (K, 3, 3) a square root of its covariance. ``ridden`` are the legs that carry targets;
+    ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
+    frames, ``shape_factor`` (K, 3, 3) a square root of its covariance. ``ridden`` are the legs that carry targets;
     ``seat_rotation`` (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the upright leg, as a start.
     """
 
@@ -101,6 +101,23 @@ class PointModel:
         """Return the number of local unknowns H: actuators (unless exact), then rolls."""
         return self.nominal.count * (self.known.reading_sigma > 0) + len(self.known.ridden)
 
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the mechanism says nothing of: the rolls of the legs."""
+        return np.arange(self.local_size) >= self.local_size - len(self.known.ridden)
+
+    def parameter_count(self, cause: Cause) -> int:
+        """Return the number of a cause's parameters."""
+        return len(cause.parameters(self.nominal.count))
+
+    def widened(self, shared: NDArray, model: PointModel) -> NDArray:
+        """Return shared unknowns of this model as those of another, zero where this one has none."""
+        wide = np.zeros(model.shared_size)
+        if len(shared):
+            for name in self.layout.keys() & model.layout.keys():
+                wide[model.layout[name]] = self._part(shared, name)
+        return wide
+
     def with_causes(self, causes: Sequence[Cause]) -> PointModel:
         """Return the model with these effects among its unknowns."""
         return replace(self, causes=tuple(causes))
@@ -112,8 +129,11 @@ class PointModel:
     def legs(self, shared: NDArray) -> Legs:
         """Return the geometry that shared unknowns (G,) stand for."""
         count, legs = self.nominal.count, self.nominal
-        moved = {name: getattr(legs, name) + self._part(shared, name).reshape(count, -1) * self.known.geometry[name]
-                 for name in ("a", "b") if name in self.layout}
+        moved = {
+            name: getattr(legs, name) + self._part(shared, name).reshape(count, -1) * self.known.geometry[name]
+            for name in ("a", "b")
+            if name in self.layout
+        }
         if "l" in self.layout:
             moved["l"] = legs.l + self._part(shared, "l") * self.known.geometry["l"]
         if "u" in self.layout:
@@ -122,7 +142,7 @@ class PointModel:
 
     def effects(self, shared: NDArray) -> tuple[Effect, ...]:
         """Return the effects with the values that shared unknowns (G,) stand for."""
-        return tuple(Effect(cause, self._part(shared, cause.id) * self._effect_sigma(cause)) for cause in self.causes)
+        return tuple(Effect(cause, self._part(shared, cause.id) * self.effect_sigma(cause)) for cause in self.causes)
 
     def shape(self, shared: NDArray) -> NDArray:
         """Return the bodies' shapes (K, 3): base frame, platform frame, upright leg."""
@@ -143,8 +163,12 @@ class PointModel:
     def frames(self, state: State, local: NDArray) -> LegFrames:
         """Return the frames of the legs in a state."""
         roll = np.zeros(self.readings.shape, local.dtype)
-        roll[:, self.known.ridden] = local[:, self.local_size - len(self.known.ridden):] * FREE_ANGLE_RAD
+        roll[:, self.known.ridden] = local[:, self.local_size - len(self.known.ridden) :] * FREE_ANGLE_RAD
         return leg_frames(state, self.upright, roll)
+
+    def plain_frames(self) -> LegFrames:
+        """Return the frames of the legs as the nominal mechanism has them at the readings."""
+        return leg_frames(simulate(self.nominal, self.readings), self.upright, np.zeros_like(self.readings))
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, base frame."""
@@ -161,7 +185,8 @@ class PointModel:
             moved = motion(state, self.upright, carried(state, effects, change))
             target = by_local if part is None else by_shared
             target[..., slice(change.size) if part is None else part] = target_motion(
-                state, self.targets, shape, frames, moved)
+                state, self.targets, shape, frames, moved
+            )
         self._fill_shape(by_shared, shared, state, frames)
         self._fill_rolls(by_local, shape, frames)
         points = positions(state, self.targets, shape, frames)
@@ -176,20 +201,51 @@ class PointModel:
         frames = self.frames(state, local)
         return target_motion(state, self.targets, self.shape(shared), frames, moved) * scale
 
+    def pose_derivatives(self, shared: NDArray, local: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the platform's twist per shared (B, 6, G) and per local (B, 6, H) unknown."""
+        state, effects = self.state(shared, local), self.effects(shared)
+        by_shared = np.zeros((len(state.rho), 6, self.shared_size))
+        by_local = np.zeros((len(state.rho), 6, self.local_size))
+        for part, change in self._changes(shared, state):
+            twist = pose_change(
+                state.legs, state.p, state.R, state.rho, state.delta_bz, carried(state, effects, change)
+            )
+            (by_local if part is None else by_shared)[..., slice(change.size) if part is None else part] = twist
+        return by_shared, by_local
+
+    def unknowns(self, legs: Legs, effects: dict[str, NDArray]) -> NDArray:
+        """Return the shared unknowns (G,) at which the model has this geometry and these effects' values."""
+        shared = np.zeros(self.shared_size)
+        for name in ("a", "b", "l"):
+            if name in self.layout:
+                gap = getattr(legs, name) - getattr(self.nominal, name)
+                shared[self.layout[name]] = gap.ravel() / self.known.geometry[name]
+        if "u" in self.layout:
+            ahead = np.sum(legs.u * self.nominal.u, -1)[:, None]
+            tilt = np.einsum("lij,li->lj", self._across, legs.u / ahead)
+            shared[self.layout["u"]] = tilt.ravel() / self.known.geometry["u"]
+        for cause in self.causes:
+            shared[self.layout[cause.id]] = effects[cause.id] / self.effect_sigma(cause)
+        return shared
+
     def _part(self, shared: NDArray, name: str) -> NDArray:
         return shared[self.layout[name]]
 
     def _actuators(self, local: NDArray) -> NDArray:
         exact = self.known.reading_sigma == 0
-        return np.zeros_like(self.readings) if exact else local[:, :self.nominal.count]
+        return np.zeros_like(self.readings) if exact else local[:, : self.nominal.count]
 
-    def _effect_sigma(self, cause: Cause) -> NDArray:
+    def effect_sigma(self, cause: Cause) -> NDArray:
+        """Return the prior sigma (P,) that a cause's parameters are fitted with."""
         return FREE_EFFECT * np.array([parameter.scale for parameter in cause.parameters(self.nominal.count)])
 
     @cached_property
     def _across(self) -> NDArray:
-        """Two directions (L, 3, 2) across each nominal actuator."""
-        return np.linalg.svd(self.nominal.u[..., None])[0][..., 1:]
+        """Two directions (L, 3, 2) across each nominal actuator: the first as near as can be to its smallest axis."""
+        u = self.nominal.u
+        axis = np.eye(3)[np.argmin(np.abs(u), -1)]
+        first = unit(axis - u * np.sum(u * axis, -1)[:, None])
+        return np.stack([first, np.cross(u, first)], -1)
 
     def _tilted(self, shared: NDArray) -> NDArray:
         pulls = self._part(shared, "u").reshape(-1, 2) * self.known.geometry["u"]
@@ -216,11 +272,18 @@ class PointModel:
             found.append((self.layout["l"], Change({"l": np.eye(count)[None] * sigma["l"]}, count)))
         for cause in self.causes:
             change = cause.change(state)
-            scaled = {name: field * self._effect_sigma(cause) for name, field in change.fields.items()}
+            scaled = {name: field * self.effect_sigma(cause) for name, field in change.fields.items()}
             found.append((self.layout[cause.id], Change(scaled, change.size)))
         if self.known.reading_sigma > 0:
-            found.append((None, Change({"rho": np.broadcast_to(
-                np.eye(count) * self.known.reading_sigma, (*state.rho.shape, count))}, count)))
+            found.append(
+                (
+                    None,
+                    Change(
+                        {"rho": np.broadcast_to(np.eye(count) * self.known.reading_sigma, (*state.rho.shape, count))},
+                        count,
+                    ),
+                )
+            )
         return found
 
     def _direction_change(self, shared: NDArray) -> NDArray:
@@ -241,7 +304,8 @@ class PointModel:
         start = self.layout["shape"].start
         for axis in range(3):  # a target's shape moves that target alone
             by_shared[:, free, :, start + 3 * np.arange(len(free)) + axis] = np.swapaxes(
-                own[:, free] @ self.known.shape_factor[free], 0, 1)[..., axis]
+                own[:, free] @ self.known.shape_factor[free], 0, 1
+            )[..., axis]
         self._fill_seats(by_shared, shared, rotation)
 
     def _fill_seats(self, by_shared: NDArray, shared: NDArray, rotation: NDArray) -> None:
@@ -251,9 +315,9 @@ class PointModel:
         for place, leg in enumerate(self.known.ridden):
             own = np.flatnonzero((self.targets.body == LEG) & (self.targets.leg == leg))
             first = self.layout["seat"].start + 6 * place
-            by_shared[:, own, :, first:first + 3] = rotation[:, own] * FREE_LENGTH_M
+            by_shared[:, own, :, first : first + 3] = rotation[:, own] * FREE_LENGTH_M
             turned = -skew(shape[own] - offset[leg]) @ jacobian[place]
-            by_shared[:, own, :, first + 3:first + 6] = rotation[:, own] @ turned
+            by_shared[:, own, :, first + 3 : first + 6] = rotation[:, own] @ turned
 
     def _fill_rolls(self, by_local: NDArray, shape: NDArray, frames: LegFrames) -> None:
         first = self.local_size - len(self.known.ridden)
@@ -270,7 +334,8 @@ class PointModel:
         derivative = np.zeros((len(own), 3, self.shared_size))
         if "b" in self.layout:
             for axis in range(3):
-                derivative[np.arange(len(own)), axis, self.layout["b"].start + 3 * ridden + axis] = self.known.geometry["b"]
+                derivative[np.arange(len(own)), axis, self.layout["b"].start + 3 * ridden + axis] = self.known.geometry[
+                    "b"
+                ]
         residual = np.linalg.solve(factor, gap[..., None])[..., 0]
         return residual.reshape(-1), np.linalg.solve(factor, derivative).reshape(3 * len(own), self.shared_size)
-

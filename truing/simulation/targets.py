@@ -62,11 +62,14 @@ def _shortest(start: NDArray, z: NDArray) -> NDArray:
 
 def positions(state: State, targets: Targets, shape: NDArray, frames: LegFrames) -> NDArray:
     """Return the targets (B, K, 3) in the base frame for shapes (K, 3): base frame, platform frame, upright leg."""
-    points = np.broadcast_to(shape, (len(state.rho), *shape.shape)).astype(np.result_type(shape, state.R, frames.rotation))
+    points = np.broadcast_to(shape, (len(state.rho), *shape.shape)).astype(
+        np.result_type(shape, state.R, frames.rotation)
+    )
     on_platform, on_leg = targets.body == PLATFORM, targets.body == LEG
     upper = attachments(state.legs, state.delta_bz)
-    arms = np.where(targets.at_attachment[:, None], np.broadcast_to(upper, (len(points), *upper.shape[-2:]))
-                    [:, targets.leg], points)
+    arms = np.where(
+        targets.at_attachment[:, None], np.broadcast_to(upper, (len(points), *upper.shape[-2:]))[:, targets.leg], points
+    )
     points[:, on_platform] = state.p[:, None] + arms[:, on_platform] @ np.swapaxes(state.R, -1, -2)
     ridden = targets.leg[on_leg]
     turned = np.einsum("bkij,kj->bki", frames.rotation[:, ridden], shape[on_leg])

@@ -16,7 +16,7 @@ class LinearPlatformDeformation(Cause):
 
     id = "platform-deformation-linear"
     step = Step.STRUCTURE
-    says = "the platform deforms: each attachment shifts along the platform's z with its own actuator"
+    says = "each attachment shifts along the platform's z in proportion to its own actuator's displacement"
     confirm = "Move one actuator at a time through its range and measure the targets at all attachments."
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -34,7 +34,7 @@ class MatrixPlatformDeformation(Cause):
 
     id = "platform-deformation-matrix"
     step = Step.STRUCTURE
-    says = "the platform deforms: each attachment shifts along the platform's z with all actuators"
+    says = "the attachments shift along the platform's z in proportion to all actuators' displacements"
     confirm = "Move one actuator at a time through its range and measure the targets at all attachments."
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:

@@ -1,0 +1,245 @@
+"""From a run's tables to what the diagnosis compares: measured points of all bodies, and the model of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column, pose_ids, pose_points, positions, residual_points, survey_points
+from truing.estimation.acceptance import Poses
+from truing.estimation.point_fit import Frames, MeasuredPoints
+from truing.estimation.rigid import umeyama
+from truing.estimation.rotation import exp_so3
+from truing.simulation.legs import Legs
+from truing.simulation.mechanisms import mechanism
+from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M, Known, PointModel
+from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign, LeggedMechanism
+
+# A point this many robust standard deviations from the median of its own target is a gross error, not an effect.
+_GROSS = 12.0
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """Measured points and readings by role, the model of the plain simulation, and what was left out, in words."""
+
+    model: PointModel
+    calibration: Poses
+    held_out: Poses | None
+    left_out: str
+    framing: int  # platform targets that sit on no attachment
+
+
+@dataclass(frozen=True)
+class _Bodies:
+    """All bodies' targets one after the other."""
+
+    targets: Targets
+    shape: NDArray  # (K, 3) m
+    shape_cov: NDArray  # (K, 3, 3) m^2
+    points: NDArray  # (B, K, 3) m
+    cov: NDArray  # (B, K, 3, 3) m^2
+    seen: NDArray  # (B, K)
+
+
+def nominal_legs(section: LeggedMechanism) -> Legs:
+    """The mechanism that campaign.toml describes, in m."""
+    legs = section.legs
+    directions = None if any(leg.u is None for leg in legs) else [leg.u for leg in legs]
+    return mechanism(
+        section.type,
+        np.array([leg.a_mm for leg in legs]) * 1e-3,
+        np.array([leg.b_mm for leg in legs]) * 1e-3,
+        directions,
+        np.array([leg.length_mm for leg in legs]) * 1e-3,
+        np.array([leg.rho0_mm for leg in legs]) * 1e-3,
+    )
+
+
+def geometry_sigmas(section: LeggedMechanism) -> dict[str, float]:
+    """Prior standard deviations of a, b, u, l in m and rad; wide open where campaign.toml gives no tolerance."""
+    tolerance = section.tolerance
+    lengths = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
+    sigmas = {name: FREE_LENGTH_M if value is None else value * 1e-3 for name, value in lengths.items()}
+    if section.type == "6-pus":
+        sigmas["u"] = FREE_DIRECTION if tolerance.u is None else tolerance.u
+    return sigmas
+
+
+def readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int) -> NDArray:
+    """(B, L) actuator readings in m; NaN where a pose has none."""
+    found = np.full((len(poses), legs), np.nan)
+    place = positions(configurations.column("pose"), poses)
+    values = np.column_stack([number_column(configurations, f"rho{leg}_mm") for leg in range(1, legs + 1)]) * 1e-3
+    found[place[place >= 0]] = values[place >= 0]
+    return found
+
+
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    legs = nominal_legs(settings.mechanism)
+    poses = pose_ids(tables["configurations"])
+    bodies = _bodies(tables, poses, legs.count, settings)
+    if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
+        raise ValueError("needs surveyed targets on base and platform")
+    rho, frames = readings(tables["configurations"], poses, legs.count), _base_frames(tables["poses"], poses)
+    usable = np.isfinite(rho).all(1) & np.isfinite(frames.t).all(1)
+    role = _roles(tables["configurations"], poses)
+    fitted, held = usable & (role != "verification"), usable & (role == "verification")
+    if fitted.sum() < 3:
+        raise ValueError(f"needs at least 3 poses with readings and a base, found {int(fitted.sum())}")
+    model, bodies, dropped = _model(legs, bodies, rho, frames, fitted, settings)
+    words = [f"{int((~usable).sum())} poses without readings or base"] if not usable.all() else []
+    return Gathered(
+        model.at(rho[fitted]),
+        _poses(bodies, rho, frames, fitted),
+        _poses(bodies, rho, frames, held) if held.any() else None,
+        "; ".join([*words, *dropped]) or "nothing",
+        int(np.sum((bodies.targets.body == PLATFORM) & (bodies.targets.leg < 0))),
+    )
+
+
+def _bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], legs: int, settings: Campaign) -> _Bodies:
+    noise = (settings.noise.point_mm or 0.0) * 1e-3
+    kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
+    parts: dict[str, list[Any]] = {name: [] for name in ("body", "leg", "shape", "shape_cov", "points", "cov", "seen")}
+    for body, kind, ridden in kinds:
+        survey = survey_points(tables["survey"], body)
+        found = pose_points(tables["observations"], body, poses, survey.targets)
+        kept = found.seen & ~_gross(tables["residuals"], body, poses, survey.targets)
+        parts["body"].append(np.full(len(survey.targets), kind))
+        parts["leg"].append(survey.leg - 1 if kind == PLATFORM else np.full(len(survey.targets), ridden))
+        for name, value in (
+            ("shape", survey.points),
+            ("shape_cov", _filled(survey.cov, noise)),
+            ("points", found.points),
+            ("cov", _filled(found.cov, noise)),
+            ("seen", kept),
+        ):
+            parts[name].append(value)
+    joined = {
+        name: np.concatenate(values, 0 if name in ("body", "leg", "shape", "shape_cov") else 1)
+        for name, values in parts.items()
+    }
+    return _Bodies(Targets(joined.pop("body"), joined.pop("leg")), **joined)
+
+
+def _filled(cov: NDArray, noise: float) -> NDArray:
+    """Return covariances with the declared noise where a point carries none."""
+    known = np.isfinite(cov).all((-1, -2)) & (np.trace(np.nan_to_num(cov), axis1=-2, axis2=-1) > 0)
+    return np.where(known[..., None, None], cov, np.eye(3) * noise**2)
+
+
+def _gross(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> NDArray:
+    """(B, T) points that the pose stage rejected, or that lie far outside the spread of their own target."""
+    if not targets:
+        return np.zeros((len(poses), 0), bool)
+    values = residual_points(residuals, body, poses, targets)
+    known = np.isfinite(values).all(-1)
+    blank = np.where(known.any(0)[None, :, None], values, 0.0)
+    centre = np.nanmedian(blank, 0)
+    distance = np.sqrt(np.sum((blank - centre) ** 2, -1))
+    spread = np.nanmedian(distance, 0) / 1.538  # the median length of three unit normals
+    return ~known | (np.nan_to_num(distance) > _GROSS * np.maximum(spread, 1e-9))
+
+
+def _base_frames(table: pa.Table, poses: tuple[int | str, ...]) -> Frames:
+    """Frames from the base to the measurement; NaN where the base of a pose was not found."""
+    import pyarrow.compute as pc
+
+    rows = table.filter(pc.and_(table.column("default"), pc.equal(table.column("body"), "base")))
+    place = positions(rows.column("pose"), poses)
+    vector, t = np.zeros((len(poses), 3)), np.full((len(poses), 3), np.nan)
+    t[place[place >= 0]] = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"])[place >= 0] * 1e-3
+    vector[place[place >= 0]] = np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])[place >= 0]
+    return Frames(exp_so3(np.nan_to_num(vector)), t)
+
+
+def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
+    place = positions(configurations.column("pose"), poses)
+    roles = np.full(len(poses), "", object)
+    roles[place] = configurations.column("role").to_pylist()
+    return roles
+
+
+def _poses(bodies: _Bodies, rho: NDArray, frames: Frames, chosen: NDArray) -> Poses:
+    measured = MeasuredPoints(bodies.points[chosen], bodies.cov[chosen], bodies.seen[chosen])
+    return Poses(measured, rho[chosen], Frames(frames.R[chosen], frames.t[chosen]))
+
+
+def _model(
+    legs: Legs, bodies: _Bodies, rho: NDArray, frames: Frames, fitted: NDArray, settings: Campaign
+) -> tuple[PointModel, _Bodies, list[str]]:
+    """Return the plain model; legs whose targets do not fix them are left out, with the reason."""
+    seats = _leg_motions(legs, bodies, frames, fitted)
+    known = Known(
+        geometry_sigmas(settings.mechanism),
+        bodies.shape,
+        np.linalg.cholesky(bodies.shape_cov),
+        settings.noise.actuator_mm * 1e-3,
+        np.arange(0),
+        np.tile(np.eye(3), (legs.count, 1, 1)),
+        np.zeros((legs.count, 3)),
+    )
+    plain = PointModel(legs, bodies.targets, known, rho)
+    ridden = [] if legs.closure.name != "6-pus" else [leg for leg, motion in enumerate(seats) if motion is not None]
+    carrying = {int(leg) for leg in bodies.targets.leg[bodies.targets.body == LEG]}
+    dropped = [f"targets of leg{leg + 1} (fewer than three seen together off a line)" for leg in carrying - set(ridden)]
+    kept = (bodies.targets.body != LEG) | np.isin(bodies.targets.leg, ridden)
+    bodies = _subset(bodies, kept)
+    rotation, seat = known.seat_rotation.copy(), known.seat.copy()
+    for leg in ridden:
+        pose, R, t = seats[leg]
+        frame = plain.at(rho[pose : pose + 1]).plain_frames()
+        rotation[leg] = frame.rotation[0, leg].T @ R
+        seat[leg] = frame.rotation[0, leg].T @ (t - frame.origin[0, leg])
+    known = Known(
+        known.geometry,
+        bodies.shape,
+        np.linalg.cholesky(bodies.shape_cov),
+        known.reading_sigma,
+        np.array(ridden, int),
+        rotation,
+        seat,
+    )
+    return PointModel(legs, bodies.targets, known, rho), bodies, dropped
+
+
+def _leg_motions(
+    legs: Legs, bodies: _Bodies, frames: Frames, fitted: NDArray
+) -> list[tuple[int, NDArray, NDArray] | None]:
+    """Return for every leg its best measured pose and the motion from its survey to the base there; None without."""
+    in_base = (bodies.points - np.nan_to_num(frames.t)[:, None]) @ frames.R
+    found: list[tuple[int, NDArray, NDArray] | None] = []
+    for leg in range(legs.count):
+        own = (bodies.targets.body == LEG) & (bodies.targets.leg == leg)
+        if own.sum() < 3:
+            found.append(None)
+            continue
+        weight = (bodies.seen[:, own] & fitted[:, None]).astype(float)
+        fit = umeyama(bodies.shape[own], in_base[:, own], weight)
+        score = np.where(fit.ok, np.nan_to_num(fit.rms) - fit.n_used, np.inf)
+        best = int(np.argmin(score))
+        found.append((best, fit.R[best], fit.t[best]) if np.isfinite(score[best]) else None)
+    return found
+
+
+def _subset(bodies: _Bodies, kept: NDArray) -> _Bodies:
+    targets = Targets(bodies.targets.body[kept], bodies.targets.leg[kept])
+    return _Bodies(
+        targets,
+        bodies.shape[kept],
+        bodies.shape_cov[kept],
+        bodies.points[:, kept],
+        bodies.cov[:, kept],
+        bodies.seen[:, kept],
+    )
