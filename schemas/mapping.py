@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import string
 from typing import Annotated, Literal
@@ -32,6 +33,14 @@ def _is_template(template: str) -> str:
     return template
 
 
+def _is_encoding(name: str) -> str:
+    try:
+        codecs.lookup(name)
+    except LookupError:
+        raise ValueError("a known encoding, such as utf-8, utf-16, cp1252 or latin-1") from None
+    return name
+
+
 Pattern = Annotated[str, AfterValidator(_compiles)]
 GroupPattern = Annotated[str, AfterValidator(_has_groups)]
 Template = Annotated[str, AfterValidator(_is_template)]
@@ -54,7 +63,7 @@ class FileMapping(BaseModel):
     names: tuple[str, ...] = Field((), description="names for the columns of a file without header")
     decimal: Literal[".", ","] = "."
     thousands: Literal[",", ".", "'", " "] | None = Field(None, description="a blank: any kind of blank")
-    encoding: str = "utf-8"
+    encoding: Annotated[str, AfterValidator(_is_encoding)] = "utf-8"
     quote: str = Field('"', max_length=1, description="empty where a quotation mark is a mark like any other")
     comment: str | None = Field(None, description="lines that begin with it are passed over")
     skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
@@ -91,9 +100,9 @@ class FileMapping(BaseModel):
     time_format: str | None = Field(None, description="strptime format of time_s, counted from the earliest")
 
     @model_validator(mode="after")
-    def _wide_has_an_axis(self) -> FileMapping:
-        if self.wide is not None and ("{axis}" not in self.wide or "{target}" not in self.wide):
-            raise ValueError("wide needs {target} and {axis}")
+    def _wide_names_targets(self) -> FileMapping:
+        if self.wide is not None and ("{axis}" not in self.wide or self.wide.count("{") < 2):
+            raise ValueError('wide needs {axis} and the name of a column, such as "{target}_{axis}"')
         return self
 
     @property

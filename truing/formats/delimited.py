@@ -1,0 +1,226 @@
+"""Delimited text of every dialect, parsed block by block on all cores."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import chain
+from typing import IO, TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from schemas.mapping import FileMapping
+from truing.formats.faultlog import CellFaults
+from truing.formats.numbers import Notation
+from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+from truing.formats.text import Lines, record_blocks, skip_lines, split_lines, take_record, utf8_chunks
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+T = TypeVar("T")
+S = TypeVar("S")
+
+_SEPARATORS = ("\t", ";", "|", ",")
+_NUMBERS_SIDE_BY_SIDE = re.compile(r"\s*[-+\d.,eE]+(\s+[-+\d.,eE]+)+\s*")
+_GROUPED = re.compile(Notation(",", " ").pattern + "|" + Notation(".", " ").pattern)
+
+
+def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
+    """The records of a text file; raises Unusable where it has none or cannot be cut into records."""
+    blocks = record_blocks(utf8_chunks(stream, entry.encoding), entry.quote.encode())
+    first = skip_lines(next(blocks, b""), entry.skip_lines)
+    separator = separator_of(entry, first)
+    lines = Lines.of(entry, separator)
+    has_header = entry.header is not False
+    heading, rest = take_record(first, lines.of_heading() if has_header else lines)
+    if heading is None:
+        raise Unusable("at least one record; there is none")
+    names = column_names(heading, separator, entry)
+    kinds = wanted(names, None)
+    if kinds is None:
+        return
+    parser = _Parser(lines, separator, entry, len(names), kinds)
+    done = 0
+    for batch, count in _in_order(parser.parse, _prepend(rest if has_header else first, blocks)):
+        yield _from_record(batch, done)
+        done += count
+    if done == 0:
+        raise Unusable("at least one record below the header")
+
+
+def separator_of(entry: FileMapping, block: bytes) -> str:
+    """The declared separator, or the one that cuts the first records into equally many clean fields."""
+    if entry.separator is not None:
+        return {"blank": " ", "tab": "\t"}.get(entry.separator, entry.separator)
+    records = Lines.of(entry, "whitespace")
+    head = [line for line in split_lines(block[: 1 << 16], entry.quote.encode())[:60] if records.is_record(line)]
+    return guess_separator([line.decode(errors="replace").strip("\r\n") for line in head[:30]], entry.quote)
+
+
+def guess_separator(lines: list[str], quote: str) -> str:
+    """The separator of some lines; a comma where there is but one column."""
+    for separator in (*_SEPARATORS, "whitespace"):
+        cut = [split_record(line.encode(), separator, quote) for line in lines]
+        counts = [len(fields) for fields in cut]
+        most = max(set(counts), key=counts.count, default=1)
+        if most > 1 and counts.count(most) >= 0.8 * len(counts) and all(map(_is_clean, chain(*cut[1:]))):
+            return separator
+    return ","
+
+
+def _is_clean(field: str) -> bool:
+    return not _NUMBERS_SIDE_BY_SIDE.fullmatch(field) or _GROUPED.match(field.strip()) is not None
+
+
+def split_record(record: bytes, separator: str, quote: str) -> list[str]:
+    """The fields of one record, without the blanks around them."""
+    text = record.decode(errors="replace").strip("\r\n")
+    if separator == "whitespace":
+        return text.split()
+    quoting = csv.QUOTE_MINIMAL if quote else csv.QUOTE_NONE
+    fields = next(
+        csv.reader(io.StringIO(text, newline=""), delimiter=separator, quotechar=quote or None, quoting=quoting), []
+    )
+    return [field.strip() for field in fields]
+
+
+def column_names(heading: bytes, separator: str, entry: FileMapping) -> tuple[str, ...]:
+    """Names of the columns: those of the header, else the mapping's own, else their positions from 1."""
+    fields = split_record(heading, separator, entry.quote)
+    if entry.header is not False:
+        return tuple(fields)
+    positions = [str(position + 1) for position in range(len(fields))]
+    return (*entry.names[: len(fields)], *positions[len(entry.names) :])
+
+
+@dataclass(frozen=True)
+class _Parser:
+    lines: Lines
+    separator: str
+    entry: FileMapping
+    width: int
+    kinds: Mapping[int, Kind]
+
+    def parse(self, block: bytes) -> tuple[RawBatch, int]:
+        """One block's records, and how many there are (those with too few or too many fields included)."""
+        import pyarrow as pa
+
+        if self.entry.thousands is None:
+            try:
+                return self._typed(self.lines.records(block) if self.lines.may_pass_over(block) else block)
+            except pa.ArrowInvalid:
+                pass  # some cell is not what its column promises: as text it can be said which
+        return self._as_text(self.lines.records(block))
+
+    def _typed(self, text: bytes) -> tuple[RawBatch, int]:
+        import pyarrow as pa
+
+        types = {"number": pa.float64(), "identifier": pa.int64(), "text": pa.dictionary(pa.int32(), pa.string())}
+        table = self._read(text, types, None)
+        if any(table[str(i)].null_count for i, kind in self.kinds.items() if kind != "text"):
+            raise pa.ArrowInvalid("an empty cell may be one that means missing, or stand in a blank line")
+        return self._batch(table, []), table.num_rows
+
+    def _as_text(self, text: bytes) -> tuple[RawBatch, int]:
+        import pyarrow as pa
+
+        if not text:
+            return RawBatch({}, consecutive(0, 0)), 0
+        _check_utf8(text, self.lines)
+        ragged: list[tuple[int, str]] = []
+
+        def collect(row: object) -> str:
+            ragged.append((row.number - 1, f"{row.actual_columns} columns"))  # type: ignore[attr-defined]
+            return "skip"
+
+        texts = pa.dictionary(pa.int32(), pa.string())
+        types = {"number": pa.string(), "identifier": texts, "text": texts}
+        table = self._read(text, types, collect)
+        return self._batch(table, ragged), table.num_rows + len(ragged)
+
+    def _read(self, text: bytes, types: Mapping[str, pa.DataType], on_ragged: Callable | None) -> pa.Table:
+        import pyarrow as pa
+        import pyarrow.csv as pacsv
+
+        separator, quote = self.separator, self.entry.quote
+        if separator == "whitespace":
+            separator, text = " ", _single_blanks(text)
+        return pacsv.read_csv(
+            pa.py_buffer(text),
+            read_options=pacsv.ReadOptions(
+                use_threads=False, block_size=len(text) + 1, column_names=[str(i) for i in range(self.width)]
+            ),
+            parse_options=pacsv.ParseOptions(
+                delimiter=separator,
+                quote_char=quote or False,
+                newlines_in_values=bool(quote) and quote.encode() in text,
+                invalid_row_handler=on_ragged,
+            ),
+            convert_options=pacsv.ConvertOptions(
+                include_columns=[str(i) for i in self.kinds],
+                column_types={str(i): types[kind] for i, kind in self.kinds.items()},
+                decimal_point=self.entry.decimal,
+                null_values=["", *self.entry.missing],
+                strings_can_be_null=False,
+            ),
+        )
+
+    def _batch(self, table: pa.Table, ragged: list[tuple[int, str]]) -> RawBatch:
+        rows = consecutive(0, table.num_rows + len(ragged))
+        records = np.delete(rows, [row for row, _ in ragged]) if ragged else rows
+        columns = {i: table[str(i)].combine_chunks() for i in self.kinds}
+        if not ragged:
+            return RawBatch(columns, records)
+        fault = CellFaults(f"{self.width} columns in every row", None, tuple(ragged), len(ragged))
+        return RawBatch(columns, records, (fault,))
+
+
+def _from_record(batch: RawBatch, first: int) -> RawBatch:
+    faults = tuple(
+        CellFaults(f.expected, f.column, tuple((first + record, value) for record, value in f.cells), f.count)
+        for f in batch.faults
+    )
+    return RawBatch(batch.columns, batch.records + first, faults)
+
+
+def _single_blanks(text: bytes) -> bytes:
+    text = text.translate(bytes.maketrans(b"\t\r", b"  "))
+    while b"  " in text:
+        text = text.replace(b"  ", b" ")
+    return text.replace(b" \n", b"\n").replace(b"\n ", b"\n").strip(b" ")
+
+
+def _check_utf8(text: bytes, lines: Lines) -> None:
+    try:
+        text.decode()
+    except UnicodeDecodeError as error:
+        raise Unusable(
+            'text in UTF-8; exports of older programs are read with encoding = "cp1252"',
+            value=split_lines(text[: error.end], lines.quote)[-1].decode(errors="replace")[-40:],
+        ) from None
+
+
+def _prepend(first: bytes, rest: Iterator[bytes]) -> Iterator[bytes]:
+    if first:
+        yield first
+    yield from rest
+
+
+def _in_order(function: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+    """The function over the items on all cores, in order, with few items under way at a time."""
+    workers = min(4, os.cpu_count() or 1)
+    pending: deque = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for item in items:
+            pending.append(pool.submit(function, item))
+            if len(pending) > workers:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()

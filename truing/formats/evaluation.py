@@ -1,0 +1,325 @@
+"""Carrying a plan out on a batch: a table's columns in its own units, what was left out, and what is wrong."""
+
+from __future__ import annotations
+
+import calendar
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.columns import Column
+from truing.formats.dictionaries import as_dictionary, codes, constant, renamed, strings, whole_number, with_values
+from truing.formats.faultlog import CellFaults, Records
+from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread
+from truing.formats.numbers import Notation
+from truing.formats.raw import RawBatch
+from truing.formats.reshaping import spread_arrays, widen
+from truing.formats.shapes import COORDINATES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TableBatch:
+    """Rows of a table: columns by name in the units of their names, and the record each row stands in."""
+
+    columns: dict[str, pa.Array]
+    records: Records
+    faults: tuple[CellFaults, ...] = ()
+    left_out: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def rows(self) -> int:
+        """How many rows."""
+        return len(self.records)
+
+
+def evaluate(plan: Plan, batch: RawBatch) -> TableBatch:
+    """The rows of a table that a batch of raw records gives."""
+    batch = widen(plan, spread_arrays(plan, batch))
+    selection = _Work(plan, batch)
+    chosen = selection.selected()
+    work = _Work(plan, _filtered(batch, chosen))
+    wanted = {name: column for name, column in plan.columns.items() if work.is_of_use(name)}
+    columns = {name: work.column(name, column) for name, column in wanted.items()}
+    records, keep = work.batch.records, work.present()
+    if not keep.all():
+        columns = {name: _rows(values, keep) for name, values in columns.items()}
+        records = records[keep]
+    return TableBatch(columns, records, (*batch.faults, *work.faults), selection.left_out + work.left_out)
+
+
+def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
+    if keep.all():
+        return batch
+    return RawBatch({key: _rows(values, keep) for key, values in batch.columns.items()}, batch.records[keep])
+
+
+def _rows(values: pa.Array, keep: Mask) -> pa.Array:
+    import pyarrow as pa
+
+    return values.filter(pa.array(keep))
+
+
+def _seconds(text: str, time_format: str) -> float | None:
+    """Seconds since 1970 of a time without zone."""
+    try:
+        moment = datetime.strptime(text, time_format)
+    except ValueError:
+        return None
+    return calendar.timegm(moment.timetuple()) + 1e-6 * moment.microsecond
+
+
+@dataclass
+class _Work:
+    plan: Plan
+    batch: RawBatch
+    faults: list[CellFaults] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)
+    missing: dict[str, Mask] = field(default_factory=dict)
+
+    @cached_property
+    def notation(self) -> Notation:
+        """How the file's numbers are written."""
+        entry = self.plan.entry
+        return Notation(entry.decimal, entry.thousands, frozenset(entry.missing))
+
+    def column(self, name: str, column: Column) -> pa.Array:
+        """One column of the table, in its type and unit."""
+        if column.kind == "identifier":
+            return self._identifiers(name)
+        if column.kind == "text":
+            return self._names(name, column)
+        if name == "time_s" and self.plan.entry.time_format is not None:
+            return self._times(name)
+        values = self._scaled(name, column)
+        return self._whole(name, values) if column.kind == "integer" else values
+
+    def is_of_use(self, name: str) -> bool:
+        """False for a column that nobody asked for and that mostly holds no numbers."""
+        if name not in self.plan.unasked:
+            return True
+        values, bad = self.notation.parse(self._raw(name).cast("string"))
+        return int(np.count_nonzero(bad)) <= len(values) - values.null_count
+
+    # -- text ---------------------------------------------------------------------------------------------
+
+    def texts(self, name: str) -> pa.DictionaryArray:
+        """A column as text, renamed; rows that a regular expression does not fit are left out."""
+        found = self._texts(name)
+        renames = self.plan.entry.rename.get(name)
+        if renames is None:
+            return found
+        patterns = [(re.compile(pattern), text) for pattern, text in renames.items()]
+        return with_values(found, [renamed(text, patterns) for text in found.dictionary.to_pylist()])
+
+    def _texts(self, name: str) -> pa.DictionaryArray:
+        origin = self.plan.origin(name)
+        if isinstance(origin, Constant):
+            return constant(str(origin.value), self.batch.rows)
+        if isinstance(origin, RowNumber):
+            return as_dictionary(strings((self.batch.records + origin.first).tolist()))
+        if isinstance(origin, Joined):
+            return self._joined(origin)
+        if isinstance(origin, Group):
+            return self._group(origin)
+        return as_dictionary(self._raw(name))
+
+    def _raw(self, name: str) -> pa.Array:
+        origin = self.plan.origin(name)
+        if isinstance(origin, Spread):
+            return self.batch.columns[origin.name]
+        if isinstance(origin, RawColumn):
+            return self.batch.columns[origin.position]
+        return self.texts(name)
+
+    def _joined(self, origin: Joined) -> pa.DictionaryArray:
+        parts = [self.texts(column).cast("string").to_pylist() for column in origin.columns]
+        joined = [
+            origin.template.format(**dict(zip(origin.columns, row, strict=True))) for row in zip(*parts, strict=True)
+        ]
+        return as_dictionary(strings(joined))
+
+    def _group(self, origin: Group) -> pa.DictionaryArray:
+        texts = self.texts(origin.column)
+        matches = [origin.pattern.fullmatch(text or "") for text in texts.dictionary.to_pylist()]
+        return with_values(texts, [(match[origin.name] or "") if match else "" for match in matches])
+
+    def _names(self, name: str, column: Column) -> pa.DictionaryArray:
+        texts = self.texts(name)
+        values = texts.dictionary.to_pylist()
+        if not column.nullable and name != "target":
+            self._unless(np.array([bool(v) for v in values], dtype=bool), texts, name, f"a {name} in every row")
+        if column.choices:
+            known = np.array([not v or v in column.choices for v in values], dtype=bool)
+            self._unless(known, texts, name, f"one of {', '.join(column.choices)}")
+        return texts
+
+    def _unless(self, good: Mask, texts: pa.DictionaryArray, name: str, expected: str) -> None:
+        if not good.all():
+            self._fault(~good[codes(texts)], texts, name, expected)
+
+    def _identifiers(self, name: str) -> pa.Array:
+        import pyarrow as pa
+
+        origin, shift = self.plan.origin(name), self.plan.entry.offset.get(name, 0)
+        if isinstance(origin, RowNumber) and not self.plan.poses_as_text and name not in self.plan.entry.rename:
+            return pa.array(self.batch.records + origin.first + shift)
+        raw = self._raw(name) if isinstance(origin, RawColumn) else None
+        if raw is not None and pa.types.is_int64(raw.type) and name not in self.plan.entry.rename:
+            return raw if not shift else pa.array(np.asarray(raw) + shift)
+        return self._text_identifiers(name, shift)
+
+    def _text_identifiers(self, name: str, shift: int) -> pa.Array:
+        import pyarrow as pa
+
+        texts = self.texts(name)
+        values = texts.dictionary.to_pylist()
+        self._unless(np.array([bool(v) for v in values], dtype=bool), texts, name, f"a {name} in every row")
+        numbers = [whole_number(value) for value in values]
+        if shift:
+            whole = np.array([number is not None for number in numbers], dtype=bool)
+            self._unless(whole, texts, name, "a whole number, as an offset is to be added")
+            numbers = [None if number is None else number + shift for number in numbers]
+        if self.plan.poses_as_text or None in numbers:
+            return texts if not shift else with_values(texts, [str(number) for number in numbers])
+        return pa.array(np.array(numbers, dtype=np.int64)[codes(texts)] if numbers else np.zeros(0, np.int64))
+
+    # -- numbers ------------------------------------------------------------------------------------------
+
+    def _scaled(self, name: str, column: Column) -> pa.Array:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        values = self._numbers(name, column)
+        factor, offset = self.plan.scale(name)
+        shift = self.plan.entry.offset.get(name, 0)
+        if (factor, offset, shift) != (1.0, 0.0, 0):
+            values = pc.add(pc.multiply(pc.add(values, float(shift)), factor), offset)
+        plain = np.asarray(values.fill_null(0.0) if values.null_count else values)
+        self._outside(~np.isfinite(plain), values, name, "a finite number")
+        if column.minimum is not None:
+            self._outside(plain < column.minimum, values, name, f"at least {column.minimum:g} {column.unit}".rstrip())
+        if column.maximum is not None:
+            self._outside(plain > column.maximum, values, name, f"at most {column.maximum:g} {column.unit}".rstrip())
+        return values if pa.types.is_float64(values.type) else values.cast(pa.float64())
+
+    def _outside(self, wrong: Mask, values: pa.Array, name: str, expected: str) -> None:
+        if wrong.any():
+            if values.null_count:
+                wrong = wrong & np.asarray(values.is_valid())
+            self._fault(wrong, values, name, expected)
+
+    def _numbers(self, name: str, column: Column) -> pa.Array:
+        import pyarrow as pa
+
+        origin = self.plan.origin(name)
+        if isinstance(origin, RowNumber):
+            return pa.array((self.batch.records + origin.first).astype(float))
+        raw = self._raw(name)
+        if pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type):
+            values, blank = raw.cast(pa.float64()), np.asarray(raw.is_null())
+        else:
+            values, blank = self._parsed(name, raw)
+        values = self._without_missing(values)
+        if name in COORDINATES:
+            self.missing[name] = np.asarray(values.is_null())
+        if not column.nullable and "" not in self.notation.missing and blank.any():
+            self._fault(blank, None, name, "a number; an empty cell has to be declared by missing", "")
+        return values
+
+    def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask]:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        texts = raw.cast(pa.string())
+        values, bad = self.notation.parse(texts)
+        if bad.any():
+            first = texts[int(np.flatnonzero(bad)[0])].as_py()
+            self._fault(bad, texts, name, self.notation.advice(first))
+        return values, np.asarray(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), ""))
+
+    def _without_missing(self, values: pa.Array) -> pa.Array:
+        import pyarrow as pa
+
+        markers = list(self.notation.missing_numbers)
+        if any(text.casefold() == "nan" for text in self.notation.missing):
+            markers.append(np.nan)
+        if not markers:
+            return values
+        plain = np.asarray(values.fill_null(np.nan) if values.null_count else values)
+        gone = np.logical_or.reduce([np.isnan(plain) if np.isnan(m) else plain == m for m in markers])
+        return pa.array(plain, mask=gone | np.asarray(values.is_null()))
+
+    def _whole(self, name: str, values: pa.Array) -> pa.Array:
+        import pyarrow as pa
+
+        plain = np.asarray(values.fill_null(0.0))
+        self._outside(plain != np.round(plain), values, name, "a whole number")
+        return pa.array(np.round(plain).astype(np.int64), mask=np.asarray(values.is_null()))
+
+    def _times(self, name: str) -> pa.Array:
+        import pyarrow as pa
+
+        texts = self.texts(name)
+        seconds = [_seconds(text, self.plan.entry.time_format or "") for text in texts.dictionary.to_pylist()]
+        good = np.array([second is not None for second in seconds], dtype=bool)
+        self._unless(good, texts, name, f"a time written as {self.plan.entry.time_format}")
+        return pa.array(np.array([np.nan if s is None else s for s in seconds], dtype=float)[codes(texts)])
+
+    # -- rows ---------------------------------------------------------------------------------------------
+
+    def selected(self) -> Mask:
+        """Which rows are wanted at all: those that are selected, and that the regular expressions fit."""
+        keep = np.ones(self.batch.rows, dtype=bool)
+        if not self.batch.rows:
+            return keep
+        patterns = (*self.plan.entry.select.items(), *self.plan.entry.split.items())
+        for name, pattern in patterns:
+            texts = self.texts(name)
+            fits = [re.fullmatch(pattern, text or "") is not None for text in texts.dictionary.to_pylist()]
+            gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
+            self._leave_out(gone, f"{name} is not like {pattern}")
+            keep &= ~gone
+        return keep
+
+    def present(self) -> Mask:
+        """Which points are there: those of which no coordinate is missing, by itself or as one of three."""
+        gone = np.zeros(self.batch.rows, dtype=bool)
+        if not self.plan.shape.has_coordinates or len(self.missing) < 3:
+            return ~gone
+        for name in COORDINATES:
+            gone |= self.missing[name]
+        for triple in self.notation.missing_triples:
+            raw = [self._raw_numbers(name) for name in COORDINATES]
+            gone |= np.logical_and.reduce([values == value for values, value in zip(raw, triple, strict=True)])
+        said = ", ".join(repr(text) for text in self.plan.entry.missing) or "no number"
+        self._leave_out(gone, f"a coordinate means missing ({said})")
+        return ~gone
+
+    def _raw_numbers(self, name: str) -> NDArray[np.float64]:
+        import pyarrow as pa
+
+        raw = self._raw(name)
+        if not (pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type)):
+            raw, _ = self.notation.parse(raw.cast(pa.string()))
+        return np.asarray(raw.cast(pa.float64()).fill_null(np.nan))
+
+    def _leave_out(self, gone: Mask, reason: str) -> None:
+        if count := int(np.count_nonzero(gone)):
+            self.left_out[reason] += count
+
+    def _fault(self, wrong: Mask, values: pa.Array | None, name: str, expected: str, value: str | None = None) -> None:
+        found = CellFaults.where(wrong, self.batch.records, values, self.plan.raw_name(name), expected)
+        if value is not None:
+            found = CellFaults(expected, found.column, tuple((row, value) for row, _ in found.cells), found.count)
+        self.faults.append(found)

@@ -1,0 +1,103 @@
+"""Collecting what is wrong with raw files: every kind of fault, the first few of each, and how many more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SHOWN = 3
+"""How many faults of one kind are listed one by one."""
+
+Records = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CellFaults:
+    """One kind of fault in one column of one file: the first records (from 0) with their values, and how many."""
+
+    expected: str
+    column: str | None
+    cells: tuple[tuple[int, str | None], ...]
+    count: int
+
+    @classmethod
+    def where(
+        cls, mask: NDArray[np.bool_], records: Records, values: pa.Array | None, column: str | None, expected: str
+    ) -> CellFaults:
+        """The faults at the rows where a mask is set; ``values`` are what stands there."""
+        rows = np.flatnonzero(mask)
+        cells = tuple((int(records[row]), _shown(values, int(row))) for row in rows[:SHOWN])
+        return cls(expected, column, cells, len(rows))
+
+
+def _shown(values: pa.Array | None, row: int) -> str | None:
+    if values is None:
+        return None
+    value = values[row].as_py()
+    return "" if value is None else str(value)[:80]
+
+
+@dataclass
+class _Kind:
+    first: list[tuple[int, Fault]] = field(default_factory=list)
+    count: int = 0
+
+
+class FaultLog:
+    """Every fault of a campaign's files; records are turned into lines only when there is something to say."""
+
+    def __init__(self) -> None:
+        self._plain: dict[tuple[str, str | None, str], list[Fault]] = {}
+        self._cells: dict[tuple[str, str | None, str], _Kind] = {}
+        self._locate: dict[str, Callable[[Sequence[int]], Sequence[int]]] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._plain or self._cells)
+
+    def add(self, fault: Fault) -> None:
+        """A fault that concerns no row, or whose row is known."""
+        self._plain.setdefault((fault.file, fault.column, fault.expected), []).append(fault)
+
+    def cells(self, file: str, faults: CellFaults, locate: Callable[[Sequence[int]], Sequence[int]]) -> None:
+        """Faults in the records of a file; ``locate`` turns records into the rows that an editor counts."""
+        kind = self._cells.setdefault((file, faults.column, faults.expected), _Kind())
+        kind.count += faults.count
+        self._locate[file] = locate
+        for record, value in faults.cells[: SHOWN - len(kind.first)]:
+            kind.first.append((record, Fault(file, faults.expected, column=faults.column, value=value)))
+
+    def faults(self) -> tuple[Fault, ...]:
+        """All faults, by file and kind, capped with a count."""
+        plain = [fault for faults in self._plain.values() for fault in _capped(faults, len(faults))]
+        return (*plain, *(fault for file in self._locate for fault in self._of_file(file)))
+
+    def _of_file(self, file: str) -> list[Fault]:
+        kinds = [kind for (name, _, _), kind in self._cells.items() if name == file]
+        records = sorted({record for kind in kinds for record, _ in kind.first})
+        row = dict(zip(records, self._locate[file](records), strict=True))
+        return [
+            fault
+            for kind in kinds
+            for fault in _capped([replace(f, row=row[record]) for record, f in kind.first], kind.count)
+        ]
+
+    def throw(self) -> None:
+        """Raise CampaignFaults where there is any fault."""
+        if self:
+            raise CampaignFaults(self.faults())
+
+
+def _capped(faults: list[Fault], count: int) -> list[Fault]:
+    shown = faults[:SHOWN]
+    if count > len(shown):
+        shown[-1] = replace(shown[-1], more=count - len(shown))
+    return shown

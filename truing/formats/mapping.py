@@ -1,0 +1,345 @@
+"""From a raw file's columns to those of a table: what [files.<table>] says, worked out once per file."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import string
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from schemas.campaign import FileMapping
+from schemas.columns import Column
+from truing.formats.raw import Kind
+from truing.formats.shapes import COORDINATES, Shape
+from truing.formats.units import UnknownUnit, conversion
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The same value in every row."""
+
+    value: str | int | float
+
+
+@dataclass(frozen=True)
+class RawColumn:
+    """A column of the file, by position."""
+
+    position: int
+
+
+@dataclass(frozen=True)
+class Group:
+    """A named group of a regular expression that another column's whole value matches."""
+
+    column: str
+    pattern: re.Pattern[str]
+    name: str
+
+
+@dataclass(frozen=True)
+class RowNumber:
+    """The number of the record in its file."""
+
+    first: int
+
+
+@dataclass(frozen=True)
+class Joined:
+    """A template of other columns."""
+
+    template: str
+    columns: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A column that turning wide rows long makes: target (and other names of the template), or a coordinate."""
+
+    name: str
+
+
+Origin = Constant | RawColumn | Group | RowNumber | Joined | Spread
+
+
+@dataclass(frozen=True)
+class WideGroup:
+    """One target of a wide row: what the template's names are for it, and where its coordinates stand."""
+
+    labels: dict[str, str]
+    positions: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """A mapping that does not fit its file: what was expected, and of which column."""
+
+    expected: str
+    column: str | None = None
+    value: str | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A mapping worked out for one file with columns ``names``: where each column of the table comes from."""
+
+    entry: FileMapping
+    shape: Shape
+    file_name: str
+    names: tuple[str, ...]
+    preset: frozenset[str] = frozenset()
+    poses_as_text: bool = False
+    misfits: list[Misfit] = field(default_factory=list)
+
+    @cached_property
+    def all_names(self) -> tuple[str, ...]:
+        """The file's columns, followed by those that cells with several numbers spread into."""
+        return (*self.names, *(name for names in self.entry.arrays.values() for name in names))
+
+    @cached_property
+    def from_name(self) -> dict[str, str]:
+        """Columns that the file's name gives."""
+        pattern = self.entry.from_name
+        if pattern is None:
+            return {}
+        name = self.file_name if "/" in pattern else self.file_name.rsplit("/", 1)[-1]
+        match = re.search(pattern, name)
+        if match is None:
+            self.misfits.append(Misfit(f"a name that matches {pattern}", value=name))
+            return dict.fromkeys(re.compile(pattern).groupindex, "")
+        return {group: text or "" for group, text in match.groupdict().items()}
+
+    @cached_property
+    def groups(self) -> dict[str, Group]:
+        """Columns that a regular expression takes from another column."""
+        patterns = {column: re.compile(pattern) for column, pattern in self.entry.split.items()}
+        return {name: Group(column, p, name) for column, p in patterns.items() for name in p.groupindex}
+
+    @cached_property
+    def wide(self) -> tuple[WideGroup, ...]:
+        """The targets of a wide row, in the order of their columns."""
+        if self.entry.wide is None:
+            return ()
+        pattern = re.compile(_template_pattern(self.entry.wide))
+        found: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
+        for position, name in enumerate(self.all_names):
+            if match := pattern.fullmatch(name):
+                labels = match.groupdict()
+                axis = labels.pop("axis").lower()
+                found.setdefault(tuple(sorted(labels.items())), {})[axis] = position
+        return tuple(
+            WideGroup(dict(labels), (axes["x"], axes["y"], axes["z"]))
+            for labels, axes in found.items()
+            if len(axes) == 3
+        )
+
+    @cached_property
+    def spread(self) -> frozenset[str]:
+        """Names of the columns that wide rows turned long have."""
+        return frozenset((*self.wide[0].labels, *COORDINATES)) if self.wide else frozenset()
+
+    def origin(self, name: str) -> Origin | None:
+        """Where a column comes from; None where nothing gives it."""
+        entry = self.entry
+        if name in entry.constants:
+            return Constant(entry.constants[name])
+        if name in self.from_name:
+            return Constant(self.from_name[name])
+        if name in self.groups:
+            return self.groups[name]
+        if name in entry.number_rows:
+            return RowNumber(entry.number_rows[name])
+        if name in entry.join:
+            return Joined(entry.join[name], template_fields(entry.join[name]))
+        if name in self.spread:
+            return Spread(name)
+        reference = entry.columns.get(name, name)
+        if isinstance(reference, str) and reference != name and self._is_made(reference):
+            return self.origin(reference)
+        return self._raw(reference)
+
+    def _is_made(self, name: str) -> bool:
+        entry = self.entry
+        made = (entry.constants, self.from_name, self.groups, entry.number_rows, entry.join, self.spread)
+        return any(name in names for names in made)
+
+    def _raw(self, reference: str | int) -> RawColumn | None:
+        if isinstance(reference, int):
+            return RawColumn(reference - 1) if 1 <= reference <= len(self.all_names) else None
+        if reference in self.all_names:
+            return RawColumn(self.all_names.index(reference))
+        folded = [name.casefold().strip() for name in self.all_names]
+        same = reference.casefold().strip()
+        return RawColumn(folded.index(same)) if folded.count(same) == 1 else None
+
+    @cached_property
+    def columns(self) -> dict[str, Column]:
+        """The table's columns that this file gives, and their definitions."""
+        given = [name for name in self.shape.known(self._nameable) if self.origin(name) is not None]
+        return {name: column for name in (*given, *self._carried(given)) if (column := self.shape.column(name))}
+
+    @cached_property
+    def _nameable(self) -> tuple[str, ...]:
+        entry = self.entry
+        made = (*entry.columns, *entry.constants, *self.from_name, *self.groups, *entry.number_rows, *entry.join)
+        return tuple(dict.fromkeys((*made, *self.all_names)))
+
+    @cached_property
+    def unasked(self) -> frozenset[str]:
+        """Covariates that the mapping does not name: they are carried along where they are numbers."""
+        entry = self.entry
+        arrays = [name for names in entry.arrays.values() for name in names]
+        asked = {*entry.columns, *entry.constants, *self.from_name, *self.groups, *entry.number_rows, *entry.join}
+        carried = set(self.columns) - set(self.shape.known(self._nameable))
+        return frozenset(carried - asked - set(arrays))
+
+    def _carried(self, given: list[str]) -> Iterator[str]:
+        """Covariates: what the mapping names beyond the contract, and the file's other columns."""
+        if not self.shape.covariates:
+            return
+        used = {origin.position for name in given if isinstance(origin := self.origin(name), RawColumn)}
+        helpers = {group.column for group in self.groups.values()} | set(self.entry.arrays)
+        for name in self._nameable:
+            origin = self.origin(name)
+            if name in given or name in helpers or not name or origin is None:
+                continue
+            if isinstance(origin, RawColumn):
+                if origin.position in used:
+                    continue
+                used.add(origin.position)
+            yield name
+
+    @cached_property
+    def kinds(self) -> dict[int, Kind]:
+        """Which raw columns to read, and as what."""
+        found: dict[int, Kind] = {}
+        for position in (position for group in self.wide for position in group.positions):
+            cell = self._array_position(position)
+            found[cell] = "number" if cell == position else "text"
+        for name, column in self.columns.items():
+            self._need(name, self._kind(column), found, ())
+        for name in self.entry.select:
+            self._need(name, "text", found, ())
+        return found
+
+    def _kind(self, column: Column) -> Kind:
+        if not self.shape.streams or (column.kind == "identifier" and self.poses_as_text):
+            return "text"
+        return "number" if column.kind == "real" else "identifier" if column.kind == "identifier" else "text"
+
+    def _need(self, name: str, kind: Kind, found: dict[int, Kind], within: tuple[str, ...]) -> None:
+        if name in within:
+            self.misfits.append(Misfit("a column that is not made of itself", column=name))
+            return
+        origin = self.origin(name)
+        if isinstance(origin, RawColumn):
+            position = self._array_position(origin.position)
+            as_text = name in self.entry.rename or position != origin.position or found.get(position, kind) != kind
+            found[position] = "text" if as_text else kind
+        for column in _made_of(origin):
+            if self.origin(column) is None:
+                self.misfits.append(self._not_there(column))
+            self._need(column, "text", found, (*within, name))
+
+    def _array_position(self, position: int) -> int:
+        """The position to read for a column: that of the cell which holds it among others, where one does."""
+        if position < len(self.names):
+            return position
+        return next(
+            (
+                cell.position
+                for column, first, names in self.arrays()
+                if first <= position < first + len(names)
+                if (cell := self._raw(column)) is not None
+            ),
+            position,
+        )
+
+    def arrays(self) -> Iterator[tuple[str, int, tuple[str, ...]]]:
+        """Raw columns with several numbers in a cell: their name, and the position and names of what they hold."""
+        first = len(self.names)
+        for column, names in self.entry.arrays.items():
+            yield column, first, names
+            first += len(names)
+
+    def check(self) -> list[Misfit]:
+        """Everything in which the mapping does not fit the file."""
+        wanted = [name for name in self.shape.required if name not in self.columns]
+        misfits = [self._not_there(name) for name in wanted]
+        asked = (*self.entry.columns, *self.entry.select, *self.entry.rename, *self.entry.offset, *self.entry.arrays)
+        for name in dict.fromkeys(asked):
+            if name not in wanted and name not in self.preset and self.origin(name) is None:
+                misfits.append(self._not_there(name))
+        misfits += [m for name in self._nameable if (m := self._unknown(name)) is not None]
+        misfits += [m for name in self.columns if (m := self._unit_misfit(name)) is not None]
+        if self.entry.wide is not None and not self.wide:
+            misfits.append(Misfit(f"columns named like {self.entry.wide}", value=", ".join(self.names)[:80]))
+        _ = self.kinds
+        return [*misfits, *self.misfits]
+
+    def _not_there(self, name: str) -> Misfit:
+        reference = self.entry.columns.get(name, name)
+        if isinstance(reference, int):
+            return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
+        known = [other for other in self.all_names if other]
+        close = difflib.get_close_matches(reference, known, n=1, cutoff=0.5)
+        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known) or 'none'}"
+        said = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
+        return Misfit(f"{said}; {hint[:300]}", column=name)
+
+    def _unknown(self, name: str) -> Misfit | None:
+        """A column that is nearly, but not quite, one that the table may have and lacks."""
+        entry = self.entry
+        if self.shape.column(name) is not None or (name in self.names and entry.columns) or not name:
+            return None
+        absent = [other for other in (*self.shape.required, *self.shape.optional) if other not in self.columns]
+        close = difflib.get_close_matches(name, absent, n=1, cutoff=0.8)
+        return Misfit(f"a known column; did you mean {close[0]}?", column=name) if close else None
+
+    def _unit_misfit(self, name: str) -> Misfit | None:
+        try:
+            self.scale(name)
+        except UnknownUnit as error:
+            return Misfit(str(error), column=name, value=self._unit_of(name))
+        return None
+
+    def _unit_of(self, name: str) -> str | None:
+        column = self.columns[name]
+        if name in self.entry.units:
+            return self.entry.units[name]
+        return self.entry.unit if column.unit == "mm" and self.shape.has_coordinates else None
+
+    def scale(self, name: str) -> tuple[float, float]:
+        """Factor and offset from the raw numbers of a column to its own unit; raises UnknownUnit."""
+        unit = self._unit_of(name)
+        return (1.0, 0.0) if unit is None else conversion(unit, self.columns[name].unit or unit)
+
+    def raw_name(self, name: str) -> str:
+        """What to call a column when speaking of the file: its raw name, or its position."""
+        origin = self.origin(name)
+        if isinstance(origin, RawColumn):
+            return self.all_names[origin.position] or str(origin.position + 1)
+        return name
+
+
+def _made_of(origin: Origin | None) -> tuple[str, ...]:
+    if isinstance(origin, Group):
+        return (origin.column,)
+    return origin.columns if isinstance(origin, Joined) else ()
+
+
+def template_fields(template: str) -> tuple[str, ...]:
+    """The names in a template's braces."""
+    return tuple(name for _, name, _, _ in string.Formatter().parse(template) if name)
+
+
+def _template_pattern(template: str) -> str:
+    """The regular expression of the names that a template of names makes; the axis is one letter."""
+    parts = []
+    for text, name, _, _ in string.Formatter().parse(template):
+        parts.append(re.escape(text))
+        if name is not None:
+            parts.append("(?P<axis>[xyzXYZ])" if name == "axis" else f"(?P<{name}>.+)")
+    return "".join(parts)

@@ -1,0 +1,102 @@
+"""Numbers written as people write them: decimal commas, thousands separators, values that mean missing."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_SEPARATOR_CLASS = {None: "", ",": ",", ".": r"\.", "'": "['’]", " ": "[ \u00a0\u2009\u202f]"}
+_EXPONENT = r"([eEdD][+-]?\d+)?"
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How the numbers of a file are written."""
+
+    decimal: str = "."
+    thousands: str | None = None
+    missing: frozenset[str] = frozenset()
+
+    @cached_property
+    def pattern(self) -> str:
+        """What a number looks like; thousands separators only where groups of three stand."""
+        mark = re.escape(self.decimal)
+        grouped = ""
+        if self.thousands is not None:
+            grouped = rf"\d{{1,3}}({_SEPARATOR_CLASS[self.thousands]}\d{{3}})+|"
+        return rf"^[+-]?(({grouped}\d+)({mark}\d*)?|{mark}\d+){_EXPONENT}$|^[+-]?(?i:nan|inf|infinity)$"
+
+    @property
+    def missing_numbers(self) -> tuple[float, ...]:
+        """The single values that mean missing and are numbers: equal numbers written otherwise mean it too."""
+        return tuple(float(text) for text in sorted(self.missing) if is_plain_number(text))
+
+    @property
+    def missing_triples(self) -> tuple[tuple[float, float, float], ...]:
+        """Values such as ``0 0 0`` that mean missing where all three coordinates have them."""
+        triples = [tuple(map(float, text.split())) for text in sorted(self.missing) if _is_triple(text)]
+        return tuple((a, b, c) for a, b, c in triples)
+
+    def parse(self, texts: pa.Array) -> tuple[pa.Array, NDArray[np.bool_]]:
+        """Numbers (float64, null where the text means missing or is empty), and where a text is no number."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        texts = pc.utf8_trim_whitespace(texts.cast(pa.string()))
+        absent = pc.is_in(texts, value_set=pa.array(["", *sorted(self.missing)], pa.string()))
+        absent = pc.or_(absent, pc.is_null(texts))
+        texts = pc.replace_substring(texts, "\u2212", "-")
+        good = pc.and_(pc.match_substring_regex(texts, self.pattern), pc.invert(absent))
+        plain = pc.if_else(pc.fill_null(good, False), self._plain(texts), pa.scalar(None, pa.string()))
+        bad = np.asarray(pc.and_(pc.is_null(plain), pc.invert(absent)).to_numpy(zero_copy_only=False), dtype=bool)
+        return plain.cast(pa.float64()), bad
+
+    def _plain(self, texts: pa.Array) -> pa.Array:
+        import pyarrow.compute as pc
+
+        if self.thousands is not None:
+            texts = pc.replace_substring_regex(texts, _SEPARATOR_CLASS[self.thousands], "")
+        if self.decimal != ".":
+            texts = pc.replace_substring(texts, self.decimal, ".")
+        texts = pc.replace_substring_regex(texts, r"^\+", "")
+        return pc.replace_substring_regex(texts, r"(\d\.?)[dD]([+-]?\d)", r"\1e\2")
+
+    def advice(self, text: str) -> str:
+        """What was expected where a text is no number: with the setting that would read it, where there is one."""
+        for decimal, thousands in (
+            (",", None),
+            (".", None),
+            (".", ","),
+            (",", "."),
+            (".", "'"),
+            (".", " "),
+            (",", " "),
+        ):
+            other = Notation(decimal, thousands, self.missing)
+            if re.match(other.pattern, text.strip()):
+                return f"a number; to read this one set {_settings(self, other)}"
+        return "a number"
+
+
+def _settings(now: Notation, then: Notation) -> str:
+    parts = [f'decimal = "{then.decimal}"'] if now.decimal != then.decimal else []
+    parts += [f'thousands = "{then.thousands}"'] if then.thousands and now.thousands != then.thousands else []
+    return " and ".join(parts) or "another notation"
+
+
+def is_plain_number(text: str) -> bool:
+    """Whether Python reads a text as a finite number."""
+    return re.fullmatch(Notation().pattern, text.strip()) is not None and text.strip()[-1].isdigit()
+
+
+def _is_triple(text: str) -> bool:
+    parts = text.split()
+    return len(parts) == 3 and all(is_plain_number(part) for part in parts)

@@ -1,0 +1,76 @@
+"""Parquet tables, row group by row group."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.formats.dictionaries import as_dictionary
+from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_ROWS = 1 << 17
+
+
+def read_parquet(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
+    """The rows of a Parquet file; raises Unusable where it is damaged or empty."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path, memory_map=False) as file:
+            yield from _batches(file, wanted)
+    except pa.ArrowInvalid as error:
+        raise Unusable("a whole Parquet file", value=str(error).splitlines()[0][:80]) from None
+
+
+def _batches(file: object, wanted: Wanted) -> Iterator[RawBatch]:
+    names = tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
+    if not file.metadata.num_rows:  # type: ignore[attr-defined]
+        raise Unusable("at least one row; the table is empty")
+    kinds = wanted(names, None)
+    if kinds is None:
+        return
+    done = 0
+    read = [names[position] for position in kinds]
+    for batch in file.iter_batches(batch_size=_ROWS, columns=read):  # type: ignore[attr-defined]
+        columns = {i: _as_kind(batch.column(names[i]), kind) for i, kind in kinds.items()}
+        yield RawBatch(columns, consecutive(done, batch.num_rows))
+        done += batch.num_rows
+
+
+def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(values.type):
+        values = values.dictionary_decode() if kind == "number" else values
+    if kind == "number" and _is_number(values.type):
+        return values.cast(pa.float64())
+    if _is_number(values.type) and not values.null_count:
+        whole = _whole(values)
+        if whole is not None:
+            return whole if kind == "identifier" else as_dictionary(whole)
+    if pa.types.is_timestamp(values.type):
+        return values.cast(pa.timestamp("us")).cast(pa.int64()).cast(pa.string())
+    return as_dictionary(values) if kind != "number" else values.cast(pa.string())
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
+
+
+def _whole(values: pa.Array) -> pa.Array | None:
+    """The values as int64 where all are whole numbers, as pandas turns integers into floats; else None."""
+    import pyarrow as pa
+
+    plain = np.asarray(values.cast(pa.float64()))
+    if not np.all(np.isfinite(plain)) or np.any(plain != np.round(plain)) or np.any(np.abs(plain) > 2**53):
+        return None
+    return pa.array(plain.astype(np.int64))

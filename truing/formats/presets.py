@@ -1,0 +1,47 @@
+"""What a file format settles by itself, so that a mapping need not say it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from schemas.mapping import FileMapping
+from truing.formats.source import RawFile
+
+_AXES = {"x_mm": "x", "y_mm": "y", "z_mm": "z"}
+_SIGMAS = {"sigma_x_mm": "sx", "sigma_y_mm": "sy", "sigma_z_mm": "sz"}
+_VSTARS_NAMES = ("id", "x", "y", "z", "sx", "sy", "sz")
+_MOTION_CAPTURE = {"missing": ("",), "columns": {"pose": "frame", "target": "label", **_AXES}}
+
+_PRESETS: dict[str, dict[str, Any]] = {
+    "vstars": {"header": False, "names": _VSTARS_NAMES, "columns": {"target": "id", **_AXES, **_SIGMAS}},
+    "tracker": {"header": True, "thousands": ",", "columns": {"pose": "ID", **_AXES}},
+    "xyz": {"header": False, "names": ("x", "y", "z"), "columns": _AXES},
+    "ply": {"columns": _AXES},
+    "pcd": {"columns": _AXES},
+    "c3d": _MOTION_CAPTURE,
+    "trc": _MOTION_CAPTURE,
+}
+_BY_SUFFIX = {
+    ".parquet": "parquet",
+    ".pq": "parquet",
+    ".ply": "ply",
+    ".pcd": "pcd",
+    ".xyz": "xyz",
+    ".c3d": "c3d",
+    ".trc": "trc",
+}
+
+
+def format_of(raw: RawFile, entry: FileMapping) -> str:
+    """The format of a raw file: as declared, else by its name."""
+    return _BY_SUFFIX.get(raw.suffix, "delimited") if entry.format == "auto" else entry.format
+
+
+def with_preset(entry: FileMapping, file_format: str) -> tuple[FileMapping, frozenset[str]]:
+    """A mapping completed with what its format settles, and the columns that only the format names."""
+    preset = _PRESETS.get(file_format, {})
+    absent = {key: value for key, value in preset.items() if key not in entry.model_fields_set}
+    columns = {**preset.get("columns", {}), **entry.columns}
+    missing = tuple(dict.fromkeys((*preset.get("missing", ()), *entry.missing)))
+    completed = entry.model_copy(update={**absent, "columns": columns, "missing": missing})
+    return completed, frozenset(columns) - frozenset(entry.columns)

@@ -1,0 +1,139 @@
+"""Reading a table of a campaign: every raw file that makes it up, by its mapping, with everything wrong collected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from schemas.faults import Fault
+from schemas.mapping import FileMapping
+from truing.formats.compression import DAMAGED, open_plain, plain_path
+from truing.formats.delimited import read_delimited, separator_of
+from truing.formats.evaluation import TableBatch, evaluate
+from truing.formats.faultlog import FaultLog
+from truing.formats.mapping import Plan
+from truing.formats.presets import format_of, with_preset
+from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.formats.shapes import Shape
+from truing.formats.source import CampaignFiles, RawFile
+from truing.formats.text import Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
+
+_TEXT = frozenset({"delimited", "vstars", "tracker", "xyz", "trc"})
+
+
+@dataclass(frozen=True)
+class FileRows:
+    """One raw file as a table reads it: able to say in which rows its records stand."""
+
+    raw: RawFile
+    entry: FileMapping
+    format: str
+
+    def locate(self, records: Sequence[int]) -> list[int]:
+        """The lines of a text file, or the rows from 1 of a binary table, in which records (ascending) begin."""
+        if self.format not in _TEXT:
+            return [record + 1 for record in records]
+        entry = self._delimited()
+        with open_plain(self.raw.path) as stream:
+            first = next(record_blocks(utf8_chunks(stream, entry.encoding), entry.quote.encode()), b"")
+        lines = Lines.of(entry, separator_of(entry, skip_lines(first, entry.skip_lines)))
+        with open_plain(self.raw.path) as stream:
+            return line_numbers(stream, entry, lines, entry.header is not False, records)
+
+    def _delimited(self) -> FileMapping:
+        if self.format != "trc":
+            return self.entry
+        from truing.formats.motion_capture import trc_as_delimited
+
+        with open_plain(self.raw.path) as stream:
+            return trc_as_delimited(stream, self.entry)
+
+
+def read_table(
+    source: CampaignFiles, shape: Shape, log: FaultLog, *, poses_as_text: bool = False
+) -> Iterator[tuple[FileRows, TableBatch]]:
+    """The rows of a table, batch by batch, in the order of the mapping's entries and files.
+
+    Columns have the contract's names and units; ``pose`` is int64 in batches where every pose is an integer, else
+    text (always, with ``poses_as_text``). What is wrong goes into ``log``.
+    """
+    entries = source.entries(shape.name)
+    if not source.is_mapped(shape.name) and len(entries) > 1:
+        log.add(Fault(entries[1].paths[0], f"either this file or {entries[0].paths[0]}, not both"))
+    for entry in entries:
+        for raw in _files(source, shape, entry, log):
+            yield from _read_file(raw, entry, shape, log, poses_as_text)
+
+
+def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
+    for pattern in entry.paths:
+        found = source.resolve(pattern)
+        if not found:
+            log.add(Fault("campaign.toml", "an existing file", column=f"files.{shape.name}.path", value=pattern))
+        yield from found
+
+
+def _read_file(
+    raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool
+) -> Iterator[tuple[FileRows, TableBatch]]:
+    file_format = format_of(raw, entry)
+    completed, preset = with_preset(entry, file_format)
+    rows = FileRows(raw, completed, file_format)
+    plans: list[Plan] = []
+
+    def wanted(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
+        settled = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
+        if file_format == "trc":
+            settled = rows._delimited()
+        plan = Plan(settled, shape, raw.name, names, preset, poses_as_text)
+        misfits = plan.check()
+        for misfit in misfits:
+            log.add(Fault(raw.name, misfit.expected, column=misfit.column, value=misfit.value))
+        plans.append(plan)
+        return None if misfits else plan.kinds
+
+    try:
+        for batch in _raw_batches(rows, wanted):
+            found = evaluate(plans[0], batch)
+            for faults in found.faults:
+                log.cells(raw.name, faults, rows.locate)
+            yield rows, found
+    except Unusable as error:
+        log.add(Fault(raw.name, error.expected, row=error.row, value=error.value))
+    except (*DAMAGED, UnicodeDecodeError, OpenQuotation, OSError) as error:
+        log.add(_damage(raw.name, error, completed))
+
+
+def _raw_batches(rows: FileRows, wanted: Wanted) -> Iterator[RawBatch]:
+    if rows.format in _TEXT:
+        with open_plain(rows.raw.path) as stream:
+            yield from read_delimited(stream, rows._delimited(), wanted)
+        return
+    with plain_path(rows.raw) as path:
+        if rows.format == "parquet":
+            from truing.formats.parquet import read_parquet
+
+            yield from read_parquet(path, wanted)
+        elif rows.format == "c3d":
+            from truing.formats.motion_capture import read_c3d
+
+            yield from read_c3d(path, wanted)
+        else:
+            from truing.formats.point_cloud import read_point_cloud
+
+            yield from read_point_cloud(path, wanted)
+
+
+def _damage(file: str, error: Exception, entry: FileMapping) -> Fault:
+    if isinstance(error, UnicodeDecodeError):
+        return Fault(
+            file, f"text in {entry.encoding}; another encoding may fit", value=str(error.object[error.start])[:8]
+        )
+    if isinstance(error, OpenQuotation):
+        return Fault(
+            file,
+            f'a closing quotation mark for every {entry.quote}; where they are marks like any other set quote = ""',
+        )
+    if isinstance(error, DAMAGED):
+        return Fault(file, "a whole compressed file; this one ends early or is damaged", value=str(error)[:80] or None)
+    return Fault(file, "a file that can be read", value=str(error)[:120])

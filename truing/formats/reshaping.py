@@ -1,0 +1,67 @@
+"""Records of another shape: several numbers in one cell, several targets in one row."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.formats.dictionaries import strings
+from truing.formats.faultlog import CellFaults
+from truing.formats.mapping import Plan
+from truing.formats.raw import RawBatch
+from truing.formats.shapes import COORDINATES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
+
+
+def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
+    """A batch with a column for every number that the cells of some columns hold together."""
+    if not plan.entry.arrays or not batch.rows:
+        return batch
+    columns, faults = dict(batch.columns), list(batch.faults)
+    for name, first, names in plan.arrays():
+        position = plan.all_names.index(name)
+        if position not in columns:
+            continue
+        cells = columns[position].cast("string")
+        found = [_NUMBER.findall(cell or "") for cell in cells.to_pylist()]
+        wrong = np.array([len(numbers) != len(names) for numbers in found], dtype=bool)
+        if wrong.any():
+            faults.append(CellFaults.where(wrong, batch.records, cells, name, f"{len(names)} numbers in the cell"))
+            found = [numbers if len(numbers) == len(names) else ["nan"] * len(names) for numbers in found]
+        for offset in range(len(names)):
+            columns[first + offset] = strings([numbers[offset] for numbers in found])
+    return RawBatch(columns, batch.records, tuple(faults))
+
+
+def widen(plan: Plan, batch: RawBatch) -> RawBatch:
+    """A batch with one row per target, where its records hold several targets side by side."""
+    groups = plan.wide
+    if not groups or not batch.rows:
+        return batch
+    import pyarrow as pa
+
+    count = len(groups)
+    repeated = pa.array(np.repeat(np.arange(batch.rows), count))
+    of_groups = {position for group in groups for position in group.positions}
+    columns = {key: values.take(repeated) for key, values in batch.columns.items() if key not in of_groups}
+    for axis, name in enumerate(COORDINATES):
+        columns[name] = _interleaved([batch.columns[group.positions[axis]] for group in groups])
+    for label in groups[0].labels:
+        named = pa.array(np.tile(np.arange(count, dtype=np.int32), batch.rows))
+        columns[label] = pa.DictionaryArray.from_arrays(named, strings([group.labels[label] for group in groups]))
+    return RawBatch(columns, np.repeat(batch.records, count), batch.faults)
+
+
+def _interleaved(columns: list[pa.Array]) -> pa.Array:
+    """Row by row the values of several columns."""
+    import pyarrow as pa
+
+    rows, count = len(columns[0]), len(columns)
+    order = np.arange(rows * count).reshape(count, rows).T.ravel()
+    return pa.concat_arrays(columns).take(pa.array(order))

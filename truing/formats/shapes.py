@@ -1,0 +1,80 @@
+"""What ingest expects of each table: the contract's columns, before any check across tables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from schemas.columns import COLUMNS, Column, find_column
+
+_POINT = ("x_mm", "y_mm", "z_mm")
+_SPREAD = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
+_WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+_MOTION = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
+_LOAD = (
+    Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
+    Column("load", "real", "load along that axis, N or N m"),
+)
+_CARRIED_UNITS = (
+    ("_mm", "mm"),
+    ("_um", "um"),
+    ("_deg", "deg"),
+    ("_rad", "rad"),
+    ("_c", "degC"),
+    ("_s", "s"),
+    ("_n", "N"),
+)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A raw table: columns it must have, may have, numbered families, and whether other numbers are carried along.
+
+    ``streams`` tells the one table that may be larger than memory.
+    """
+
+    name: str
+    required: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    family: str | None = None
+    covariates: bool = False
+    streams: bool = False
+
+    def column(self, name: str) -> Column | None:
+        """The definition of a column of this table, a covariate's included; None where there is no such column."""
+        known = next((column for column in _LOAD if column.name == name), None) or find_column(name)
+        if known is not None and (name in (*self.required, *self.optional) or self._is_member(known)):
+            return known
+        return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
+
+    def _is_member(self, column: Column) -> bool:
+        return self.family is not None and column.name == self.family
+
+    def known(self, names: tuple[str, ...]) -> Iterator[str]:
+        """The columns of the contract that this table may have, with those of its family among ``names``."""
+        yield from (*self.required, *self.optional)
+        if self.family is not None:
+            yield from (name for name in names if re.fullmatch(COLUMNS[self.family].family, name))
+
+    @property
+    def has_coordinates(self) -> bool:
+        """Whether rows are points."""
+        return "x_mm" in self.required
+
+
+def _carried_unit(name: str) -> str:
+    return next((unit for ending, unit in _CARRIED_UNITS if name.endswith(ending)), "")
+
+
+POINTS = Shape("points", ("pose", "body", *_POINT), ("target", *_SPREAD), streams=True)
+TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
+CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)
+DISPLACEMENT = Shape(
+    "displacement", ("run", "step", "time_s", *_MOTION), (*_WRENCH, "load_axis", "load", "role"), covariates=True
+)
+
+COORDINATES = _POINT
+SPREAD = _SPREAD
+WRENCH = _WRENCH
+MOTION = _MOTION

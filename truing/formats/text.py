@@ -1,0 +1,162 @@
+"""Text files as UTF-8 blocks that end where a record ends; which lines are records is decided here alone."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import IO
+
+from schemas.mapping import FileMapping
+
+BLOCK = 4 << 20
+_LONGEST_RECORD = 64 << 20
+_MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+
+
+class OpenQuotation(ValueError):
+    """A quotation mark that nothing closes."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """What makes a line a record: not blank, no comment, and holding what ``keep`` looks for."""
+
+    comment: bytes | None
+    quote: bytes
+    keep: re.Pattern[bytes] | None
+    blanks: bytes
+
+    @classmethod
+    def of(cls, entry: FileMapping, separator: str) -> Lines:
+        """The rules of a mapping; a line of separators alone is blank, as spreadsheets leave them behind."""
+        blanks = b" \t\r\n\f" + (b"" if separator == "whitespace" else separator.encode())
+        keep = None if entry.keep_lines is None else re.compile(entry.keep_lines.encode())
+        comment = entry.comment.encode() if entry.comment else None
+        return cls(comment, entry.quote.encode(), keep, blanks)
+
+    def of_heading(self) -> Lines:
+        """The same rules for the line that names the columns, which ``keep`` does not concern."""
+        return Lines(self.comment, self.quote, None, self.blanks)
+
+    def is_record(self, line: bytes) -> bool:
+        """Whether a line (or several, inside quotation marks) is a record."""
+        bare = line.strip(self.blanks)
+        if not bare or (self.comment is not None and bare.startswith(self.comment)):
+            return False
+        return self.keep is None or self.keep.search(line) is not None
+
+    def records(self, block: bytes) -> bytes:
+        """A block with its records alone."""
+        return b"".join(line for line in split_lines(block, self.quote) if self.is_record(line))
+
+    def may_pass_over(self, block: bytes) -> bool:
+        """Whether a block may hold other lines than records, blank ones apart (which parsers pass over or choke on)."""
+        return self.keep is not None or (self.comment is not None and self.comment in block)
+
+
+def utf8_chunks(stream: IO[bytes], encoding: str, size: int = BLOCK) -> Iterator[bytes]:
+    """The text of a stream as UTF-8 with line feeds; a byte-order mark wins over the declared encoding.
+
+    Raises UnicodeDecodeError where a declared encoding other than UTF-8 does not fit; UTF-8 is checked by the parser.
+    """
+    chunk = stream.read(size)
+    for mark, marked in _MARKS:
+        if chunk.startswith(mark):
+            chunk, encoding = chunk[len(mark) :], marked
+    decoder = None if codecs.lookup(encoding).name == "utf-8" else codecs.getincrementaldecoder(encoding)()
+    only_returns = b"\r" in chunk and not any(end in chunk for end in (b"\n", b"\r\x00\n"))
+    while chunk:
+        text = chunk if decoder is None else decoder.decode(chunk).encode()
+        yield text.replace(b"\r", b"\n") if only_returns else text
+        chunk = stream.read(size)
+    if decoder is not None:
+        yield decoder.decode(b"", final=True).encode()
+
+
+def record_blocks(chunks: Iterator[bytes], quote: bytes) -> Iterator[bytes]:
+    """Blocks that end with a record; a line feed between quotation marks ends none. Raises OpenQuotation."""
+    rest = b""
+    for chunk in chunks:
+        data = rest + chunk
+        cut = _last_end(data, quote)
+        if len(data) - cut > _LONGEST_RECORD:
+            raise OpenQuotation
+        if cut:
+            yield data[:cut]
+        rest = data[cut:]
+    if quote and rest.count(quote) % 2:
+        raise OpenQuotation
+    if rest:
+        yield rest
+
+
+def _last_end(data: bytes, quote: bytes) -> int:
+    cut = data.rfind(b"\n") + 1
+    if quote and quote in data:
+        while cut and data.count(quote, 0, cut) % 2:
+            cut = data.rfind(b"\n", 0, cut - 1) + 1
+    return cut
+
+
+def split_lines(block: bytes, quote: bytes) -> list[bytes]:
+    """Lines with their ends; lines that quotation marks join stay together."""
+    lines = block.splitlines(keepends=True)
+    if not quote or quote not in block:
+        return lines
+    joined: list[bytes] = []
+    is_open = False
+    for line in lines:
+        if is_open:
+            joined[-1] += line
+        else:
+            joined.append(line)
+        is_open ^= line.count(quote) % 2 == 1
+    return joined
+
+
+def skip_lines(block: bytes, count: int) -> bytes:
+    """A block without its first lines."""
+    start = 0
+    for _ in range(count):
+        start = block.find(b"\n", start) + 1
+        if start == 0:
+            return b""
+    return block[start:]
+
+
+def take_record(block: bytes, lines: Lines) -> tuple[bytes | None, bytes]:
+    """The first record, and what follows it; None where there is none."""
+    start = 0
+    for line in split_lines(block, lines.quote):
+        start += len(line)
+        if lines.is_record(line):
+            return line, block[start:]
+    return None, b""
+
+
+def line_numbers(
+    stream: IO[bytes], entry: FileMapping, lines: Lines, has_header: bool, records: Sequence[int]
+) -> list[int]:
+    """The lines (from 1) at which records (from 0, ascending) begin; the file is read again for that."""
+    wanted, found = iter(records), []
+    next_wanted = next(wanted, None)
+    line_number, record = 1, -1
+    passed = entry.skip_lines
+    heading = lines.of_heading()
+    for block in record_blocks(utf8_chunks(stream, entry.encoding), lines.quote):
+        for line in split_lines(block, lines.quote):
+            if next_wanted is None:
+                return found
+            begins, line_number = line_number, line_number + max(line.count(b"\n"), 1)
+            if passed:
+                passed -= 1
+            elif has_header:
+                has_header = not heading.is_record(line)
+            elif lines.is_record(line):
+                record += 1
+                if record == next_wanted:
+                    found.append(begins)
+                    next_wanted = next(wanted, None)
+    return found
