@@ -108,7 +108,7 @@ class Search:
         return found
 
     def _null_minima(self) -> tuple[NDArray, NDArray]:
-        """Return the smallest p-values, times the number of candidates, of drawn and of flipped effect-free residuals."""
+        """Return the smallest p-values, times the number of candidates, of drawn and of flipped residuals."""
         freedom, size = self.whitened.freedom, self._joint.shape[1]
         drawn = self.rng.standard_normal((self.draws, size))
         total = np.sum(drawn**2, -1) + self.rng.chisquare(max(freedom - size, 1.0), self.draws)

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.causes import CATALOGUE
+from truing.simulation.chain import Effect
+from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import Known, PointModel
 from truing.simulation.targets import Targets
@@ -88,7 +90,7 @@ def write_model(extended_model: ExtendedModel) -> str:
         "[model]",
         *(f"{key} = {_text(value)}" for key, value in extended_model.context.items()),
         f"mechanism = {_text(model.nominal.closure.name)}",
-        f"reading_sigma_mm = {model.known.reading_sigma * 1e3!r}",
+        f"reading_sigma_mm = {_mm(model.known.reading_sigma)}",
         "",
         "[prior]  # one standard deviation of the nominal geometry; 0: taken as exact",
         *(f"{name} = {model.known.geometry.get(name, 0.0)!r}  # {'rad' if name == 'u' else 'm'}" for name in "abul"),
@@ -143,7 +145,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     return ExtendedModel(model, shared, _covariance(document["covariance"], model.shared_size), context)
 
 
-def _legs(kind: str, legs: list[dict[str, Any]]) -> Any:
+def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
     def lengths(name: str) -> NDArray:
         return np.array([leg[name] for leg in legs]) * 1e-3
 
@@ -152,12 +154,11 @@ def _legs(kind: str, legs: list[dict[str, Any]]) -> Any:
     )
 
 
-def _leg(legs: Any, leg: int) -> str:
-    u = ", ".join(repr(float(value)) for value in legs.u[leg])
-    return (
-        f"{{ a_mm = {_mm(legs.a[leg])}, b_mm = {_mm(legs.b[leg])}, u = [{u}], "
-        f"length_mm = {legs.l[leg] * 1e3!r}, rho0_mm = {legs.rho0[leg] * 1e3!r} }}"
-    ).replace("np.float64", "")
+def _leg(legs: Legs, leg: int) -> str:
+    directions = ", ".join(repr(float(value)) for value in legs.u[leg])
+    joints = ", ".join(f"{name}_mm = [{_mm(*joint[leg])}]" for name, joint in (("a", legs.a), ("b", legs.b)))
+    lengths = f"length_mm = {_mm(legs.l[leg])}, rho0_mm = {_mm(legs.rho0[leg])}"
+    return f"{{ {joints}, u = [{directions}], {lengths} }}"
 
 
 def _leg_sigma(model: PointModel, sigma: NDArray, leg: int) -> str:
@@ -171,11 +172,12 @@ def _leg_sigma(model: PointModel, sigma: NDArray, leg: int) -> str:
     return "{ " + ", ".join(parts) + " }"
 
 
-def _mm(values: NDArray) -> str:
-    return "[" + ", ".join(repr(float(value * 1e3)) for value in values) + "]"
+def _mm(*values: float) -> str:
+    """Return metres as millimetres; what is left out is a thousandth of an atom."""
+    return ", ".join(repr(round(float(value) * 1e3, 12)) for value in values)
 
 
-def _effect_lines(model: PointModel, effect: Any, sigma: NDArray) -> list[str]:
+def _effect_lines(model: PointModel, effect: Effect, sigma: NDArray) -> list[str]:
     own = sigma[model.layout[effect.cause.id]] * model.effect_sigma(effect.cause)
     named = zip(effect.cause.parameters(model.nominal.count), effect.values, own, strict=True)
     return [

@@ -1,0 +1,78 @@
+"""Prediction: where the extended model says the platform stands, at readings where nothing was measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from numpy.typing import NDArray
+
+    from truing.simulation.extended_model import PredictedPoses
+
+
+def predict(model: str, configurations: pa.Table, file: str = "configurations") -> pa.Table:
+    """Return the poses, columns of poses.parquet, that a model.toml predicts for a table of actuator readings.
+
+    Needs the columns pose and rho1_mm .. rhoL_mm. Raises CampaignFaults where ``file`` lacks one of them or holds no
+    number, ValueError where the model is none.
+    """
+    from truing.simulation.extended_model import predict_poses, read_model
+
+    extended = read_model(model)
+    readings = _readings(configurations, extended.model.nominal.count, file)
+    predicted = predict_poses(extended, readings)
+    return _poses_table(configurations.column("pose"), predicted)
+
+
+def _readings(configurations: pa.Table, legs: int, file: str) -> NDArray:
+    import numpy as np
+
+    from stages.point_arrays import number_column
+
+    names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]
+    missing = [name for name in ("pose", *names) if name not in configurations.schema.names]
+    if missing:
+        raise CampaignFaults(Fault(file, "a column of that name", column=name) for name in missing)
+    values = np.column_stack([number_column(configurations, name) for name in names])
+    rows, columns = np.nonzero(~np.isfinite(values))
+    if len(rows):
+        raise CampaignFaults(
+            Fault(file, "a number", row=int(row) + 1, column=names[column], value=str(values[row, column]))
+            for row, column in zip(rows, columns, strict=True)
+        )
+    return values * 1e-3
+
+
+def _poses_table(poses: pa.ChunkedArray, predicted: PredictedPoses) -> pa.Table:
+    import numpy as np
+    import pyarrow as pa
+
+    from truing.estimation.rotation import log_so3
+
+    count, ok = len(poses), predicted.converged
+    vectors = np.column_stack([predicted.p * 1e3, log_so3(predicted.R)])
+    columns: dict[str, object] = {
+        "pose": poses,
+        "body": ["platform"] * count,
+        "parent": ["base"] * count,
+        "method": ["model"] * count,
+        "default": [True] * count,
+    }
+    names = ("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad")
+    columns |= {name: pa.array(vectors[:, i], mask=~ok) for i, name in enumerate(names)}
+    columns |= {
+        f"cov_{i}_{j}": pa.array(predicted.covariance[:, i, j], mask=~ok) for i in range(6) for j in range(i, 6)
+    }
+    columns |= {
+        "rms_mm": pa.nulls(count, pa.float64()),
+        "n_used": [0] * count,
+        "n_rejected": [0] * count,
+        "status": ["ok" if converged else "not-converged" for converged in ok],
+    }
+    identifier = "int64" if pa.types.is_integer(poses.type) else "string"
+    schema = ARTIFACTS["poses"].arrow_schema(identifier)
+    return pa.table({name: columns[name] for name in schema.names}).cast(schema)
