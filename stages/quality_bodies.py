@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from truing.estimation.robust import consensus
 
 from stages.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
 from truing.estimation.response import keep_consistent
 from truing.estimation.rigid import RigidFit, umeyama
+from truing.estimation.robust import consensus
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -62,6 +62,11 @@ class BodyView:
     sigma: Array
     frame: Mask
     gross: Mask
+
+    @property
+    def measured_sigma(self) -> Array:
+        """(B, T, 3) declared standard deviation of the measurement alone, in m."""
+        return np.sqrt(np.einsum("btii->bti", self.points.cov))
 
     @property
     def good(self) -> Mask:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality_bodies import BodyView, Surroundings
+from truing.estimation.frame import redundancy
 from truing.estimation.quality import (
     Scatter,
     body_shape,
@@ -231,15 +232,12 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
     if good.sum() < 12:
         yield _without(f"noise of {body.name}", "noise", body.name, "too few readings")
         return
+    part = redundancy(body.survey.points[body.frame], good[:, body.frame])
     scatter = unexplained_scatter(
-        body.residuals[:, body.frame],
-        body.sigma[:, body.frame],
-        good[:, body.frame],
-        around.covariates,
-        np.full(len(good), 6.0),
+        body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
     )
-    for axis, ratio, above, noted in zip(
-        "xyz", scatter.ratio, scatter.p_above(_NOISE_TOLERATED), _noted(scatter, share), strict=True
+    for axis, ratio, above, noted, dof in zip(
+        "xyz", scatter.ratio, scatter.p_above(_NOISE_TOLERATED), _noted(scatter, share), scatter.dof, strict=True
     ):
         verdict = FAIL if above < share / 3 else WARN if noted else PASS
         yield Check(
@@ -250,7 +248,7 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
             "1",
             verdict,
             f"{body.name}: the scatter along {axis} is {ratio:.2f} times the declared noise "
-            f"({int(scatter.dof[0])} degrees of freedom).",
+            f"({dof:.0f} degrees of freedom).",
         )
 
 

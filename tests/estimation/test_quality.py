@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from truing.estimation.frame import redundancy, residual_covariance
 from truing.estimation.quality import (
     body_shape,
     exchanged_pairs,
@@ -28,8 +29,12 @@ def test_scatter_counts_its_degrees_of_freedom():
     for seed in range(60):
         rng, values, sigma = _residuals(seed)
         covariates = rng.standard_normal((46, 7))
+        points = 0.1 * rng.standard_normal((10, 3))
         kept = rng.random((46, 10)) > 0.05
-        scatter = unexplained_scatter(values + covariates[:, :1, None] * 1e-4, sigma, kept, covariates, np.zeros(46))
+        swallowed = residual_covariance(points, np.tile(np.eye(3), (46, 10, 1, 1)), kept, kept)
+        values = np.einsum("bij,bj->bi", swallowed, values.reshape(46, -1)).reshape(values.shape)
+        moving = values + 2e-5 + covariates[:, :1, None] * 1e-4
+        scatter = unexplained_scatter(moving, sigma, redundancy(points, kept), covariates)
         total += scatter.chi_square.sum(), scatter.dof.sum()
     assert abs(total[0] - total[1]) < 4 * np.sqrt(2 * total[1])
 

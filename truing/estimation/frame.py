@@ -42,6 +42,16 @@ def residual_covariance(points: Array, noise: Array, used: NDArray[np.bool_], se
     return (covariance * both[:, :, None, :, None]).reshape(batch, 3 * count, 3 * count)
 
 
+def redundancy(points: Array, used: NDArray[np.bool_]) -> Array:
+    """(B, T, 3) share of each coordinate's own error that a fit to the used targets (B, T), equally weighted,
+    leaves in its residual (Baarda's redundancy number); zero where not used. Sums to 3 n - 6 per entry of the batch.
+    """
+    lever = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2)
+    information = np.einsum("tia,bt,tic->bac", lever, used.astype(float), lever, optimize=True)
+    frame = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
+    return (1.0 - np.einsum("tia,bac,tic->bti", lever, frame, lever, optimize=True)) * used[:, :, None]
+
+
 def _inverse(noise: Array) -> Array:
     """(..., 3, 3) inverses; zero where a target was not seen and its covariance is zero."""
     seen = np.einsum("...ii->...", noise) > 0.0

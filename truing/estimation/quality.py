@@ -39,34 +39,30 @@ class Scatter:
         return np.where(self.dof > 0.0, chdtr(safe, self.chi_square / tolerated_ratio**2), 1.0)
 
 
-def unexplained_scatter(residuals: Array, sigma: Array, kept: Mask, covariates: Array, n_fitted: Array) -> Scatter:
+def unexplained_scatter(residuals: Array, sigma: Array, redundancy: Array, covariates: Array) -> Scatter:
     """Scatter per axis of what follows neither a covariate nor a constant of its target.
 
-    residuals (B, T, 3) in m, sigma (B, T, 3), kept (B, T), covariates (B, C), n_fitted (B,) parameters of each
-    pose's own fit (6). A deforming body is no noisy one: what follows the drives, time or temperature is taken
-    out first, target by target. Degrees of freedom: those of the poses' fits and of the regressions are both
-    subtracted.
+    residuals (B, T, 3) in m, sigma (B, T, 3) of the measurement alone (the survey's error is a constant of its
+    target), redundancy (B, T, 3) of the pose fits, zero where not used, covariates (B, C). A deforming body is
+    no noisy one: what follows the drives, time or temperature is taken out first, target by target. Degrees of
+    freedom: the redundancy that the regressions leave.
     """
+    kept = redundancy > 0.0
     design = np.column_stack([np.ones(len(covariates)), covariates])
-    weight = kept[:, :, None] / np.where(kept[:, :, None], sigma, 1.0) ** 2
-    left, used = _regress_out(np.where(kept[:, :, None], residuals, 0.0), weight, design)
-    count = kept.sum()
-    pose_share = np.where(kept.sum(axis=1) > 0, n_fitted, 0.0).sum() / 3.0
-    whole = 3.0 * count
-    overlap = 1.0 - (3.0 * pose_share) / whole if whole else 0.0
-    dof = np.maximum((count - used) * overlap, 0.0)
-    return Scatter((weight * left**2).sum(axis=(0, 1)), dof)
+    weight = kept / np.where(kept, sigma, 1.0) ** 2
+    left, share = _regress_out(np.where(kept, residuals, 0.0), weight, design)
+    return Scatter((weight * left**2).sum(axis=(0, 1)), (redundancy * share).sum(axis=(0, 1)))
 
 
 def _regress_out(values: Array, weight: Array, design: Array) -> tuple[Array, Array]:
-    """Residuals (B, T, 3) after a weighted regression of each target and axis on the design; parameters used
-    per axis."""
+    """Residuals (B, T, 3) after a weighted regression of each coordinate on the design, and the share of each
+    value's own error that is left in them."""
     normal = np.einsum("bi,bta,bj->taij", design, weight, design, optimize=True)
     right = np.einsum("bi,bta,bta->tai", design, weight, values, optimize=True)
     inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
     fitted = np.einsum("bi,taij,taj->bta", design, inverse, right, optimize=True)
-    used = np.einsum("taij,taji->a", inverse, normal)
-    return values - fitted, used
+    leverage = np.einsum("bi,taij,bj,bta->bta", design, inverse, design, weight, optimize=True)
+    return values - fitted, np.maximum(1.0 - leverage, 0.0)
 
 
 @dataclass(frozen=True)
@@ -100,7 +96,8 @@ def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> St
     best = chi_square.argmax(axis=0)
     target = np.arange(values.shape[1])
     found = chi_square[best, target] >= 0.0
-    p = np.where(found, np.minimum(1.0, enough.sum(axis=0) * chdtrc(3, np.maximum(chi_square[best, target], 0.0))), 1.0)
+    single = chdtrc(3, np.maximum(chi_square[best, target], 0.0))
+    p = np.where(found, np.minimum(1.0, enough.sum(axis=0) * single), 1.0)
     pick = np.where(found[:, None], difference[best, target], 0.0)
     return Step(best + 1, pick, np.sqrt(np.where(found[:, None], variance[best, target], 0.0)), p)
 
