@@ -10,7 +10,6 @@ CAMPAIGN ?= sample_data/telescope
 PYTHON ?= python3
 VENV ?= .venv
 export CAMPAIGN
-export OMP_NUM_THREADS ?= 1
 
 python := $(VENV)/bin/python
 digest = $(shell { pwd; cat pyproject.toml requirements/$(1).txt; } | cksum | tr ' ' -)
@@ -25,6 +24,8 @@ all: $(runtime)
 setup: $(runtime)
 	@:
 
+# Workers share the cores; libraries that start threads of their own would only queue for them.
+test: export OMP_NUM_THREADS = 1
 test: $(dev)
 	$(python) -m pytest -n auto --dist worksteal
 
