@@ -1,0 +1,295 @@
+"""Which points of a pose agree on one rigid motion: deterministic, whatever the gross errors look like.
+
+Three steps, each only for the poses that the one before left open. (1) Trim all points to a set that a fit
+explains; a set of more than half is the largest there is. (2) Pairs of points whose distance is the same
+in both clouds form a graph; anchors grown in it from one seed point after another propose sets, until no seed is left
+with enough neighbours to belong to a larger set. (3) Where a proposed set does not survive its fit (errors across
+a plane leave distances unchanged), the motions of all its triples compete. Every set ends as a fixpoint: exactly
+the points whose studentised residual passes a chi-square test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.rigid import FitStatus, check_correspondences, solve_weighted
+
+# Probability that a pose without gross errors loses any of its points.
+FALSE_ALARM = 1e-3
+# So many points must agree, or all but one of fewer: three of many agree by chance too easily.
+FEWEST = 4
+# Standard deviations that the distance within a pair may change by: one true pair in 150 000 is lost.
+_PAIR_LIMIT = 4.5
+_ANCHORS = 4
+_FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it ends
+_TRIPLE_BLOCK = 23  # points whose triples compete: 1771
+_PAIRS_AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True)
+class _Clouds:
+    """A batch of poses under search: x, y (B, N, 3) in m, seen (B, N), sigma (B, N) in m, limit (B,) of chi-square."""
+
+    x: NDArray
+    y: NDArray
+    seen: NDArray
+    sigma: NDArray
+    limit: NDArray
+
+    def __getitem__(self, rows: NDArray | slice) -> _Clouds:
+        return _Clouds(self.x[rows], self.y[rows], self.seen[rows], self.sigma[rows], self.limit[rows])
+
+
+def consensus(
+    source: ArrayLike, target: ArrayLike, mask: ArrayLike | None, sigma: ArrayLike
+) -> tuple[NDArray, NDArray]:
+    """Return which points (B, N) agree on one rigid motion, and a status (B,) of FitStatus values.
+
+    source, target: (B, N, 3) or (N, 3) in m; mask (B, N) or (N,): False for a missing point, which may be NaN;
+    sigma in m, scalar, (N,), (B, 1) or (B, N): standard deviation per coordinate of ``target - R source``, the
+    noise of both clouds together (where it depends on direction: that along the worst).
+
+    OK: the points are the largest set that agrees, and at least 4, or 3 of 3 or 4; gross errors may outnumber them.
+    AMBIGUOUS: two motions are followed by equally many, none is kept. NO_CONSENSUS: fewer agree; kept are the two
+    or three that do, if they are the only ones. The order of points, the frames and the unit of length do not
+    matter. Raises ValueError as `umeyama`, and for a sigma that is not positive.
+    """
+    x, y, w = check_correspondences(source, target, None if mask is None else np.asarray(mask, bool))
+    seen = w > 0
+    spread = np.where(seen, np.broadcast_to(np.asarray(sigma, np.float64), seen.shape), 1.0)
+    if not np.all((spread > 0) & np.isfinite(spread)):
+        raise ValueError("sigma: found a value that is not positive, expected a standard deviation in m")
+    clouds = _Clouds(x, y, seen, spread, _chi_square_limit(seen))
+    kept, status = _whole(clouds)
+    rows = np.flatnonzero(status == FitStatus.NO_CONSENSUS)
+    step = max(1, _PAIRS_AT_ONCE // seen.shape[1] ** 2)
+    for first in range(0, len(rows), step):
+        part = rows[first : first + step]
+        kept[part], status[part] = _search(clouds[part])
+    return kept, status
+
+
+def _chi_square_limit(seen: NDArray) -> NDArray:
+    """Return the limits (B,) of squared residuals that all points of a pose pass but once in 1/FALSE_ALARM poses."""
+    from scipy.special import chdtri
+
+    return chdtri(3, FALSE_ALARM / np.maximum(seen.sum(-1), 1))
+
+
+def _whole(clouds: _Clouds) -> tuple[NDArray, NDArray]:
+    """Return the sets (B, N) and statuses (B,) where trimming all points leaves a majority; else NO_CONSENSUS."""
+    points = clouds.seen.sum(-1)
+    status = solve_weighted(clouds.x, clouds.y, clouds.seen / clouds.sigma**2).status
+    fits = np.flatnonzero((status == FitStatus.OK) | (status == FitStatus.AMBIGUOUS))
+    status[fits] = FitStatus.NO_CONSENSUS
+    kept = np.zeros_like(clouds.seen)
+    # two sets of more than (n + 4) / 2 of n points share four, and with them the motion
+    fewest = np.minimum(points, (points + FEWEST + 1) // 2)[fits]
+    kept[fits] = _settle(clouds[fits], clouds.seen[fits], fewest)[0]
+    status[kept.any(-1)] = FitStatus.OK
+    return kept, status
+
+
+def _settle(clouds: _Clouds, members: NDArray, fewest: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the fixpoints (B, N) that members lead to, none where fewer than fewest (B,) remain, and their cost.
+
+    Only the worst go at first (down to a quarter of the largest squared residual): they bend all the others.
+    """
+    members, cost = members.copy(), np.zeros(len(members))
+    rows = np.arange(len(members))
+    for turn in range(_FREE_ROUNDS + members.shape[1]):
+        part, old = clouds[rows], members[rows]
+        studentised, plain = _squared_residuals(part, old)
+        worst = np.max(studentised, axis=-1, where=old, initial=0.0)
+        bar = np.maximum(part.limit, worst / 4)
+        new = part.seen & (studentised <= np.where(old, bar[:, None], part.limit[:, None]))
+        free = (worst <= part.limit) & (turn < _FREE_ROUNDS)
+        new &= old | free[:, None]
+        new &= (new.sum(-1) >= fewest[rows])[:, None]
+        members[rows], cost[rows] = new, np.sum(plain, axis=-1, where=new)
+        rows = rows[np.any(new != old, axis=-1) & new.any(-1)]
+        if len(rows) == 0:
+            break
+    return members, cost
+
+
+def _squared_residuals(clouds: _Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the squared residuals (B, N) of the fit to members, studentised and plain, in units of sigma.
+
+    The fit's own error takes from the residual of a member and adds to that of any other point, so that both say how
+    far the point is from what all others predict. Infinite where the members leave the pose free.
+    """
+    weight = members / clouds.sigma**2
+    fit = solve_weighted(clouds.x, clouds.y, weight)
+    ok = fit.ok[:, None]
+    R, total = np.where(ok[..., None], fit.R, np.eye(3)), np.where(fit.ok, weight.sum(-1), 1.0)
+    centre = np.einsum("bn,bni->bi", weight, clouds.x) / total[:, None]
+    q = clouds.x - centre[:, None]
+    r = np.where(ok[..., None], clouds.y @ R - (fit.t[:, None] @ R), 0.0) - clouds.x
+    S = np.einsum("bni,bn,bnj->bij", q, weight, q)
+    information = np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S
+    A = np.linalg.inv(np.where(ok[..., None], information, np.eye(3))) * ok[..., None]
+    plain = np.einsum("bni,bni->bn", r, r) / clouds.sigma**2
+    student = _mahalanobis(q, A, fit.ok / total, r, clouds.sigma**2, np.where(members, -1.0, 1.0))
+    return np.where(ok, student, np.inf), np.where(ok, plain, np.inf)
+
+
+def _mahalanobis(q: NDArray, A: NDArray, first: NDArray, r: NDArray, noise: NDArray, sign: NDArray) -> NDArray:
+    """Return ``r^T (noise + sign (first + [q]x A [q]x^T))^-1 r`` (B, N), by Cramer's rule on components (B, N).
+
+    A share of 1e-6 of the noise stays where a point is all that holds the pose in some direction.
+    """
+    x, y, z = np.moveaxis(q, -1, 0)
+    a, b, c, d, e, f = (A[:, i, j, None] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    own = noise * (1 + 1e-6) + sign * first[:, None]
+    m00 = own + sign * (d * z * z - 2 * e * y * z + f * y * y)
+    m11 = own + sign * (a * z * z - 2 * c * x * z + f * x * x)
+    m22 = own + sign * (a * y * y - 2 * b * x * y + d * x * x)
+    m01 = sign * (c * y * z + e * x * z - b * z * z - f * x * y)
+    m02 = sign * (b * y * z + e * x * y - c * y * y - d * x * z)
+    m12 = sign * (b * x * z + c * x * y - a * y * z - e * x * x)
+    k00, k01, k02 = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
+    k11, k12, k22 = m00 * m22 - m02 * m02, m01 * m02 - m00 * m12, m00 * m11 - m01 * m01
+    u, v, w = np.moveaxis(r, -1, 0)
+    square = k00 * u * u + k11 * v * v + k22 * w * w + 2 * (k01 * u * v + k02 * u * w + k12 * v * w)
+    return square / (m00 * k00 + m01 * k01 + m02 * k02)
+
+
+@dataclass
+class _Best:
+    """The best set of every pose so far: the largest, then the one whose fit scatters as the noise should."""
+
+    kept: NDArray  # (B, N)
+    size: NDArray  # (B,)
+    regular: NDArray  # (B,) whether the scatter of the fit is no larger than noise makes it
+    rival: NDArray  # (B,) whether another set is as good
+
+    def offer(self, rows: NDArray, found: NDArray, cost: NDArray) -> None:
+        """Take in found sets (b, N) of rows (b,), with the sums of squared residuals of their fits."""
+        from scipy.special import chdtri
+
+        size = found.sum(-1)
+        regular = cost <= chdtri(np.maximum(3 * size - 6, 1), FALSE_ALARM)
+        rank, best = 2 * size + regular, 2 * self.size[rows] + self.regular[rows]
+        shared = np.count_nonzero(found & self.kept[rows], axis=-1)
+        other = (shared < 3) | (2 * shared < size)
+        self.rival[rows[(rank == best) & other & (size > 0)]] = True
+        better = rank > best
+        won = rows[better]
+        self.kept[won], self.size[won], self.regular[won] = found[better], size[better], regular[better]
+        self.rival[won] = False
+
+
+def _search(clouds: _Clouds) -> tuple[NDArray, NDArray]:
+    """Return the largest sets (B, N) that agree, and statuses (B,)."""
+    graph, seeds, count = _same_distances(clouds), clouds.seen.copy(), len(clouds.seen)
+    best = _Best(np.zeros_like(seeds), np.zeros(count, int), np.zeros(count, bool), np.zeros(count, bool))
+    reach = 1 + np.count_nonzero(graph, axis=-1)
+    enough = np.clip(clouds.seen.sum(-1) - 1, 3, FEWEST)
+    while True:
+        fewest = np.maximum(best.size, enough)
+        worth = seeds & (reach >= fewest[:, None])
+        rows = np.flatnonzero(worth.any(-1))
+        if len(rows) == 0:
+            break
+        degree = graph[rows].sum(-1)
+        seed = np.where(worth[rows], degree, -1.0).argmax(-1)
+        proposed = _grow(graph[rows], seed)
+        found, cost = _settle(clouds[rows], proposed, fewest[rows])
+        seeds[rows] &= ~found
+        seeds[rows, seed] = False
+        best.offer(rows, found, cost)
+        for k in np.flatnonzero(_unsettled(proposed, found, fewest[rows])):
+            row = rows[k : k + 1]
+            found, cost = _among_triples(clouds[row], proposed[k], degree[k], fewest[row])
+            best.offer(row, found, cost)
+            spent = found[0] if found.any() else proposed[k]
+            seeds[row] &= ~spent
+            graph[row, spent] = 0.0
+            graph[row, :, spent] = 0.0
+            reach[row] = 1 + np.count_nonzero(graph[row], axis=-1)
+    few = np.flatnonzero(best.size == 0)
+    best.kept[few] = _only_few(clouds[few])
+    won = np.where(best.rival, str(FitStatus.AMBIGUOUS), str(FitStatus.OK))
+    return best.kept & ~best.rival[:, None], np.where(best.size > 0, won, str(FitStatus.NO_CONSENSUS))
+
+
+def _same_distances(clouds: _Clouds) -> NDArray:
+    """Return the graph (B, N, N) of pairs as far apart in one cloud as in the other, 0 where they are not.
+
+    An edge weighs 1 and a little more the better it agrees, so that no choice hangs on the order of points.
+    """
+    change = np.abs(_distances(clouds.x) - _distances(clouds.y))
+    variance = clouds.sigma**2
+    share = 1 - change / (_PAIR_LIMIT * np.sqrt(variance[:, :, None] + variance[:, None]))
+    both = clouds.seen[:, :, None] & clouds.seen[:, None]
+    graph = np.where(both & (share > 0), 1 + 0.5 / variance.shape[1] * share, 0.0)
+    index = np.arange(variance.shape[1])
+    graph[:, index, index] = 0.0
+    return graph
+
+
+def _distances(points: NDArray) -> NDArray:
+    square = np.zeros((*points.shape[:-1], points.shape[-2]))
+    for i in range(3):
+        square += np.square(points[..., i, None] - points[..., None, :, i])
+    return np.sqrt(square)
+
+
+def _grow(graph: NDArray, seed: NDArray) -> NDArray:
+    """Return sets (B, N): anchors, beginning with the seed (B,), and every point joined to all of them."""
+    rows = np.arange(len(seed))
+    anchors = np.zeros(graph.shape[:2], bool)
+    anchors[rows, seed] = True
+    joined = graph[rows, seed] > 0
+    for _ in range(_ANCHORS - 1):
+        votes = (1 + (graph @ joined[..., None].astype(graph.dtype))[..., 0]) * joined
+        pick, some = votes.argmax(-1), joined.any(-1)
+        anchors[rows, pick] |= some
+        joined &= (graph[rows, pick] > 0) | ~some[:, None]
+    return anchors | joined
+
+
+def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
+    """Return where a larger set than found (B, N) could hide in the proposed one, with another motion."""
+    members, left = proposed.sum(-1), found.sum(-1)
+    return (members >= fewest) & (left < members) & (2 * left < members + FEWEST)
+
+
+def _among_triples(clouds: _Clouds, members: NDArray, degree: NDArray, fewest: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the largest set (1, N) that one of the motions of triples of members (N,) leads to, and its cost (1,)."""
+    index = np.flatnonzero(members)
+    index = index[np.argsort(-degree[index], kind="stable")]
+    blocks = -(-len(index) // _TRIPLE_BLOCK)
+    starts = np.stack([_best_triple(clouds, index, index[k::blocks]) for k in range(blocks)])
+    found, cost = _settle(clouds[np.zeros(blocks, int)], starts, np.repeat(fewest, blocks))
+    best = np.lexsort((cost, -found.sum(-1)))[:1]
+    return found[best], cost[best]
+
+
+def _best_triple(clouds: _Clouds, index: NDArray, block: NDArray) -> NDArray:
+    """Return the points (N,) near the motion of that triple of a block which brings most of index near."""
+    triples = block[np.array(list(combinations(range(len(block)), 3)), int).reshape(-1, 3)]
+    x, y, variance = clouds.x[0], clouds.y[0], clouds.sigma[0, index] ** 2
+    fit = solve_weighted(x[triples], y[triples], np.ones(triples.shape))
+    square = np.sum((y[index] - fit.apply(x[index])) ** 2, axis=-1) / variance
+    near = 4 * clouds.limit[0]  # a triple's own error comes on top
+    cost = np.where(fit.ok, np.sum(np.minimum(square, near), axis=-1), np.inf)
+    out = np.zeros(len(x), bool)
+    if len(cost) and np.isfinite(cost.min()):
+        out[index] = square[cost.argmin()] <= near
+    return out
+
+
+def _only_few(clouds: _Clouds) -> NDArray:
+    """Return the three points (B, N) of the only triangle of equal distances, or the two of the only pair."""
+    edge = (_same_distances(clouds) > 0).astype(float)
+    corner = (edge @ edge) * edge
+    triangles = corner.sum((-1, -2)) / 6
+    pairs = edge.sum((-1, -2)) / 2
+    one = np.where((triangles == 1)[:, None], corner.any(-1), edge.any(-1))
+    return one & ((triangles == 1) | (triangles == 0) & (pairs == 1))[:, None]
