@@ -17,6 +17,7 @@ from truing.estimation.rotation import exp_so3
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M, Known, PointModel
+from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ def _model(
     known = Known(
         geometry_sigmas(settings.mechanism),
         bodies.shape,
-        np.linalg.cholesky(bodies.shape_cov),
+        shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov),
         settings.noise.actuator_mm * 1e-3,
         np.arange(0),
         np.tile(np.eye(3), (legs.count, 1, 1)),
@@ -205,7 +206,7 @@ def _model(
     known = Known(
         known.geometry,
         bodies.shape,
-        np.linalg.cholesky(bodies.shape_cov),
+        shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov),
         known.reading_sigma,
         np.array(ridden, int),
         rotation,

@@ -18,10 +18,12 @@ from truing.simulation.chain import Effect
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import Known, PointModel
+from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import Targets
 
 FORMAT = 1
 _AXES = "xyz"
+_NO_SURVEY = ShapeUnknowns(np.zeros((0, 3, 0)), np.zeros((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def bare(model: PointModel) -> PointModel:
     known = Known(
         model.known.geometry,
         none,
-        np.zeros((0, 3, 3)),
+        _NO_SURVEY,
         model.known.reading_sigma,
         np.arange(0),
         model.known.seat_rotation,
@@ -129,7 +131,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     known = Known(
         geometry,
         np.zeros((0, 3)),
-        np.zeros((0, 3, 3)),
+        _NO_SURVEY,
         about["reading_sigma_mm"] * 1e-3,
         np.arange(0),
         np.tile(np.eye(3), (count, 1, 1)),

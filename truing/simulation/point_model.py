@@ -17,6 +17,7 @@ from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.chain import Cause, Effect, State, carried, simulate
 from truing.simulation.kinematics import forward, leg_vectors, pose_change, unit
 from truing.simulation.legs import Change, Legs
+from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import (
     LEG,
     LegFrames,
@@ -50,13 +51,13 @@ class Known:
     """What is known beforehand of a mechanism and its targets; one standard deviation each, m and rad.
 
     ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
-    frames, ``shape_factor`` (K, 3, 3) a square root of its covariance. ``ridden`` are the legs that carry targets;
-    ``seat_rotation`` (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the upright leg, as a start.
+    frames and ``survey`` what it leaves unknown. ``ridden`` are the legs that carry targets; ``seat_rotation``
+    (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the upright leg, as a start.
     """
 
     geometry: dict[str, float]
     shape: NDArray
-    shape_factor: NDArray
+    survey: ShapeUnknowns
     reading_sigma: float
     ridden: NDArray
     seat_rotation: NDArray
@@ -86,7 +87,7 @@ class PointModel:
         count = self.nominal.count
         sizes = {"a": 3 * count, "b": 3 * count, "u": 2 * count, "l": count}
         sizes = {name: size for name, size in sizes.items() if self.known.geometry.get(name, 0.0) > 0}
-        sizes |= {"shape": 3 * int(np.sum(~self.targets.at_attachment)), "seat": 6 * len(self.known.ridden)}
+        sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.ridden)}
         sizes |= {cause.id: len(cause.parameters(count)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
@@ -146,9 +147,7 @@ class PointModel:
 
     def shape(self, shared: NDArray) -> NDArray:
         """Return the bodies' shapes (K, 3): base frame, platform frame, upright leg."""
-        free, pulls = ~self.targets.at_attachment, self._part(shared, "shape").reshape(-1, 3)
-        shape = self.known.shape.astype(shared.dtype)
-        shape[free] += np.einsum("kij,kj->ki", self.known.shape_factor[free], pulls)
+        shape = self.known.shape + self.known.survey.modes @ self._part(shared, "shape")
         rotation, offset = self._seats(shared)
         on_leg = self.targets.body == LEG
         ridden = self.targets.leg[on_leg]
@@ -300,12 +299,7 @@ class PointModel:
         own = rotation.copy()
         on_leg = self.targets.body == LEG
         own[:, on_leg] = rotation[:, on_leg] @ seat_rotation[self.targets.leg[on_leg]]
-        free = np.flatnonzero(~self.targets.at_attachment)
-        start = self.layout["shape"].start
-        for axis in range(3):  # a target's shape moves that target alone
-            by_shared[:, free, :, start + 3 * np.arange(len(free)) + axis] = np.swapaxes(
-                own[:, free] @ self.known.shape_factor[free], 0, 1
-            )[..., axis]
+        by_shared[..., self.layout["shape"]] = own @ self.known.survey.modes
         self._fill_seats(by_shared, shared, rotation)
 
     def _fill_seats(self, by_shared: NDArray, shared: NDArray, rotation: NDArray) -> None:
@@ -329,13 +323,11 @@ class PointModel:
     def _survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return what the survey of targets on attachments says of b: whitened residual and derivative."""
         own = np.flatnonzero(self.targets.at_attachment)
-        ridden, factor = self.targets.leg[own], self.known.shape_factor[own]
+        ridden, factor = self.targets.leg[own], self.known.survey.attachment_factor
         gap = self.known.shape[own] - self.legs(shared).b[ridden]
         derivative = np.zeros((len(own), 3, self.shared_size))
         if "b" in self.layout:
+            sigma, first = self.known.geometry["b"], self.layout["b"].start
             for axis in range(3):
-                derivative[np.arange(len(own)), axis, self.layout["b"].start + 3 * ridden + axis] = self.known.geometry[
-                    "b"
-                ]
-        residual = np.linalg.solve(factor, gap[..., None])[..., 0]
-        return residual.reshape(-1), np.linalg.solve(factor, derivative).reshape(3 * len(own), self.shared_size)
+                derivative[np.arange(len(own)), axis, first + 3 * ridden + axis] = sigma
+        return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(factor, derivative.reshape(3 * len(own), -1))
