@@ -198,7 +198,7 @@ def _search(clouds: _Clouds) -> tuple[NDArray, NDArray]:
             break
         degree = graph[rows].sum(-1)
         seed = np.where(worth[rows], degree, -1.0).argmax(-1)
-        proposed = _grow(graph[rows], seed)
+        proposed = _grow(graph[rows], seed, best.kept[rows])
         found, cost = _settle(clouds[rows], proposed, fewest[rows])
         seeds[rows] &= ~found
         seeds[rows, seed] = False
@@ -240,14 +240,17 @@ def _distances(points: NDArray) -> NDArray:
     return np.sqrt(square)
 
 
-def _grow(graph: NDArray, seed: NDArray) -> NDArray:
-    """Return sets (B, N): anchors, beginning with the seed (B,), and every point joined to all of them."""
+def _grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
+    """Return sets (B, N): anchors, beginning with the seed (B,), and every point joined to all of them.
+
+    Points taken (B, N) by the best set so far come last: another motion shares two of them at most.
+    """
     rows = np.arange(len(seed))
     anchors = np.zeros(graph.shape[:2], bool)
     anchors[rows, seed] = True
-    joined = graph[rows, seed] > 0
+    joined, worth = graph[rows, seed] > 0, np.where(taken, 1 / (2 * graph.shape[1]), 1.0)
     for _ in range(_ANCHORS - 1):
-        votes = (1 + (graph @ joined[..., None].astype(graph.dtype))[..., 0]) * joined
+        votes = (1 + (graph @ joined[..., None].astype(graph.dtype))[..., 0]) * joined * worth
         pick, some = votes.argmax(-1), joined.any(-1)
         anchors[rows, pick] |= some
         joined &= (graph[rows, pick] > 0) | ~some[:, None]
