@@ -78,6 +78,16 @@ def write_artifacts(
         discard_parts(paths.values())
 
 
+def write_table(path: Path, artifact: Artifact, table: pa.Table, stamp: Stamp) -> None:
+    """Write one table of an artifact's schema to any place, whole."""
+    try:
+        _write(path, artifact, table, stamp)
+        reveal(path)
+        settle(path.parent)
+    finally:
+        discard_parts([path])
+
+
 def drain(contents: Mapping[str, pa.Table | pa.RecordBatchReader | str]) -> None:
     """Check everything that a stage left against its schema, and write nothing."""
     for name, content in contents.items():
@@ -145,7 +155,8 @@ def _checked(artifact: Artifact, table: pa.Table, schema: pa.Schema) -> pa.Table
     faults = artifact.faults(table)
     if faults:
         raise SchemaBreach("\n".join(str(fault) for fault in faults))
-    return table.select(schema.names).cast(schema).unify_dictionaries()
+    # One chunk per row group, lest the sizes of a reader's batches show in the bytes.
+    return table.select(schema.names).cast(schema).unify_dictionaries().combine_chunks()
 
 
 def _gathered(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:

@@ -42,7 +42,7 @@ def _read_raw(run: CampaignRun) -> str:
     ingest = next(stage for stage in run.order if stage.name == RAW_READER)
     outcome = run.outcome(ingest, lambda done, total, what: None)
     drain(outcome.artifacts)
-    return "; ".join(filter(None, (str(outcome.read), str(outcome.left_out))))
+    return f"read {outcome.read}; left out {outcome.left_out}"
 
 
 def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:

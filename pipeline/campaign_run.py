@@ -111,8 +111,8 @@ class CampaignRun:
         outcome = self.outcome(stage, progress)
         _check_leaves(stage, outcome)
         self._store(stage, now, outcome)
-        words = (str(outcome.read), str(outcome.left_out), str(outcome.figure))
-        return "; ".join(word for word in words if word) + f"; {time.perf_counter() - started:.2f} s"
+        words = f"read {outcome.read}; left out {outcome.left_out}; {outcome.figure}"
+        return f"{words}; {time.perf_counter() - started:.2f} s"
 
     def outcome(self, stage: Stage, progress: Progress) -> Outcome:
         """Call a stage with exactly what it declares."""

@@ -100,6 +100,38 @@ def check(campaigns: Campaigns) -> None:
     _end(*(lambda place=place: report_check(place) for place in campaigns))
 
 
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with raw files and no campaign.toml yet.")],
+) -> None:
+    """Look at the raw files of a folder and write a campaign.toml to complete, every key explained.
+
+    An existing campaign.toml is never overwritten, and a raw file is never changed.
+
+    Example: truing init my-campaign
+    """
+    from pipeline.init_campaign import init_campaign
+
+    _end(lambda: init_campaign(folder))
+
+
+@app.command()
+def predict(
+    model: Annotated[Path, typer.Argument(metavar="MODEL.toml", help="The model.toml that a run has written.")],
+    inputs: Annotated[Path, typer.Argument(metavar="INPUTS", help="A configurations table, .csv or .parquet.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
+    ] = None,
+) -> None:
+    """Predict with the extended model where nothing was measured: poses from actuator readings.
+
+    Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
+    """
+    from pipeline.predict_command import predict_file
+
+    _end(lambda: predict_file(model, inputs, out))
+
+
 def _end(*actions: Callable[[], ExitCode]) -> None:
     from pipeline.endings import end_all
     from pipeline.voice import Voice

@@ -40,13 +40,13 @@ def run(tables, settings, progress, source):
 
     class Late:
         def __str__(self):
-            return f"read {len(counted)} points"
+            return f"{len(counted)} points"
 
     left = {"observations": pa.RecordBatchReader.from_batches(schema, batches())}
     if (source.folder / "targets.csv").exists():
         left["survey"] = ARTIFACTS["survey"].empty()
     left["exclusions"] = ARTIFACTS["exclusions"].empty()
-    return Outcome(left, Late(), "left out nothing", "")
+    return Outcome(left, Late(), "nothing", "no fault")
 """,
     "qa": """
 import pyarrow as pa
@@ -63,7 +63,7 @@ def run(tables, settings, progress):
     row = {"check": "size", "subject": None, "value": largest, "limit": 900.0, "unit": "mm"}
     row |= {"verdict": verdict, "message": "largest coordinate"}
     table = pa.Table.from_pylist([row], schema=ARTIFACTS["qa"].arrow_schema())
-    return Outcome({"qa": table}, "read points", "", verdict, ("size",) if verdict == "fail" else ())
+    return Outcome({"qa": table}, "points", "nothing", verdict, ("size",) if verdict == "fail" else ())
 """,
     "pose": """
 import os
@@ -100,7 +100,7 @@ def run(tables, settings, progress):
     residuals = pa.Table.from_pylist(rows, schema=ARTIFACTS["residuals"].arrow_schema())
     if trouble == "schema":
         residuals = residuals.drop_columns(["dz_mm"])
-    return Outcome({"poses": ARTIFACTS["poses"].empty(), "residuals": residuals}, "read points", "", f"{shift:.3f}")
+    return Outcome({"poses": ARTIFACTS["poses"].empty(), "residuals": residuals}, "points", "nothing", f"{shift:.3f}")
 """,
     "deformation": """
 import pyarrow as pa
@@ -118,7 +118,7 @@ def run(tables, settings, progress):
             for r in tables["residuals"].to_pylist()]
     table = pa.Table.from_pylist(rows, schema=ARTIFACTS["deformation"].arrow_schema())
     empty = {name: ARTIFACTS[name].empty() for name in ("deformation_models", "deformation_errors")}
-    return Outcome({"deformation": table, **empty}, "", "", settings.mechanism.type)
+    return Outcome({"deformation": table, **empty}, "rows", "nothing", settings.mechanism.type)
 """,
     "diagnose": """
 from schemas.artifacts import ARTIFACTS
@@ -131,7 +131,7 @@ DECLARATION = Stage(
 
 def run(tables, settings, progress):
     model = f"[effects]\\nrows = {tables['deformation'].num_rows}\\nfalse_alarm = {settings.diagnosis.false_alarm}\\n"
-    return Outcome({"diagnosis": ARTIFACTS["diagnosis"].empty(), "model": model}, "", "", "nothing found")
+    return Outcome({"diagnosis": ARTIFACTS["diagnosis"].empty(), "model": model}, "rows", "nothing", "nothing found")
 """,
     "report": """
 from stages.declaration import Outcome, Stage
@@ -144,7 +144,7 @@ DECLARATION = Stage(
 
 def run(tables, settings, progress):
     page = f"<!doctype html><html><body>{tables['observations'].num_rows} -- {settings.requirement.x_mm}</body></html>"
-    return Outcome({"report": page}, "read all", "", "1 page")
+    return Outcome({"report": page}, "all", "nothing", "1 page")
 """,
 }
 

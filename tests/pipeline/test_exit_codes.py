@@ -19,7 +19,7 @@ def test_done(fake: FakeProject) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert lines(done.stdout)[-1] == f"report: {Path('runs') / 'bench' / 'report.html'}"
     closing = lines(done.stdout)[0].split("; ")
-    assert closing[:2] == ["ingest       read 3 points", "left out nothing"]
+    assert closing[:3] == ["ingest       read 3 points", "left out nothing", "no fault"]
     assert closing[-1].endswith(" s")
 
 

@@ -1,0 +1,135 @@
+"""`truing init`: looks at the raw files of a folder and writes a campaign.toml to complete, every key explained."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.campaign_folder import FILE, is_safe_name
+from pipeline.problems import ExitCode, environment
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    from truing.formats.sniff import Guess
+
+_TEMPLATE = Path(__file__).with_name("campaign_template.toml")
+_LOADING_TABLES = {"interferometer", "displacement"}
+_MOST_FILES = 5000
+
+
+@dataclass(frozen=True)
+class RawGroup:
+    """Raw files whose names differ in numbers alone: the glob that finds them, one of them, and how many."""
+
+    glob: str
+    example: Path
+    count: int
+
+
+def init_campaign(folder: Path) -> ExitCode:
+    """Write the folder's campaign.toml; raises CampaignFaults where there is no folder, or one already."""
+    target = folder / FILE
+    if not folder.is_dir():
+        raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
+    guesses = [(group, _guess(group)) for group in raw_groups(folder)]
+    text = campaign_text(folder.resolve().name, guesses)
+    try:
+        with environment(f"{target} cannot be written"), open(target, "x", encoding="utf-8") as file:
+            file.write(text)
+    except Exception as error:
+        if isinstance(error.__cause__, FileExistsError):
+            raise CampaignFaults([Fault(str(target), "no such file yet: it is never overwritten")]) from None
+        raise
+    voice = Voice(quiet=False)
+    for group, guess in guesses:
+        voice.say(f"{group.glob}: {_summary(group, guess)}")
+    voice.say(f"wrote {target}; complete it, then: truing check {folder}")
+    return ExitCode.DONE
+
+
+def raw_groups(folder: Path) -> list[RawGroup]:
+    """The files below a folder, those together whose names differ in numbers alone."""
+    groups: dict[str, list[Path]] = {}
+    for path in _files(folder):
+        relative = path.relative_to(folder)
+        pattern = (relative.parent / re.sub(r"\d+", "*", relative.name)).as_posix()
+        groups.setdefault(pattern, []).append(path)
+    return [
+        RawGroup(pattern if len(paths) > 1 else paths[0].relative_to(folder).as_posix(), paths[0], len(paths))
+        for pattern, paths in sorted(groups.items())
+    ]
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    found = 0
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if path.is_file() and not hidden and path.suffix.lower() not in {".toml", ".md", ".html", ".pdf"}:
+            found += 1
+            if found > _MOST_FILES:
+                return
+            yield path
+
+
+def _guess(group: RawGroup) -> Guess:
+    from truing.formats.sniff import sniff_file
+
+    return sniff_file(group.example)
+
+
+def _summary(group: RawGroup, guess: Guess) -> str:
+    many = f"{group.count} files, " if group.count > 1 else ""
+    what = guess.table or "not recognised"
+    return f"{many}{what}; columns {', '.join(guess.columns) or 'unknown'}"
+
+
+def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
+    """The campaign.toml to complete."""
+    loaded = any(guess.table in _LOADING_TABLES for _, guess in guesses)
+    kind = "interferometer" if loaded else "photogrammetry"
+    parts = {
+        "@NAME@": json.dumps(name if is_safe_name(name) else "my-campaign", ensure_ascii=False),
+        "@KIND@": json.dumps(kind),
+        "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
+        "@FILES@": "\n".join(line for group, guess in guesses for line in _file_lines(group, guess)),
+    }
+    text = _TEMPLATE.read_text(encoding="utf-8")
+    return re.sub("|".join(parts), lambda match: parts[match[0]], text)
+
+
+def _mapping_keys() -> Iterator[str]:
+    from schemas.mapping import FileMapping
+
+    for key, field in FileMapping.model_fields.items():
+        default = (
+            ""
+            if field.is_required() or field.default in (None, ())
+            else f" ({_toml(field.get_default(call_default_factory=True))})"
+        )
+        yield f"#   {key:<12} {field.description or ''}{default}"
+
+
+def _file_lines(group: RawGroup, guess: Guess) -> Iterator[str]:
+    yield ""
+    yield f"# {group.glob}: columns {', '.join(guess.columns) or 'unknown'}"
+    yield from (f"# {note}" for note in guess.notes)
+    mark = "" if guess.table and guess.mapping else "# "
+    if group.glob == f"{guess.table}{group.example.suffix}" and not guess.mapping:
+        return
+    yield f"{mark}[files.{guess.table or 'points'}]"
+    for key, value in {"path": group.glob, **guess.mapping}.items():
+        yield f"{mark}{key} = {_toml(value)}"
+
+
+def _toml(value: Any) -> str:
+    """A value of a mapping as TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(str(key))} = {_toml(inner)}" for key, inner in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)

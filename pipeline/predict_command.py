@@ -1,0 +1,92 @@
+"""`truing predict`: the extended model's prediction, at readings where nothing was measured."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.problems import ExitCode
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_READERS = (".csv", ".parquet")
+
+
+def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
+    """Predict the poses of a configurations table; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
+    if out is not None and out.suffix not in _READERS:
+        raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
+    text = _model_text(model)
+    predicted = _predicted(model, text, inputs)
+    if out is None:
+        sys.stdout.write(_csv(predicted).decode())
+        return ExitCode.DONE
+    _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
+    Voice(quiet=False).say(f"{predicted.num_rows} poses: {out}")
+    return ExitCode.DONE
+
+
+def _model_text(model: Path) -> str:
+    try:
+        return model.read_text(encoding="utf-8")
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError, UnicodeDecodeError):
+        raise CampaignFaults([Fault(str(model), "a model.toml that a run has written")]) from None
+
+
+def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:
+    from stages.predict import predict
+
+    table = _read_inputs(inputs)
+    try:
+        return predict(text, table, str(inputs))
+    except ValueError as error:
+        raise CampaignFaults([Fault(str(model), f"a model.toml that a run has written ({error})")]) from None
+
+
+def _read_inputs(path: Path) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    if path.suffix not in _READERS:
+        raise CampaignFaults([Fault(str(path), "a configurations table, .csv or .parquet")])
+    try:
+        return pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
+    except FileNotFoundError:
+        raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
+    except pa.ArrowInvalid as error:
+        raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
+
+
+def _csv(table: pa.Table) -> bytes:
+    import pyarrow as pa
+    import pyarrow.csv
+
+    sink = pa.BufferOutputStream()
+    pa.csv.write_csv(table, sink)
+    return bytes(sink.getvalue())
+
+
+def _campaign(model: Path, text: str) -> str:
+    import tomllib
+
+    carried = tomllib.loads(text).get("provenance", {})
+    return str(carried.get("campaign", model.name))
+
+
+def _write(out: Path, predicted: pa.Table, campaign: str, made_from: list[str]) -> None:
+    from pipeline.artifacts import Stamp, write_table
+    from pipeline.ledger import digest_of
+    from pipeline.whole_file import write_whole
+    from schemas.artifacts import ARTIFACTS
+    from truing import __version__
+
+    if out.suffix == ".csv":
+        write_whole(out, _csv(predicted))
+        return
+    stamp = Stamp("predict", digest_of(made_from), campaign, __version__, ("poses",))
+    write_table(out, ARTIFACTS["poses"], predicted, stamp)

@@ -1,0 +1,137 @@
+"""The command line's face: help with an example everywhere, bars on a terminal alone, a pipe that closes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+from tests.pipeline.fake_project import STAGES, FakeProject
+
+COMMANDS = ("run", "stages", "check", "init", "predict")
+
+
+@pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
+def test_help_explains_itself_with_an_example(command: tuple[str, ...]) -> None:
+    shown = CliRunner().invoke(app, [*command, "--help"])
+    assert shown.exit_code == 0
+    assert f"Example: truing {' '.join(command)}" in shown.output
+
+
+def test_help_lists_every_command_there_is() -> None:
+    assert {command.name or command.callback.__name__ for command in app.registered_commands} == set(COMMANDS)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; sys.argv = ['truing', '--help']\n"
+        "from pipeline.command_line import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'pydantic', 'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_nothing_to_do_imports_nothing_heavy(ran: FakeProject) -> None:
+    code = (
+        f"import sys; sys.argv = ['truing', 'run', {str(ran.campaign)!r}]\n"
+        "from pipeline.command_line import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly', 'schemas.campaign'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ran.cwd, env=ran.environment(), capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "everything is up to date" in done.stdout
+
+
+def test_from_and_only_exclude_each_other(fake: FakeProject) -> None:
+    done = fake.call("run", str(fake.campaign), "--from", "qa", "--only", "pose")
+    assert done.returncode == 2
+    assert "exclude each other" in done.stderr
+
+
+def test_stages_without_a_campaign_lists_those_there_are(fake: FakeProject) -> None:
+    done = fake.call("stages")
+    assert done.returncode == 0
+    assert "photogrammetry:" in done.stdout
+    assert "reads points.csv" in done.stdout
+
+
+def test_stages_of_a_campaign_never_run_writes_nothing(fake: FakeProject) -> None:
+    assert {state.split("  ")[0] for state in fake.standings().values()} == {"never run"}
+    assert list(fake.cwd.iterdir()) == []
+
+
+def test_elsewhere_than_on_a_terminal_there_are_plain_lines(fake: FakeProject) -> None:
+    done = fake.call("run", str(fake.campaign))
+    assert "\x1b" not in done.stdout + done.stderr
+    assert "\r" not in done.stdout
+    assert [line.split()[0].rstrip(":") for line in done.stdout.splitlines()] == [*STAGES, "report"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_on_a_terminal_there_is_a_bar_that_vanishes(fake: FakeProject) -> None:
+    import pty
+
+    ours, theirs = pty.openpty()
+    environment = {**fake.environment("pause0.5"), "TERM": "xterm", "COLUMNS": "100"}
+    process = subprocess.Popen(
+        fake.command("run", str(fake.campaign)), cwd=fake.cwd, env=environment, stdout=theirs, stderr=theirs
+    )
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(ours, 4096)
+        except OSError:  # Linux says so when the other end has closed
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(ours)
+    assert process.wait() == 0
+    assert b"\x1b[2K" in shown, "the bar is erased"
+    assert shown.count(b"left out nothing") == len(STAGES)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX pipes")
+def test_a_listener_who_goes_does_not_end_the_run(fake: FakeProject) -> None:
+    process = subprocess.Popen(
+        fake.command("run", str(fake.campaign)),
+        cwd=fake.cwd,
+        env=fake.environment("pause0.3"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.readline()
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(), errors) == (0, b"")
+    assert (fake.out / "report.html").exists()
+
+
+def test_a_long_stage_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    from pipeline.voice import Voice
+
+    clock = iter(range(0, 100, 3))
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
+    with Voice(quiet=False).during("pose") as progress:
+        for done in range(5):
+            progress(done, 5, "poses")
+        progress(7, 0, "rows")
+    assert capsys.readouterr().out.splitlines() == ["pose: 1 of 5 poses", "pose: 3 of 5 poses", "pose: 7 rows"]
