@@ -1,0 +1,158 @@
+"""The default pose: a consensus of points that no gross error can bend, then maximum likelihood on all that agree."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.covariance import apply_rotation, symmetric
+from truing.estimation.haralick import residual_scale
+from truing.estimation.likelihood import maximum_likelihood
+from truing.estimation.rigid import FitStatus, RigidFit, mask_entries
+from truing.estimation.robust import consensus
+from truing.estimation.rotation import skew
+
+# Probability that a pose without gross errors loses any of its points.
+FALSE_ALARM = 1e-4
+_ROUNDS = 10
+_WORTH_ANOTHER_ROUND = 1.2
+
+
+def robust_pose(
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    *,
+    keep: NDArray | None = None,
+    noise_ratio: float = 1.0,
+    false_alarm: float = FALSE_ALARM,
+) -> tuple[RigidFit, NDArray]:
+    """Return the maximum-likelihood motion of the points that agree on one, and which they are (B, N).
+
+    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2, mask
+    (B, N). A point is kept while its studentised residual passes a chi-square test, in which declared noise counts
+    ``noise_ratio`` times, and always where ``keep`` (B, N) says so. Status as of `consensus` where no set of points
+    agrees; the points that do agree are reported even then. Raises ValueError as `maximum_likelihood`.
+    """
+    mask = np.asarray(mask, bool)
+    keep = np.zeros_like(mask) if keep is None else keep & mask
+    sigma = noise_ratio * _largest_sigma(cov_source, cov_target, mask)
+    inlier, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
+    agreed = status == FitStatus.OK
+    kept = np.where(agreed[:, None], inlier | keep, False)
+    limit = noise_ratio**2 * _chi_square_limit(false_alarm, mask)
+    fit = maximum_likelihood(source, target, cov_source, cov_target, kept)
+    for _ in range(_ROUNDS):
+        passes = squared_residuals(fit, source, target, cov_source, cov_target, kept) <= limit[:, None]
+        renewed = np.where(fit.ok[:, None], mask & passes | keep, kept)
+        if np.array_equal(renewed, kept):
+            break
+        kept = renewed
+        fit = maximum_likelihood(source, target, cov_source, cov_target, kept, start=fit)
+    return _without_agreement(fit, agreed, status), np.where(agreed[:, None], kept, inlier)
+
+
+def squared_residuals(
+    fit: RigidFit,
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    kept: NDArray,
+) -> NDArray:
+    """Return the squared studentised residuals (B, N), chi-square with 3 degrees where only noise is at work.
+
+    The fit's own error adds to the residual of a point that was left out, and takes from that of one kept.
+    Zero in entries without a pose.
+    """
+    ok = fit.ok
+    R = np.where(ok[:, None, None], fit.R, np.eye(3))
+    arm = source @ np.swapaxes(R, -1, -2)
+    r = np.where(ok[:, None, None], target - arm - fit.t[:, None], 0.0)
+    noise = cov_target + R[:, None] @ cov_source @ np.swapaxes(R, -1, -2)[:, None]
+    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
+    pose = J @ np.where(ok[:, None, None], fit.covariance, 0.0)[:, None] @ np.swapaxes(J, -1, -2)
+    spread = symmetric(noise + np.where(kept, -1.0, 1.0)[..., None, None] * pose)
+    floor = 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
+    floor = np.where(floor > 0, floor, 1.0)[..., None, None] * np.eye(3)
+    return np.einsum("bni,bni->bn", r, apply_rotation(np.linalg.inv(spread + floor), r))
+
+
+def robust_poses(
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    *,
+    keep: NDArray | None = None,
+) -> tuple[RigidFit, NDArray, float]:
+    """Return what `robust_pose` does for one body over many poses, and how many times its noise the body scatters.
+
+    source (N, 3), target (B, N, 3), covariances and masks as there. Noise that was declared too low, or a body that
+    is not quite rigid, is not a gross error: where the poses together scatter more than declared, points are judged
+    by that scatter. The covariances stay those of the declared noise.
+    """
+    given = (source, target, cov_source, cov_target, mask)
+    fit, kept = robust_pose(*given, keep=keep)
+    ratio = _noise_ratio(fit, kept, source, target, _largest_sigma(cov_source, cov_target, mask), mask)
+    if ratio < _WORTH_ANOTHER_ROUND:
+        return fit, kept, ratio
+    return *robust_pose(*given, keep=keep, noise_ratio=ratio), ratio
+
+
+def _noise_ratio(
+    fit: RigidFit, kept: NDArray, source: NDArray, target: NDArray, sigma: NDArray, mask: NDArray
+) -> float:
+    """Return the scatter in units of sigma (B, N), at least 1, from the poses in which most points agree.
+
+    Where most poses have no agreement at all, from the distances between points.
+    """
+    usable = mask.sum(-1) >= 3
+    if not usable.any():
+        return 1.0
+    majority = fit.ok & (2 * kept.sum(-1) > mask.sum(-1))
+    if 2 * np.sum(fit.ok & usable) < usable.sum():
+        return max(sigma_from_distances(source, target, mask) / float(np.median(sigma[mask])), 1.0)
+    if not majority.any():
+        return 1.0
+    distance = np.linalg.norm(target - fit.apply(source), axis=-1)
+    return float(max(np.median(residual_scale(distance / sigma, mask)[majority]), 1.0))
+
+
+def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> float:
+    """Return the standard deviation per coordinate, in m, that changes of the distances between points tell.
+
+    source (N, 3), target (B, N, 3), mask (B, N); noise of both clouds together, where none was declared. The median
+    over all pairs: a quarter of the points may be wrong. Zero where there are no pairs.
+    """
+    i, j = np.triu_indices(source.shape[-2], 1)
+    change = np.linalg.norm(target[:, i] - target[:, j], axis=-1) - np.linalg.norm(source[i] - source[j], axis=-1)
+    both = mask[:, i] & mask[:, j]
+    return float(np.median(np.abs(change[both])) / 0.6744897501960817 / np.sqrt(2)) if both.any() else 0.0
+
+
+def _largest_sigma(cov_source: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
+    """Return the standard deviations (B, N) along the worst direction, both clouds together."""
+    total = np.zeros(mask.shape)
+    for C in (cov_source, cov_target):
+        C = np.where(mask[..., None, None], C, np.eye(3))
+        total = total + np.linalg.eigvalsh(C)[..., -1]
+    return np.sqrt(total)
+
+
+def _chi_square_limit(false_alarm: float, mask: NDArray) -> NDArray:
+    from scipy.special import chdtri
+
+    return chdtri(3, false_alarm / np.maximum(mask.sum(-1), 1))
+
+
+def _without_agreement(fit: RigidFit, agreed: NDArray, status: NDArray) -> RigidFit:
+    """Return the fit with the consensus's status, and no numbers, where points did not agree."""
+    names = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
+    masked = {name: mask_entries(getattr(fit, name), agreed) for name in names}
+    return dataclasses.replace(fit, status=np.where(agreed, fit.status, status), **masked)
