@@ -44,11 +44,13 @@ Array = NDArray[np.float64]
 class Shifts:
     """Shift of each leg's attachment along z of the platform.
 
-    shift (B, L) in m, NaN where not seen; noise (B, L, L) of the measurement, survey (L, L) of the survey,
-    which all poses share; attachments (L, 3); modulo_plane: the frame was fitted to the attachments themselves.
+    shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y, which gross errors show;
+    noise (B, L, L) of the measurement, survey (L, L) of the survey, which all poses share; attachments (L, 3);
+    modulo_plane: the frame was fitted to the attachments themselves.
     """
 
     shift: Array
+    across: Array
     noise: Array
     survey: Array
     attachments: Array
@@ -62,7 +64,7 @@ def attachment_deformation(tables: Mapping[str, pa.Table], legs: Sequence[Leg]) 
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
     good = np.isfinite(shifts.shift)
-    good[fitted] = keep_consistent(drive[fitted], shifts.shift[fitted], shifts.noise[fitted], **prior)
+    good[fitted] &= _consistent_attachments(drive[fitted], shifts, fitted)
     kept = np.where(good, shifts.shift, np.nan)
     fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
     held = HeldOut(drive[heldout], kept[heldout])
@@ -100,16 +102,27 @@ def _shifts(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], n_legs
     per_leg = _leg_average(survey, seen, noise, n_legs)
     measured = _along_z(residual_covariance(survey.points, noise, used, seen))
     surveyed = _along_z(_survey_covariance(survey, used))
-    shift = np.einsum("blt,bt->bl", per_leg, np.nan_to_num(residual[:, :, 2]))
-    at_leg = per_leg.any(axis=2)
+    shift = np.einsum("blt,bta->bla", per_leg, np.nan_to_num(residual))
+    shift[~per_leg.any(axis=2)] = np.nan
     typical = _typical_average(survey, n_legs)
     return Shifts(
-        np.where(at_leg, shift, np.nan),
+        shift[:, :, 2],
+        shift[:, :, :2],
         np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg),
         typical @ surveyed @ typical.T,
         typical @ survey.points,
         bool((used & (survey.leg > 0)).any()),
     )
+
+
+def _consistent_attachments(drive: Array, shifts: Shifts, rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(b, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
+
+    The noise along z stands for that across: a gross error is many times either.
+    """
+    directions = (shifts.shift[rows], shifts.across[rows, :, 0], shifts.across[rows, :, 1])
+    kept = [keep_consistent(drive, y, shifts.noise[rows], offset_cov=shifts.survey) for y in directions]
+    return np.logical_and.reduce(kept)
 
 
 def _along_z(covariance: Array) -> Array:

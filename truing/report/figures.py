@@ -138,16 +138,27 @@ def deformation_picture(survey: pd.DataFrame, residuals: pd.DataFrame, legs: boo
     ]
     figure.update_layout(
         sliders=[{"steps": steps, "currentvalue": {"prefix": "pose "}, "pad": {"t": 30}}],
-        scene={
-            "aspectmode": "data",
-            "xaxis_title": "x (mm)",
-            "yaxis_title": "y (mm)",
-            "zaxis_title": "z (mm)",
-            "camera": {"eye": {"x": 1.1, "y": -1.3, "z": 0.75}},
-        },
+        scene=_scene(placed[["x_mm", "y_mm", "z_mm"]].to_numpy(), gain * placed["size"].max()),
         legend={"orientation": "h", "y": 1.02},
     )
     return figure
+
+
+def _scene(points: Any, longest: float) -> dict[str, Any]:
+    """Axes that hold body and amplified displacement; a flat body gets a third of its width as height, to be seen."""
+    low, high = points.min(axis=0) - 0.6 * longest, points.max(axis=0) + 0.6 * longest
+    span = high - low
+    ratio = np.maximum(span / span.max(), 0.35)
+    axes = {
+        f"{a}axis": {"title": {"text": f"{a} (mm)"}, "range": [float(low[k]), float(high[k])]}
+        for k, a in enumerate("xyz")
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": {a: float(ratio[k]) for k, a in enumerate("xyz")},
+        "camera": {"eye": {"x": 0.85, "y": -1.05, "z": 0.7}, "center": {"x": 0, "y": 0, "z": -0.1}},
+    }
 
 
 def _round_gain(gain: float) -> float:

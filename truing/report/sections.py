@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 Tables = Mapping[str, "pd.DataFrame"]
 
+_MODEL_WORDS = {
+    "none": "rms shift, no model",
+    "linear": "rms left, linear model",
+    "matrix": "rms left, matrix model",
+}
 _VERDICT_ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
 
 
@@ -86,7 +91,10 @@ def _tiles(tables: Tables) -> list[tuple[str, str]]:
     errors = tables.get("deformation_errors")
     if errors is not None and len(errors):
         whole = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & errors["subject"].isna()]
-        tiles += [(f"left, {row.model} model", f"{plain(row.value)} {row.unit}") for row in whole.itertuples()][:3]
+        tiles += [
+            (_MODEL_WORDS.get(row.model, row.model), f"{plain(row.value)} {_nice(row.unit)}")
+            for row in whole.itertuples()
+        ][:3]
     return tiles
 
 
@@ -157,6 +165,10 @@ def quality(tables: Tables) -> Section | None:
     listings.append(Listing(heads, tuple(rows), marks, caption=f"All {len(rows)} checks", folded=True))
     counts = ", ".join(f"{n} {v}" for v, n in qa["verdict"].value_counts().items())
     return Section("qa", "Quality", f"Verdicts: {counts}.", listings=tuple(listings))
+
+
+def _nice(unit: str) -> str:
+    return unit.replace("um", "µm").replace("urad", "µrad")
 
 
 def _text(value: object) -> str:
@@ -276,13 +288,25 @@ def _picture(tables: Tables) -> list[tuple[object, str]]:
         return []
     survey, residuals = tables["survey"], tables["residuals"]
     body = "platform" if "platform" in set(survey["body"]) else str(residuals["body"].iloc[0])
-    part = residuals[residuals["body"] == body]
+    part = _without_gross_attachments(residuals[residuals["body"] == body], survey, tables.get("deformation"))
     if not len(part):
         return []
     has_legs = survey["leg"].notna().any()
     words = f"Targets of {body} and how far each is from its place in the survey, in the poses that deform most."
     words += " Orange: targets at the attachments; the dotted ring joins them as displaced." if has_legs else ""
     return [(figures.deformation_picture(survey, part, bool(has_legs)), words)]
+
+
+def _without_gross_attachments(
+    residuals: pd.DataFrame, survey: pd.DataFrame, shifts: pd.DataFrame | None
+) -> pd.DataFrame:
+    """Residuals less the attachments that were left out of the deformation models as gross errors."""
+    if shifts is None or not len(shifts) or "rejected" not in shifts:
+        return residuals
+    gross = shifts.loc[shifts["rejected"], ["pose", "leg"]].assign(gross=True)
+    legs = residuals.merge(survey[["body", "target", "leg"]], on=["body", "target"], how="left")
+    marked = legs.merge(gross, on=["pose", "leg"], how="left")["gross"].notna().to_numpy()
+    return residuals[~marked]
 
 
 def _legs(tables: Tables) -> list[tuple[object, str]]:
