@@ -56,6 +56,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 
 def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Outcome:
+    from stages.pose_conditions import unexplained_causes
     from truing.estimation import acceptance
     from truing.simulation.causes import CATALOGUE
 
@@ -63,7 +64,8 @@ def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Out
     search = acceptance.Acceptance(
         gathered.model, gathered.calibration, gathered.held_out, rule, lambda what: progress(0, 1, what)
     )
-    verdicts, final = search.run(tuple(CATALOGUE.values()))
+    readings = gathered.calibration.conditions
+    verdicts, final = search.run([*CATALOGUE.values(), *unexplained_causes(readings, gathered.model.nominal.rho0)])
     rows = [_row(rank, verdict, gathered) for rank, verdict in enumerate(verdicts, 1)]
     return Outcome(
         {"diagnosis": _table(rows), "model": _model_text(final, settings)},
@@ -101,7 +103,7 @@ def _row(rank: int, verdict: Verdict, gathered: Gathered) -> dict[str, Any]:
         "p_value": verdict.score.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(parameters),
-        "follows": "",
+        "follows": " ".join(verdict.cause.follows(gathered.model.nominal.count)),
         "rms_before": facts.rms_before,
         "rms_after": facts.rms_after,
         "heldout_rms_before": held[0],
@@ -118,10 +120,10 @@ def fitted_parameters(stand: Stand, cause: Any) -> dict[str, dict[str, Any]]:
     import numpy as np
 
     model = stand.model
-    sigma = np.sqrt(np.diag(stand.covariance()))[model.layout[cause.id]] * model.effect_sigma(cause)
-    values = stand.fit.shared[model.layout[cause.id]] * model.effect_sigma(cause)
+    sigma = np.sqrt(np.diag(stand.covariance()))[model.layout[cause.key]] * model.effect_sigma(cause)
+    values = stand.fit.shared[model.layout[cause.key]] * model.effect_sigma(cause)
     named = zip(cause.parameters(model.nominal.count), values, sigma, strict=True)
-    return {p.name: {"value": float(v), "sigma": float(s), "unit": p.unit} for p, v, s in named}
+    return {p.name: {"value": float(v / p.si), "sigma": float(s / p.si), "unit": p.unit} for p, v, s in named}
 
 
 def _detectable(verdict: Verdict) -> str:
@@ -129,8 +131,8 @@ def _detectable(verdict: Verdict) -> str:
     if size is None:
         return ""
     first = verdict.cause.parameters(6)[0]
-    stem, unit = first.name.rstrip("_0123456789"), "" if first.unit == "1" else f" {first.unit}"
-    return f"{stem} of {size * first.scale:.2g}{unit} (root mean square over the legs)"
+    unit = "" if first.unit == "1" else f" {first.unit}"
+    return f"coefficients of {size * first.scale / first.si:.2g}{unit} (root mean square)"
 
 
 def _remark(gathered: Gathered, stand: Stand) -> str:
@@ -158,9 +160,9 @@ def _model_text(final: Stand, settings: Campaign) -> str:
 
 
 def _read(gathered: Gathered) -> str:
-    held = 0 if gathered.held_out is None else len(gathered.held_out.readings)
+    held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
-    return f"{seen} points of {len(gathered.calibration.readings)} poses, {held} poses held out"
+    return f"{seen} points of {len(gathered.calibration.conditions.readings)} poses, {held} poses held out"
 
 
 def _figure(verdicts: list[Verdict], final: Stand) -> str:

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, pose_ids, pose_points, positions, residual_points, survey_points
+from stages.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
+from stages.pose_conditions import chosen, pose_conditions
 from truing.estimation.acceptance import Poses
 from truing.estimation.point_fit import Frames, MeasuredPoints
 from truing.estimation.rigid import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
-from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M, Known, PointModel
+from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known, PointModel
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
 
@@ -76,15 +77,6 @@ def geometry_sigmas(section: LeggedMechanism) -> dict[str, float]:
     return sigmas
 
 
-def readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int) -> NDArray:
-    """(B, L) actuator readings in m; NaN where a pose has none."""
-    found = np.full((len(poses), legs), np.nan)
-    place = positions(configurations.column("pose"), poses)
-    values = np.column_stack([number_column(configurations, f"rho{leg}_mm") for leg in range(1, legs + 1)]) * 1e-3
-    found[place[place >= 0]] = values[place >= 0]
-    return found
-
-
 def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     legs = nominal_legs(settings.mechanism)
@@ -92,18 +84,19 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     bodies = _bodies(tables, poses, legs.count, settings)
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
         raise ValueError("needs surveyed targets on base and platform")
-    rho, frames = readings(tables["configurations"], poses, legs.count), _base_frames(tables["poses"], poses)
-    usable = np.isfinite(rho).all(1) & np.isfinite(frames.t).all(1)
+    conditions = pose_conditions(tables["configurations"], poses, legs.count, settings.noise.actuator_mm * 1e-3)
+    frames = _base_frames(tables["poses"], poses)
+    usable = np.isfinite(conditions.readings).all(1) & np.isfinite(frames.t).all(1)
     role = _roles(tables["configurations"], poses)
     fitted, held = usable & (role != "verification"), usable & (role == "verification")
     if fitted.sum() < 3:
         raise ValueError(f"needs at least 3 poses with readings and a base, found {int(fitted.sum())}")
-    model, bodies, dropped = _model(legs, bodies, rho, frames, fitted, settings)
+    model, bodies, dropped = _model(legs, bodies, conditions, frames, fitted, settings)
     words = [f"{int((~usable).sum())} poses without readings or base"] if not usable.all() else []
     return Gathered(
-        model.at(rho[fitted]),
-        _poses(bodies, rho, frames, fitted),
-        _poses(bodies, rho, frames, held) if held.any() else None,
+        model.at(chosen(conditions, fitted)),
+        _poses(bodies, conditions, frames, fitted),
+        _poses(bodies, conditions, frames, held) if held.any() else None,
         "; ".join([*words, *dropped]) or "nothing",
         int(np.sum((bodies.targets.body == PLATFORM) & (bodies.targets.leg < 0))),
     )
@@ -142,15 +135,25 @@ def _filled(cov: NDArray, noise: float) -> NDArray:
 
 def _gross(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> NDArray:
     """(B, T) points that the pose stage rejected, or that lie far outside the spread of their own target."""
-    if not targets:
-        return np.zeros((len(poses), 0), bool)
-    values = residual_points(residuals, body, poses, targets)
+    import pyarrow.compute as pc
+
+    rows = residuals.filter(pc.equal(residuals.column("body"), body))
+    at = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
+    known = (at[0] >= 0) & (at[1] >= 0)
+    place = at[0][known], at[1][known]
+    rejected, values = np.zeros((len(poses), len(targets)), bool), np.full((len(poses), len(targets), 3), np.nan)
+    rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
+    values[place] = np.column_stack([number_column(rows, f"d{a}_mm") for a in "xyz"])[known]
+    return rejected | _outlying(np.where(rejected[..., None], np.nan, values))
+
+
+def _outlying(values: NDArray) -> NDArray:
+    """(B, T) which of values (B, T, 3) lie far from their own target's median; NaN never does."""
     known = np.isfinite(values).all(-1)
-    blank = np.where(known.any(0)[None, :, None], values, 0.0)
-    centre = np.nanmedian(blank, 0)
-    distance = np.sqrt(np.sum((blank - centre) ** 2, -1))
+    values = np.where(known.any(0)[:, None], values, 0.0)
+    distance = np.sqrt(np.sum((values - np.nanmedian(values, 0)) ** 2, -1))
     spread = np.nanmedian(distance, 0) / 1.538  # the median length of three unit normals
-    return ~known | (np.nan_to_num(distance) > _GROSS * np.maximum(spread, 1e-9))
+    return np.nan_to_num(distance) > _GROSS * np.maximum(spread, 1e-6)
 
 
 def _base_frames(table: pa.Table, poses: tuple[int | str, ...]) -> Frames:
@@ -172,13 +175,13 @@ def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
     return roles
 
 
-def _poses(bodies: _Bodies, rho: NDArray, frames: Frames, chosen: NDArray) -> Poses:
-    measured = MeasuredPoints(bodies.points[chosen], bodies.cov[chosen], bodies.seen[chosen])
-    return Poses(measured, rho[chosen], Frames(frames.R[chosen], frames.t[chosen]))
+def _poses(bodies: _Bodies, conditions: Conditions, frames: Frames, rows: NDArray) -> Poses:
+    measured = MeasuredPoints(bodies.points[rows], bodies.cov[rows], bodies.seen[rows])
+    return Poses(measured, chosen(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
 
 
 def _model(
-    legs: Legs, bodies: _Bodies, rho: NDArray, frames: Frames, fitted: NDArray, settings: Campaign
+    legs: Legs, bodies: _Bodies, conditions: Conditions, frames: Frames, fitted: NDArray, settings: Campaign
 ) -> tuple[PointModel, _Bodies, list[str]]:
     """Return the plain model; legs whose targets do not fix them are left out, with the reason."""
     seats = _leg_motions(legs, bodies, frames, fitted)
@@ -191,7 +194,7 @@ def _model(
         np.tile(np.eye(3), (legs.count, 1, 1)),
         np.zeros((legs.count, 3)),
     )
-    plain = PointModel(legs, bodies.targets, known, rho)
+    plain = PointModel(legs, bodies.targets, known, conditions)
     ridden = [] if legs.closure.name != "6-pus" else [leg for leg, motion in enumerate(seats) if motion is not None]
     carrying = {int(leg) for leg in bodies.targets.leg[bodies.targets.body == LEG]}
     dropped = [f"targets of leg{leg + 1} (fewer than three seen together off a line)" for leg in carrying - set(ridden)]
@@ -200,7 +203,7 @@ def _model(
     rotation, seat = known.seat_rotation.copy(), known.seat.copy()
     for leg in ridden:
         pose, R, t = seats[leg]
-        frame = plain.at(rho[pose : pose + 1]).plain_frames()
+        frame = plain.at(chosen(conditions, np.array([pose]))).plain_frames()
         rotation[leg] = frame.rotation[0, leg].T @ R
         seat[leg] = frame.rotation[0, leg].T @ (t - frame.origin[0, leg])
     known = Known(
@@ -212,7 +215,7 @@ def _model(
         rotation,
         seat,
     )
-    return PointModel(legs, bodies.targets, known, rho), bodies, dropped
+    return PointModel(legs, bodies.targets, known, conditions), bodies, dropped
 
 
 def _leg_motions(

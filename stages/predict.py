@@ -9,9 +9,9 @@ from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from numpy.typing import NDArray
 
-    from truing.simulation.extended_model import PredictedPoses
+    from truing.simulation.extended_model import ExtendedModel, PredictedPoses
+    from truing.simulation.point_model import Conditions
 
 
 def predict(model: str, configurations: pa.Table, file: str = "configurations") -> pa.Table:
@@ -23,28 +23,41 @@ def predict(model: str, configurations: pa.Table, file: str = "configurations") 
     from truing.simulation.extended_model import predict_poses, read_model
 
     extended = read_model(model)
-    readings = _readings(configurations, extended.model.nominal.count, file)
-    predicted = predict_poses(extended, readings)
+    conditions = _conditions(configurations, extended, file)
+    predicted = predict_poses(extended, conditions)
     return _poses_table(configurations.column("pose"), predicted)
 
 
-def _readings(configurations: pa.Table, legs: int, file: str) -> NDArray:
+def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) -> Conditions:
+    """Return the conditions, every column that the model needs being there and holding numbers."""
+    from stages.point_arrays import pose_ids
+    from stages.pose_conditions import pose_conditions
+    from truing.simulation.causes.unexplained import APPROACH
+
+    model = extended.model
+    needed = [f"rho{leg}_mm" for leg in range(1, model.nominal.count + 1)]
+    needed += [name for cause in model.causes for name in cause.follows(model.nominal.count) if name not in needed]
+    if any(cause.settings().get("column") == APPROACH for cause in model.causes):
+        needed.append("time_s")
+    _check(configurations, needed, file)
+    return pose_conditions(configurations, pose_ids(configurations), model.nominal.count, model.known.reading_sigma)
+
+
+def _check(configurations: pa.Table, needed: list[str], file: str) -> None:
     import numpy as np
 
     from stages.point_arrays import number_column
 
-    names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]
-    missing = [name for name in ("pose", *names) if name not in configurations.schema.names]
+    missing = [name for name in ("pose", *needed) if name not in configurations.schema.names]
     if missing:
         raise CampaignFaults(Fault(file, "a column of that name", column=name) for name in missing)
-    values = np.column_stack([number_column(configurations, name) for name in names])
+    values = np.column_stack([number_column(configurations, name) for name in needed])
     rows, columns = np.nonzero(~np.isfinite(values))
     if len(rows):
         raise CampaignFaults(
-            Fault(file, "a number", row=int(row) + 1, column=names[column], value=str(values[row, column]))
+            Fault(file, "a number", row=int(row) + 1, column=needed[column], value=str(values[row, column]))
             for row, column in zip(rows, columns, strict=True)
         )
-    return values * 1e-3
 
 
 def _poses_table(poses: pa.ChunkedArray, predicted: PredictedPoses) -> pa.Table:

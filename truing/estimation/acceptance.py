@@ -23,25 +23,26 @@ _WORSE = 2.5
 
 
 class CausalModel(Protocol):
-    """A model of points that can take up causes; causes are anything with an ``id``."""
+    """A model of points that can take up causes; causes are anything with a ``key``, an ``id`` and ``follows``."""
 
     local_size: int
     unpredicted: NDArray  # (H,) local unknowns that the model does not claim to predict
 
     def with_causes(self, causes: Sequence[Any]) -> CausalModel: ...
-    def at(self, readings: NDArray) -> CausalModel: ...
+    def at(self, conditions: Any) -> CausalModel: ...
     def predict(self, shared: NDArray, local: NDArray) -> Any: ...
     def signature(self, cause: Any, shared: NDArray, local: NDArray) -> NDArray: ...
     def widened(self, shared: NDArray, model: CausalModel) -> NDArray: ...
     def parameter_count(self, cause: Any) -> int: ...
+    def is_named(self, cause: Any) -> bool: ...
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Measured points of some poses, the readings that go with them, and frames to start from."""
+    """Measured points of some poses, the conditions that the model needs there, and frames to start from."""
 
     measured: MeasuredPoints
-    readings: NDArray  # (B, L) m
+    conditions: Any
     frames: Frames
 
 
@@ -100,8 +101,8 @@ class Round:
         return Verdict(
             cause,
             verdict,
-            self.scores[cause.id],
-            self.probabilities[cause.id],
+            self.scores[cause.key],
+            self.probabilities[cause.key],
             self.stand,
             after,
             after,
@@ -151,12 +152,12 @@ class Acceptance:
             verdicts += [self._indistinguishable(rounds[-1], cause, after, chosen) for cause in rivals]
             open_causes = [cause for cause in open_causes if cause is not chosen and cause not in rivals]
             rounds.append(self._round(after, open_causes))
-        verdicts += [self._rejected(rounds, cause) for cause in open_causes]
+        verdicts += [self._rejected(rounds, cause) for cause in _best_of_each_kind(rounds[-1], open_causes)]
         return sorted(verdicts, key=_rank), rounds[-1].stand
 
     def _stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
         """Return the model with some causes, fitted from an earlier one."""
-        self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
+        self._progress("fitting " + (", ".join(cause.key for cause in causes) or "the plain simulation"))
         model = self._model.with_causes(causes)
         measured, frames = self._calibration.measured, self._calibration.frames
         if start is None:
@@ -173,16 +174,16 @@ class Acceptance:
         if self._held_out is None:
             return None
         held = self._held_out
-        return prediction_error(model.at(held.readings), held.measured, held.frames, fit.shared, model.unpredicted)
+        return prediction_error(model.at(held.conditions), held.measured, held.frames, fit.shared, model.unpredicted)
 
     def _round(self, stand: Stand, causes: Sequence[Any]) -> Round:
         """Return what a fitted model leaves for each of the causes."""
         if not causes:
             return Round(stand, {})
-        self._progress("scoring " + ", ".join(cause.id for cause in causes))
+        self._progress("scoring " + ", ".join(cause.key for cause in causes))
         fit, measured = stand.fit, self._calibration.measured
         signatures = {
-            cause.id: project(
+            cause.key: project(
                 fit.whitened,
                 whitened_columns(measured, fit.frames, stand.model.signature(cause, fit.shared, fit.local)),
             )
@@ -200,12 +201,16 @@ class Acceptance:
         )
 
     def _choose(self, current: Round, causes: Sequence[Any]) -> Any | None:
-        """Return the cause to accept: of those that explain the data equally well, the one with fewest parameters."""
-        return min(self._rivals(current, causes), key=self._model.parameter_count, default=None)
+        """Return the cause to accept: of those that explain the data equally well, named ones before unnamed, the one
+        with the fewest parameters."""
+        return min(self._rivals(current, causes), key=self._complexity, default=None)
+
+    def _complexity(self, cause: Any) -> tuple[bool, int]:
+        return not self._model.is_named(cause), self._model.parameter_count(cause)
 
     def _rivals(self, current: Round, causes: Sequence[Any]) -> list[Any]:
         """Return the significant causes within a factor 20 of the best in evidence."""
-        scores = {cause: current.scores[cause.id] for cause in causes}
+        scores = {cause: current.scores[cause.key] for cause in causes}
         significant = [cause for cause, score in scores.items() if score.p_value <= self._level]
         best = max((scores[cause].log_evidence for cause in significant), default=0.0)
         return [cause for cause in significant if scores[cause].log_evidence >= best - np.log(RIVAL_FACTOR)]
@@ -213,17 +218,27 @@ class Acceptance:
     def _indistinguishable(self, current: Round, cause: Any, accepted: Stand, chosen: Any) -> Verdict:
         own = self._stand((*current.stand.causes, cause), current.stand)
         both = self._stand((*accepted.causes, cause), accepted)
-        return replace(current.verdict(cause, "indistinguishable", both, chosen.id), before=accepted, own=own)
+        return replace(current.verdict(cause, "indistinguishable", both, chosen.key), before=accepted, own=own)
 
     def _rejected(self, rounds: Sequence[Round], cause: Any) -> Verdict:
         """Return the verdict on a cause that the final model does without."""
         last = rounds[-1]
-        if last.scores[cause.id].freedom or len(rounds) == 1:
+        if last.scores[cause.key].freedom or len(rounds) == 1:
             return last.verdict(cause, "rejected", self._stand((*last.stand.causes, cause), last.stand))
-        seen = next((r for r in reversed(rounds) if r.scores[cause.id].freedom), rounds[0])
+        seen = next((r for r in reversed(rounds) if r.scores[cause.key].freedom), rounds[0])
         own = self._stand((*seen.stand.causes, cause), seen.stand)
         contained = replace(last.verdict(cause, "rejected", last.stand, "contained"), own=own)
-        return replace(contained, probability=seen.probabilities[cause.id])
+        return replace(contained, probability=seen.probabilities[cause.key])
+
+
+def _best_of_each_kind(current: Round, causes: Sequence[Any]) -> list[Any]:
+    """Return of causes with the same id (one effect at several subjects) the most probable."""
+    best: dict[str, Any] = {}
+    for cause in causes:
+        rival = best.setdefault(cause.id, cause)
+        if current.scores[cause.key].log_evidence > current.scores[rival.key].log_evidence:
+            best[cause.id] = cause
+    return list(best.values())
 
 
 def _predicts_worse(before: PredictionError | None, after: PredictionError | None) -> bool:

@@ -6,8 +6,8 @@ at its own step; what follows downstream follows from the chain, in value and in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -27,11 +27,15 @@ class Step(StrEnum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a cause: its name as in the tables, its unit, and how large it plausibly is (one sigma)."""
+    """A parameter of a cause: its name and unit as in the tables, how large it plausibly is (one sigma), in SI.
+
+    ``si`` is what one unit of the tables is in SI.
+    """
 
     name: str
     unit: str
     scale: float
+    si: float = 1.0
 
 
 class Cause:
@@ -46,6 +50,19 @@ class Cause:
     step: Step
     says: str  # what nature does, in words that fit "The data show that ..."
     confirm: str  # what to measure to confirm it
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells it from all others; its id unless there are several of the kind."""
+        return self.id
+
+    def follows(self, legs: int) -> tuple[str, ...]:
+        """Return the columns that it follows where it is no cause of the catalogue; else none."""
+        return ()
+
+    def settings(self) -> dict[str, str | float | int]:
+        """Return what a model needs beside the parameters to know the cause again."""
+        return {}
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the parameters for a mechanism with that many legs."""
@@ -66,7 +83,7 @@ class Effect:
     def apply(self, state: State) -> State:
         """Return the state as this effect leaves it."""
         change = self.cause.change(state)
-        return state.shifted({name: field @ self.values for name, field in change.fields.items()})
+        return state.shifted({name: slope @ self.values for name, slope in change.fields.items()})
 
 
 @dataclass(frozen=True)
@@ -83,6 +100,7 @@ class State:
     p: NDArray | None = None  # (B, 3)
     R: NDArray | None = None  # (B, 3, 3)
     converged: NDArray | None = None  # (B,)
+    covariates: Mapping[str, NDArray] = field(default_factory=dict)  # (B,) or (B, L), in the units of their columns
 
     @property
     def delta_rho(self) -> NDArray:
@@ -96,9 +114,11 @@ class State:
         return replace(self, **own, legs=self.legs.replace(**joints) if joints else self.legs)
 
 
-def simulate(legs: Legs, rho: NDArray, effects: Sequence[Effect] = ()) -> State:
-    """Return the state at actuator positions rho (B, L), m, with the effects in force and the platform's poses."""
-    state = State(legs, rho, np.zeros_like(rho))
+def simulate(
+    legs: Legs, rho: NDArray, effects: Sequence[Effect] = (), covariates: Mapping[str, NDArray] | None = None
+) -> State:
+    """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
+    state = State(legs, rho, np.zeros_like(rho), covariates=covariates or {})
     for step in (Step.DRIVE, Step.STRUCTURE):
         for effect in effects:
             if effect.cause.step is step:
@@ -126,6 +146,6 @@ def _drive_slope(effect: Effect, state: State) -> dict[str, NDArray]:
     columns: dict[str, list[NDArray]] = {}
     for leg in range(state.legs.count):
         nudged = replace(state, rho=state.rho + 1j * tiny * (np.arange(state.legs.count) == leg))
-        for name, field in effect.cause.change(nudged).fields.items():
-            columns.setdefault(name, []).append((field @ effect.values).imag / tiny)
+        for name, slope in effect.cause.change(nudged).fields.items():
+            columns.setdefault(name, []).append((slope @ effect.values).imag / tiny)
     return {name: np.stack(found, -1) for name, found in columns.items()}

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.causes import CATALOGUE
-from truing.simulation.chain import Effect
+from truing.simulation.causes.unexplained import Unexplained
+from truing.simulation.chain import Cause, Effect
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
-from truing.simulation.point_model import Known, PointModel
+from truing.simulation.point_model import Conditions, Known, PointModel
 from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import Targets
 
@@ -58,7 +59,7 @@ def bare(model: PointModel) -> PointModel:
         model.known.seat_rotation,
         model.known.seat,
     )
-    return PointModel(model.nominal, Targets(np.zeros(0, int), np.zeros(0, int)), known, model.readings, model.causes)
+    return PointModel(model.nominal, Targets(np.zeros(0, int), np.zeros(0, int)), known, model.conditions, model.causes)
 
 
 def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
@@ -70,10 +71,10 @@ def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: d
     return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], context)
 
 
-def predict_poses(extended_model: ExtendedModel, readings: NDArray) -> PredictedPoses:
-    """Return the platform's poses at readings (B, L), m, with the uncertainty of unknowns and readings propagated."""
-    model = extended_model.model.at(readings)
-    local = np.zeros((len(readings), model.local_size))
+def predict_poses(extended_model: ExtendedModel, conditions: Conditions) -> PredictedPoses:
+    """Return the platform's poses at the given conditions, with the uncertainty of unknowns and readings propagated."""
+    model = extended_model.model.at(conditions)
+    local = np.zeros((len(conditions.readings), model.local_size))
     state = model.state(extended_model.shared, local)
     by_shared, by_local = model.pose_derivatives(extended_model.shared, local)
     covariance = by_shared @ extended_model.covariance @ np.swapaxes(by_shared, 1, 2) + by_local @ np.swapaxes(
@@ -125,7 +126,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     nominal, identified = (
         _legs(about["mechanism"], [leg[kind] for leg in document["legs"]]) for kind in ("nominal", "identified")
     )
-    causes = tuple(CATALOGUE[effect["cause"]] for effect in document.get("effects", []))
+    causes = tuple(_cause(effect) for effect in document.get("effects", []))
     geometry = {name: sigma for name, sigma in document["prior"].items() if sigma > 0}
     count = nominal.count
     known = Known(
@@ -137,14 +138,21 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
         np.tile(np.eye(3), (count, 1, 1)),
         np.zeros((count, 3)),
     )
-    model = PointModel(nominal, Targets(np.zeros(0, int), np.zeros(0, int)), known, nominal.rho0[None], causes)
-    values = {effect["cause"]: effect["parameters"] for effect in document.get("effects", [])}
-    shared = model.unknowns(
-        identified,
-        {cause.id: np.array([values[cause.id][p.name]["value"] for p in cause.parameters(count)]) for cause in causes},
+    model = PointModel(
+        nominal, Targets(np.zeros(0, int), np.zeros(0, int)), known, Conditions(nominal.rho0[None]), causes
     )
+    tables = [effect["parameters"] for effect in document.get("effects", [])]
+    values = {
+        cause.key: np.array([table[p.name]["value"] * p.si for p in cause.parameters(count)])
+        for cause, table in zip(causes, tables, strict=True)
+    }
+    shared = model.unknowns(identified, values)
     context = {key: str(value) for key, value in about.items() if key not in ("mechanism", "reading_sigma_mm")}
     return ExtendedModel(model, shared, _covariance(document["covariance"], model.shared_size), context)
+
+
+def _cause(effect: dict[str, Any]) -> Cause:
+    return Unexplained(**effect["settings"]) if effect["cause"] == Unexplained.id else CATALOGUE[effect["cause"]]
 
 
 def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
@@ -180,18 +188,20 @@ def _mm(*values: float) -> str:
 
 
 def _effect_lines(model: PointModel, effect: Effect, sigma: NDArray) -> list[str]:
-    own = sigma[model.layout[effect.cause.id]] * model.effect_sigma(effect.cause)
-    named = zip(effect.cause.parameters(model.nominal.count), effect.values, own, strict=True)
-    return [
-        "",
-        "[[effects]]",
-        f"cause = {_text(effect.cause.id)}",
-        "[effects.parameters]",
-        *(
-            f"{p.name} = {{ value = {float(value)!r}, sigma = {s:.4g}, unit = {_text(p.unit)} }}"
-            for p, value, s in named
-        ),
-    ]
+    own = sigma[model.layout[effect.cause.key]] * model.effect_sigma(effect.cause)
+    lines = ["", "[[effects]]", f"cause = {_text(effect.cause.id)}"]
+    settings = effect.cause.settings()
+    if settings:
+        parts = (
+            f"{key} = {_text(value) if isinstance(value, str) else repr(value)}" for key, value in settings.items()
+        )
+        lines.append(f"settings = {{ {', '.join(parts)} }}")
+    lines.append("[effects.parameters]")
+    for p, value, s in zip(effect.cause.parameters(model.nominal.count), effect.values, own, strict=True):
+        lines.append(
+            f"{p.name} = {{ value = {float(value / p.si)!r}, sigma = {s / p.si:.4g}, unit = {_text(p.unit)} }}"
+        )
+    return lines
 
 
 def _names(model: PointModel) -> list[str]:

@@ -6,8 +6,8 @@ the bodies, how each leg's survey frame sits on its leg, effects) and, pose by p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -65,13 +65,21 @@ class Known:
 
 
 @dataclass(frozen=True)
+class Conditions:
+    """What is known of each pose: readings (B, L) in m, covariates (B,) or (B, L) by column."""
+
+    readings: NDArray
+    covariates: Mapping[str, NDArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class PointModel:
     """A mechanism with its targets and readings; a function of the unknowns for a set of effects."""
 
     nominal: Legs
     targets: Targets
     known: Known
-    readings: NDArray  # (B, L) m
+    conditions: Conditions
     causes: tuple[Cause, ...] = ()
 
     @cached_property
@@ -88,7 +96,7 @@ class PointModel:
         sizes = {"a": 3 * count, "b": 3 * count, "u": 2 * count, "l": count}
         sizes = {name: size for name, size in sizes.items() if self.known.geometry.get(name, 0.0) > 0}
         sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.ridden)}
-        sizes |= {cause.id: len(cause.parameters(count)) for cause in self.causes}
+        sizes |= {cause.key: len(cause.parameters(count)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
@@ -107,6 +115,10 @@ class PointModel:
         """Return which local unknowns (H,) the mechanism says nothing of: the rolls of the legs."""
         return np.arange(self.local_size) >= self.local_size - len(self.known.ridden)
 
+    def is_named(self, cause: Cause) -> bool:
+        """Return whether a cause is one of the catalogue, not merely something that follows a column."""
+        return not cause.follows(self.nominal.count)
+
     def parameter_count(self, cause: Cause) -> int:
         """Return the number of a cause's parameters."""
         return len(cause.parameters(self.nominal.count))
@@ -123,9 +135,9 @@ class PointModel:
         """Return the model with these effects among its unknowns."""
         return replace(self, causes=tuple(causes))
 
-    def at(self, readings: NDArray) -> PointModel:
-        """Return the model at other readings (B, L), m."""
-        return replace(self, readings=readings)
+    def at(self, conditions: Conditions) -> PointModel:
+        """Return the model at other poses."""
+        return replace(self, conditions=conditions)
 
     def legs(self, shared: NDArray) -> Legs:
         """Return the geometry that shared unknowns (G,) stand for."""
@@ -143,7 +155,7 @@ class PointModel:
 
     def effects(self, shared: NDArray) -> tuple[Effect, ...]:
         """Return the effects with the values that shared unknowns (G,) stand for."""
-        return tuple(Effect(cause, self._part(shared, cause.id) * self.effect_sigma(cause)) for cause in self.causes)
+        return tuple(Effect(cause, self._part(shared, cause.key) * self.effect_sigma(cause)) for cause in self.causes)
 
     def shape(self, shared: NDArray) -> NDArray:
         """Return the bodies' shapes (K, 3): base frame, platform frame, upright leg."""
@@ -156,18 +168,20 @@ class PointModel:
 
     def state(self, shared: NDArray, local: NDArray) -> State:
         """Return the chain's state for shared (G,) and local (B, H) unknowns."""
-        rho = self.readings + self._actuators(local) * self.known.reading_sigma
-        return simulate(self.legs(shared), rho, self.effects(shared))
+        rho = self.conditions.readings + self._actuators(local) * self.known.reading_sigma
+        return simulate(self.legs(shared), rho, self.effects(shared), self.conditions.covariates)
 
     def frames(self, state: State, local: NDArray) -> LegFrames:
         """Return the frames of the legs in a state."""
-        roll = np.zeros(self.readings.shape, local.dtype)
+        roll = np.zeros(self.conditions.readings.shape, local.dtype)
         roll[:, self.known.ridden] = local[:, self.local_size - len(self.known.ridden) :] * FREE_ANGLE_RAD
         return leg_frames(state, self.upright, roll)
 
     def plain_frames(self) -> LegFrames:
         """Return the frames of the legs as the nominal mechanism has them at the readings."""
-        return leg_frames(simulate(self.nominal, self.readings), self.upright, np.zeros_like(self.readings))
+        return leg_frames(
+            simulate(self.nominal, self.conditions.readings), self.upright, np.zeros_like(self.conditions.readings)
+        )
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, base frame."""
@@ -224,7 +238,7 @@ class PointModel:
             tilt = np.einsum("lij,li->lj", self._across, legs.u / ahead)
             shared[self.layout["u"]] = tilt.ravel() / self.known.geometry["u"]
         for cause in self.causes:
-            shared[self.layout[cause.id]] = effects[cause.id] / self.effect_sigma(cause)
+            shared[self.layout[cause.key]] = effects[cause.key] / self.effect_sigma(cause)
         return shared
 
     def _part(self, shared: NDArray, name: str) -> NDArray:
@@ -232,7 +246,7 @@ class PointModel:
 
     def _actuators(self, local: NDArray) -> NDArray:
         exact = self.known.reading_sigma == 0
-        return np.zeros_like(self.readings) if exact else local[:, : self.nominal.count]
+        return np.zeros_like(self.conditions.readings) if exact else local[:, : self.nominal.count]
 
     def effect_sigma(self, cause: Cause) -> NDArray:
         """Return the prior sigma (P,) that a cause's parameters are fitted with."""
@@ -272,7 +286,7 @@ class PointModel:
         for cause in self.causes:
             change = cause.change(state)
             scaled = {name: field * self.effect_sigma(cause) for name, field in change.fields.items()}
-            found.append((self.layout[cause.id], Change(scaled, change.size)))
+            found.append((self.layout[cause.key], Change(scaled, change.size)))
         if self.known.reading_sigma > 0:
             found.append(
                 (
