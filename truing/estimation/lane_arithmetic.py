@@ -1,0 +1,188 @@
+"""Vectors and matrices of lanes: the same small arithmetic on sixteen problems at once, for compiled code.
+
+A register is a row of `LANES` numbers in one flat array; a loop over the lanes that calls nothing but these functions
+becomes vector instructions. 3x3 matrices are tuples of rows. Importing this module imports numba.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from numba import njit
+
+LANES = 16
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+_MODE = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+inner = njit(**_MODE, no_cpython_wrapper=True, no_cfunc_wrapper=True)  # called by compiled code alone
+
+
+def compiled(*made_of: str) -> Callable[[Callable], Callable]:
+    """Return a decorator that compiles at the first call, and keeps the code on disk where there is a place for it.
+
+    made_of: the source files it comes from. numba notices changes of the function's own file only, so a digest of all
+    of them goes into the function's name, and with it into that of the file that keeps it.
+    """
+    digest = hashlib.sha256(b"".join(Path(name).read_bytes() for name in made_of)).hexdigest()[:12]
+
+    def decorate(function: Callable) -> Callable:
+        function.__qualname__ += "_" + digest
+        try:
+            return njit(**_MODE, cache=True)(function)
+        except RuntimeError:  # neither the package's folder nor the user's cache can be written
+            return njit(**_MODE)(function)
+
+    return decorate
+
+
+@inner
+def get9(lane, row, j):
+    k = row * LANES + j
+    return (
+        (lane[k], lane[k + LANES], lane[k + 2 * LANES]),
+        (lane[k + 3 * LANES], lane[k + 4 * LANES], lane[k + 5 * LANES]),
+        (lane[k + 6 * LANES], lane[k + 7 * LANES], lane[k + 8 * LANES]),
+    )
+
+
+@inner
+def put9(lane, row, j, m):
+    k = row * LANES + j
+    lane[k], lane[k + LANES], lane[k + 2 * LANES] = m[0]
+    lane[k + 3 * LANES], lane[k + 4 * LANES], lane[k + 5 * LANES] = m[1]
+    lane[k + 6 * LANES], lane[k + 7 * LANES], lane[k + 8 * LANES] = m[2]
+
+
+@inner
+def get6(lane, row, j):
+    """Return a symmetric matrix stored as xx xy xz yy yz zz."""
+    k = row * LANES + j
+    xx, xy, xz = lane[k], lane[k + LANES], lane[k + 2 * LANES]
+    yy, yz, zz = lane[k + 3 * LANES], lane[k + 4 * LANES], lane[k + 5 * LANES]
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+
+
+@inner
+def put6(lane, row, j, m):
+    k = row * LANES + j
+    lane[k], lane[k + LANES], lane[k + 2 * LANES] = m[0]
+    lane[k + 3 * LANES], lane[k + 4 * LANES], lane[k + 5 * LANES] = m[1][1], m[1][2], m[2][2]
+
+
+@inner
+def get3(lane, row, j):
+    k = row * LANES + j
+    return lane[k], lane[k + LANES], lane[k + 2 * LANES]
+
+
+@inner
+def add9(lane, row, j, m):
+    put9(lane, row, j, combine(1.0, get9(lane, row, j), 1.0, m))
+
+
+@inner
+def add6(lane, row, j, m):
+    put6(lane, row, j, combine(1.0, get6(lane, row, j), 1.0, m))
+
+
+@inner
+def add3(lane, row, j, v):
+    k = row * LANES + j
+    lane[k] += v[0]
+    lane[k + LANES] += v[1]
+    lane[k + 2 * LANES] += v[2]
+
+
+@inner
+def point3(points, n, field, j):
+    """Return three fields of point n in lane j."""
+    k = field * LANES + j
+    return points[n, k], points[n, k + LANES], points[n, k + 2 * LANES]
+
+
+@inner
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inner
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inner
+def mix(a, u, b, v):
+    """Return ``a u + b v`` of vectors u, v."""
+    return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
+
+
+@inner
+def scale(a, u):
+    return a * u[0], a * u[1], a * u[2]
+
+
+@inner
+def outer(u, v):
+    return scale(u[0], v), scale(u[1], v), scale(u[2], v)
+
+
+@inner
+def combine(a, m, b, n):
+    """Return ``a m + b n`` of matrices m, n."""
+    return mix(a, m[0], b, n[0]), mix(a, m[1], b, n[1]), mix(a, m[2], b, n[2])
+
+
+@inner
+def resized(a, m):
+    return scale(a, m[0]), scale(a, m[1]), scale(a, m[2])
+
+
+@inner
+def transpose(m):
+    return (m[0][0], m[1][0], m[2][0]), (m[0][1], m[1][1], m[2][1]), (m[0][2], m[1][2], m[2][2])
+
+
+@inner
+def rows_times(m, n):
+    """Return ``m n^T``: every row of m with every row of n."""
+    return apply(n, m[0]), apply(n, m[1]), apply(n, m[2])
+
+
+@inner
+def times(m, n):
+    return rows_times(m, transpose(n))
+
+
+@inner
+def apply(m, v):
+    return dot(m[0], v), dot(m[1], v), dot(m[2], v)
+
+
+@inner
+def skew(v):
+    return (0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)
+
+
+@inner
+def information(s):
+    """Return ``tr(s) I - s``: what second moments s say about a rotation."""
+    return (
+        (s[1][1] + s[2][2], -s[0][1], -s[0][2]),
+        (-s[1][0], s[0][0] + s[2][2], -s[1][2]),
+        (-s[2][0], -s[2][1], s[0][0] + s[1][1]),
+    )
+
+
+@inner
+def cofactors(m):
+    return cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
+
+
+@inner
+def inverse(m):
+    """Return the inverse of a symmetric matrix."""
+    k = cofactors(m)
+    per = 1.0 / dot(m[0], k[0])
+    return resized(per, k)
