@@ -32,6 +32,7 @@ test: $(dev)
 check: $(dev)
 	$(python) -m ruff check .
 	$(python) -m mypy
+	$(python) -m pytest -qq --collect-only
 	$(python) -m pytest -q tests/packaging
 
 bench: $(dev)
