@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import skew
 
 
-def weighted_fit_covariance(
-    arm: NDArray, w: NDArray, noise: NDArray, ok: NDArray, with_scale: bool = False
-) -> NDArray:
+def weighted_fit_covariance(arm: NDArray, w: NDArray, noise: NDArray, ok: NDArray, with_scale: bool = False) -> NDArray:
     """Return the covariance (B, 6, 6) of a weighted rigid fit, or (B, 7, 7) with relative scale last.
 
     arm (B, N, 3), in m: points from the source origin, in target axes; w (B, N): weights of the fit;
@@ -32,6 +30,40 @@ def weighted_fit_covariance(
     if with_scale:
         G[:, :3, 6] = -centre
     return symmetric(G @ about_centre @ np.swapaxes(G, -1, -2))
+
+
+def survey_frame_covariance(
+    R: NDArray,
+    source: NDArray,
+    W: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    reference: NDArray,
+    ok: NDArray,
+) -> NDArray:
+    """Return the covariance (B, 6, 6) of poses of the frame that the survey itself defines.
+
+    That frame is the unweighted least-squares frame of the body's ``reference`` targets (N,) relative to their survey
+    ``source`` (N, 3): what the survey's noise (N, 3, 3) has of a rigid motion belongs to the frame, not to its
+    error. R (B, 3, 3) with W (B, N, 3, 3) the weight matrices of the fit, zero where a target was not
+    used; cov_target (B, N, 3, 3). Entries that are not ok (B,) get a meaningless matrix.
+    """
+    R = np.where(ok[:, None, None], R, np.eye(3))
+    gain = _gain(source @ np.swapaxes(R, -1, -2), W, ok)
+    own = _gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
+    turn = _blocks(R, np.zeros((3, 3)), R)
+    by_survey = turn[:, None] @ own - gain @ R[:, None]
+    measured = np.where(np.any(W != 0, axis=(-1, -2))[..., None, None], cov_target, 0.0)
+    total = np.einsum("bnij,bnjk,bnlk->bil", gain, measured, gain, optimize=True)
+    return symmetric(total + np.einsum("bnij,njk,bnlk->bil", by_survey, cov_source, by_survey, optimize=True))
+
+
+def _gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
+    """Return how each point's error moves the fitted pose: (B, N, 6, 3) of ``(sum J' W J)^-1 J' W``."""
+    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
+    JW = np.swapaxes(J, -1, -2) @ W
+    normal = np.where(ok[:, None, None], np.sum(JW @ J, axis=1), np.eye(6))
+    return np.linalg.solve(normal[:, None], JW)
 
 
 def _moments(a: NDArray, v: NDArray) -> NDArray:

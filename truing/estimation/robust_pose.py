@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.covariance import apply_rotation, symmetric
-from truing.estimation.haralick import residual_scale
+from truing.estimation.haralick import MEDIAN_LENGTH, residual_scale
 from truing.estimation.likelihood import maximum_likelihood
 from truing.estimation.rigid import FitStatus, RigidFit, mask_entries
 from truing.estimation.robust import consensus
@@ -18,6 +18,9 @@ from truing.estimation.rotation import skew
 FALSE_ALARM = 1e-4
 _ROUNDS = 10
 _WORTH_ANOTHER_ROUND = 1.2
+_FEWEST_POSES = 6
+# Median of the absolute value of a standard normal number.
+_MEDIAN_ABSOLUTE = 0.6744897501960817
 
 
 def robust_pose(
@@ -124,6 +127,23 @@ def _noise_ratio(
     return float(max(np.median(residual_scale(distance / sigma, mask)[majority]), 1.0))
 
 
+def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
+    """Return tau (N,), in m: what each target scatters over the poses beyond its noise, by its median residual.
+
+    source (N, 3), target (B, N, 3), cov_target (B, N, 3, 3), mask (B, N). The standard deviation of a target that
+    moves along one line, so that none is taken for steadier than it is. Zero where too few poses tell.
+    """
+    seen = mask & fit.ok[:, None]
+    length = np.linalg.norm(target - fit.apply(source), axis=-1)
+    variance = np.trace(cov_target, axis1=-2, axis2=-1) / 3
+    tau = np.zeros(mask.shape[1])
+    for k in np.flatnonzero(seen.sum(axis=0) >= _FEWEST_POSES):
+        rows = seen[:, k]
+        noise = np.median(variance[rows, k]) * MEDIAN_LENGTH**2
+        tau[k] = np.sqrt(max(np.median(length[rows, k]) ** 2 - noise, 0.0)) / _MEDIAN_ABSOLUTE
+    return tau
+
+
 def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> float:
     """Return the standard deviation per coordinate, in m, that changes of the distances between points tell.
 
@@ -133,7 +153,7 @@ def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> flo
     i, j = np.triu_indices(source.shape[-2], 1)
     change = np.linalg.norm(target[:, i] - target[:, j], axis=-1) - np.linalg.norm(source[i] - source[j], axis=-1)
     both = mask[:, i] & mask[:, j]
-    return float(np.median(np.abs(change[both])) / 0.6744897501960817 / np.sqrt(2)) if both.any() else 0.0
+    return float(np.median(np.abs(change[both])) / _MEDIAN_ABSOLUTE / np.sqrt(2)) if both.any() else 0.0
 
 
 def _largest_sigma(cov_source: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:

@@ -1,0 +1,87 @@
+"""Pose: where each body is in each pose, by every estimator, and what its targets say against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Progress, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.body_pose import BodyPoses
+
+DECLARATION = Stage(
+    name="pose",
+    reads=("observations?", "survey?"),
+    leaves=("poses", "residuals"),
+    settings=("bodies", "mechanism.type", "exclude", "keep"),
+    summary="rigid-body poses with covariance, and the residuals of every target",
+)
+
+
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    """Fit every body in every pose, relative to its survey where there is one, and see it from the reference body."""
+    observations = tables.get("observations")
+    if observations is None or not observations.num_rows:
+        empty = {name: ARTIFACTS[name].empty() for name in DECLARATION.leaves}
+        return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
+    from stages.point_arrays import pose_ids
+    from stages.pose_tables import poses_table, residuals_table
+
+    poses = pose_ids(observations)
+    bodies = _bodies(observations, tables.get("survey"), poses, settings, progress)
+    identifier = "int64" if isinstance(poses[0], int) else "string"
+    artifacts = {
+        "poses": poses_table(bodies, settings.reference_body, identifier),
+        "residuals": residuals_table(bodies, identifier),
+    }
+    read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(poses)} poses"
+    return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies))
+
+
+def _bodies(
+    observations: pa.Table,
+    survey: pa.Table | None,
+    poses: tuple[int | str, ...],
+    settings: Campaign,
+    progress: Progress,
+) -> list[BodyPoses]:
+    from stages.body_pose import fit_body
+    from stages.point_arrays import pose_points, survey_points
+
+    survey = ARTIFACTS["survey"].empty() if survey is None else survey
+    names = tuple(dict.fromkeys(observations.column("body").to_pylist()))
+    bodies = []
+    for done, name in enumerate(names):
+        progress(done, len(names), name)
+        points = pose_points(observations, name, poses)
+        bodies.append(fit_body(points, name, survey_points(survey, name), settings.exclude, settings.keep))
+    return bodies
+
+
+def _left_out(bodies: Sequence[BodyPoses]) -> str:
+    """How many points were kept out, with the first few by name."""
+    rejected = [(b, *place) for b in bodies for place in np.argwhere(b.rejected)]
+    if not rejected:
+        return "no point"
+    named = [
+        f"{b.name} {b.points.targets[t]} in pose {b.points.poses[p]} ({b.reason[p, t]})" for b, p, t in rejected[:3]
+    ]
+    more = f" and {len(rejected) - 3} more" if len(rejected) > 3 else ""
+    return f"{len(rejected)} points: {'; '.join(named)}{more}"
+
+
+def _figure(bodies: Sequence[BodyPoses]) -> str:
+    """Poses found and their root mean square residual, body by body."""
+    words = []
+    for body in bodies:
+        ok = body.fit.ok
+        rms = f", rms {1e3 * np.sqrt(np.mean(body.fit.rms[ok] ** 2)):.4f} mm" if ok.any() else ""
+        words.append(f"{body.name} {ok.sum()} of {len(ok)} poses{rms}")
+    return "; ".join(words)
