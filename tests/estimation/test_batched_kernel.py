@@ -10,7 +10,7 @@ import pytest
 
 from tests.estimation.scatter import body, move, random_motions
 from tests.tolerance import assert_close
-from truing.estimation import batched_kernel
+from truing.estimation import batched_kernel, rigid
 from truing.estimation.rigid import RigidFit, umeyama
 
 SIGMA = 5e-6
@@ -146,6 +146,17 @@ def test_the_number_of_threads_changes_nothing():
 def test_broken_input_is_refused_by_name(source, target, weight, message):
     with pytest.raises(ValueError, match=message):
         batched_kernel.solve(source, target, weight)
+
+
+def test_large_batches_take_this_way_and_nobody_notices(monkeypatch):
+    rng = np.random.default_rng(8)
+    x, y = pairs(rng, poses=500)
+    w = rng.uniform(0.5, 2.0, (500, 9))
+    plain = umeyama(x, y, w, sigma=SIGMA)
+    monkeypatch.setattr(rigid, "_WORTH_COMPILED_CODE", 4500)
+    # stands in for the plain form, which a large batch must not reach
+    monkeypatch.setattr(rigid, "solve_weighted", None)
+    assert_same(umeyama(x, y, w, sigma=SIGMA), plain)
 
 
 def test_an_empty_batch_is_no_fault():

@@ -18,6 +18,8 @@ from truing.estimation.covariance import weighted_fit_covariance
 _ROUNDING = 1e-13
 # Spread across a line below 1e-6 of that along it counts as none; singular values go with its square.
 _SINGULAR = 1e-12
+# From so many points on, compiled code wins although it has to be loaded first (0.6 s).
+_WORTH_COMPILED_CODE = 1_000_000
 
 
 class FitStatus(StrEnum):
@@ -99,6 +101,11 @@ def umeyama(
     Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
     Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
     """
+    points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
+    if points >= _WORTH_COMPILED_CODE and not with_scale:
+        from truing.estimation.batched_kernel import solve
+
+        return solve(source, target, weight, sigma=sigma)
     x, y, w = check_correspondences(source, target, weight)
     return solve_weighted(x, y, w, with_scale=with_scale, sigma=sigma)
 
