@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
-from pipeline.campaign_run import CampaignRun, open_run
+from pipeline.campaign_run import CampaignRun, detached_run
 from pipeline.problems import ExitCode
 from pipeline.stage_order import RAW_READER
 from pipeline.voice import Voice
@@ -23,7 +23,7 @@ def check_campaign(campaign: CampaignFolder) -> str:
     faults = settings_faults(campaign)
     if faults:
         raise CampaignFaults([*faults, *_raw_faults_despite(campaign)])
-    return _read_raw(open_run(campaign, Path()))
+    return _read_raw(detached_run(campaign))
 
 
 def settings_faults(campaign: CampaignFolder) -> list[Fault]:
@@ -51,7 +51,7 @@ def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:
     if mended is None:
         return ()
     try:
-        _read_raw(open_run(mended, Path()))
+        _read_raw(detached_run(mended))
     except CampaignFaults as error:
         return error.faults
     except Exception:  # a campaign with keys taken out is none that ingest must be able to read

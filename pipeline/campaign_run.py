@@ -38,6 +38,7 @@ class CampaignRun:
     folder: Path
     remembered: RememberedDigests
     ledger: Ledger
+    scratch: Path | None = None  # for temporary files of whoever reads raw files; absent: the system's own place
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -102,7 +103,7 @@ class CampaignRun:
         validator = source_digests(PROJECT, ("schemas.campaign",), self.remembered)
         digest = digest_of([dict(self.campaign.document), validator])
         if digest != self.ledger.valid_campaign:
-            assert self.settings is not None
+            _ = self.settings  # raises where it is not valid
             self.ledger.valid_campaign = digest
 
     def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
@@ -120,10 +121,9 @@ class CampaignRun:
         if stage.name == RAW_READER:
             from truing.formats.source import CampaignFiles
 
-            arguments.append(CampaignFiles(self.campaign.folder, self.settings))
-        result = stage_module(stage.name).run(*arguments)
-        assert isinstance(result, Outcome)
-        return result
+            arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch))
+        outcome: Outcome = stage_module(stage.name).run(*arguments)
+        return outcome
 
     def _tables(self, stage: Stage) -> dict[str, pa.Table | str]:
         from pipeline.artifacts import read_artifact
@@ -160,9 +160,15 @@ def _check_leaves(stage: Stage, outcome: Outcome) -> None:
         raise ValueError(f"{stage.name} left {sorted(left)}, but declares {sorted(stage.leaves)}")
 
 
+def detached_run(campaign: CampaignFolder) -> CampaignRun:
+    """A campaign without a run folder: nothing is known of it, and nothing can be written."""
+    return CampaignRun(campaign, campaign.folder, RememberedDigests(None), Ledger())
+
+
 def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False) -> CampaignRun:
     """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
     private = folder / PRIVATE
     ledger = read_ledger(private / "ledger.json")
     ledger.entries = {name: entry for name, entry in ledger.entries.items() if name in ORDER[campaign.kind]}
-    return CampaignRun(campaign, folder, RememberedDigests(private / "digests.json", distrust=distrust), ledger)
+    remembered = RememberedDigests(private / "digests.json", distrust=distrust)
+    return CampaignRun(campaign, folder, remembered, ledger, private)

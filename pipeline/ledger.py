@@ -56,8 +56,10 @@ class Ledger:
     valid_campaign: str = ""
 
     def save(self, store: Path) -> None:
-        """Write the ledger whole."""
-        write_whole(store, json.dumps(asdict(self), indent=1, default=str).encode())
+        """Write the ledger whole, unless it stands there already."""
+        content = json.dumps(asdict(self), indent=1, default=str).encode()
+        if not store.is_file() or store.read_bytes() != content:
+            write_whole(store, content)
 
 
 def read_ledger(store: Path) -> Ledger:

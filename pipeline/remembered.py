@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ _TICK_NS = 2_000_000_000
 class RememberedDigests:
     """SHA-256 of files, and facts derived from their bytes, kept in one JSON file of the run folder."""
 
-    def __init__(self, store: Path, *, distrust: bool = False) -> None:
+    def __init__(self, store: Path | None, *, distrust: bool = False) -> None:
         self._store = store
         self._content = _load(store)
         self._files: dict[str, list[Any]] = {} if distrust else self._content["files"]
@@ -51,15 +52,15 @@ class RememberedDigests:
 
     def save(self) -> None:
         """Write what is new to the run folder."""
-        if self._changed:
+        if self._changed and self._store is not None:
             content = {"files": self._files, "facts": self._facts}
             write_whole(self._store, json.dumps(content, indent=0).encode())
             self._changed = False
 
 
-def _load(store: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(store.read_bytes())
-        return {"files": dict(content["files"]), "facts": dict(content["facts"])}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {"files": {}, "facts": {}}
+def _load(store: Path | None) -> dict[str, Any]:
+    if store is not None:
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            content = json.loads(store.read_bytes())
+            return {"files": dict(content["files"]), "facts": dict(content["facts"])}
+    return {"files": {}, "facts": {}}

@@ -88,6 +88,15 @@ def _verdict(failed: tuple[str, ...], wish: Wish, voice: Voice) -> ExitCode:
     return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
 
 
+def _refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
+    """An artifact may bear a raw file's name (configurations.parquet), so a run never writes where raw files are."""
+    from truing.formats.source import raw_files
+
+    raw = {path.resolve().parent for path in raw_files(campaign.folder, campaign.document)}
+    if folder.resolve() in {campaign.folder.resolve(), *raw}:
+        raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])
+
+
 def run_campaigns(places: list[Path], out: Path | None, wish: Wish, *, quiet: bool) -> ExitCode:
     """Run several campaigns one after the other; what ends one does not end the others, except an interruption."""
     voice = Voice(quiet=quiet)
@@ -100,6 +109,7 @@ def run_campaigns(places: list[Path], out: Path | None, wish: Wish, *, quiet: bo
             expected = "a name that no other campaign of this call has"
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         taken.add(folder)
+        _refuse_raw_files(campaign, folder)
         return run_campaign(campaign, folder, wish, voice)
 
     return end_all([partial(action, place) for place in places], voice)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.lock import hold
-from pipeline.problems import EnvironmentProblem, environment
+from pipeline.problems import environment
 from pipeline.whole_file import PART
 
 PRIVATE = ".truing"  # ledger, remembered digests and lock; deleting it loses no result
@@ -32,8 +31,6 @@ def _make(folder: Path) -> list[Path]:
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     with environment(f"the run folder {folder.parent} cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
-        raise EnvironmentProblem(f"the run folder {folder.parent} is read-only")
     return missing
 
 

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.pipeline.fake_project import FakeProject, make_fake_project
-
-
-@pytest.fixture
-def fake(tmp_path: Path) -> FakeProject:
-    """The tiny project, nothing run."""
-    return make_fake_project(tmp_path)
+from tests.pipeline.warm_python import AVAILABLE, WarmPython
 
 
 @pytest.fixture(scope="session")
-def _run_once(tmp_path_factory: pytest.TempPathFactory) -> FakeProject:
-    project = make_fake_project(tmp_path_factory.mktemp("once"))
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WarmPython | None]:
+    """The Python that forks for every call, where the system can fork."""
+    if not AVAILABLE:
+        yield None
+        return
+    python = WarmPython(tmp_path_factory.mktemp("warm"))
+    yield python
+    python.close()
+
+
+@pytest.fixture
+def fake(tmp_path: Path, warm: WarmPython | None) -> FakeProject:
+    """The tiny project, nothing run."""
+    return make_fake_project(tmp_path, warm)
+
+
+@pytest.fixture(scope="session")
+def _run_once(tmp_path_factory: pytest.TempPathFactory, warm: WarmPython | None) -> FakeProject:
+    project = make_fake_project(tmp_path_factory.mktemp("once"), warm)
     project.run()
     return project
 
@@ -26,8 +39,7 @@ def _run_once(tmp_path_factory: pytest.TempPathFactory) -> FakeProject:
 @pytest.fixture
 def ran(_run_once: FakeProject, tmp_path: Path) -> FakeProject:
     """The tiny project with a finished run: a copy, which by the laws of freshness is as good as the original."""
-    folder = _run_once.root.parent
+    once, folder = _run_once, _run_once.root.parent
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-    return FakeProject(
-        *(tmp_path / path.relative_to(folder) for path in (_run_once.root, _run_once.campaign, _run_once.cwd))
-    )
+    places = (tmp_path / path.relative_to(folder) for path in (once.root, once.campaign, once.cwd))
+    return FakeProject(*places, once.warm)

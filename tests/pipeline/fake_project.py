@@ -9,6 +9,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.pipeline.warm_python import WarmPython
+
 PROJECT = Path(__file__).resolve().parents[2]
 
 STAGES = {
@@ -174,6 +176,7 @@ class FakeProject:
     root: Path
     campaign: Path
     cwd: Path
+    warm: WarmPython | None = None
 
     @property
     def out(self) -> Path:
@@ -190,6 +193,8 @@ class FakeProject:
 
     def call(self, *words: str, trouble: str = "") -> subprocess.CompletedProcess[str]:
         """Run a command to its end."""
+        if self.warm is not None:
+            return self.warm.call(list(words), self.cwd, self.environment(trouble))
         return subprocess.run(
             self.command(*words),
             cwd=self.cwd,
@@ -218,7 +223,7 @@ class FakeProject:
         file.write_text(text.replace(old, new))
 
 
-def make_fake_project(folder: Path) -> FakeProject:
+def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     """Lay the tiny project out in a folder."""
     root = folder / "project"
     for room in ("pipeline", "schemas"):
@@ -240,4 +245,4 @@ def make_fake_project(folder: Path) -> FakeProject:
     (campaign / "campaign.toml").write_text(CAMPAIGN)
     (campaign / "points.csv").write_text(POINTS)
     (folder / "here").mkdir()
-    return FakeProject(root, campaign, folder / "here")
+    return FakeProject(root, campaign, folder / "here", warm)

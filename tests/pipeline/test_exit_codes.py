@@ -124,6 +124,14 @@ def test_two_campaigns_of_one_name_in_one_call(ran: FakeProject, tmp_path: Path)
     assert "a name that no other campaign of this call has" in done.stderr
 
 
+def test_a_run_never_writes_where_the_raw_files_are(fake: FakeProject) -> None:
+    before = sorted(fake.campaign.iterdir())
+    done = fake.call("run", str(fake.campaign), "--out", str(fake.campaign))
+    assert done.returncode == 2
+    assert "a folder that holds no raw files" in done.stderr
+    assert sorted(fake.campaign.iterdir()) == before
+
+
 def test_check_says_that_a_campaign_can_be_used_and_writes_nothing(fake: FakeProject) -> None:
     done = fake.call("check", str(fake.campaign))
     assert (done.returncode, done.stderr) == (0, "")
