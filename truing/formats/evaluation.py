@@ -150,9 +150,16 @@ class _Work:
         return as_dictionary(strings(joined))
 
     def _group(self, origin: Group) -> pa.DictionaryArray:
-        texts = self.texts(origin.column)
+        texts = self._to_split(origin.column)
         matches = [origin.pattern.fullmatch(text or "") for text in texts.dictionary.to_pylist()]
         return with_values(texts, [(match[origin.name] or "") if match else "" for match in matches])
+
+    def _to_split(self, name: str) -> pa.DictionaryArray:
+        """A column before it is split, which may give it a new meaning."""
+        origin = self.plan.origin(name, within=name)
+        if isinstance(origin, RawColumn):
+            return as_dictionary(self.batch.columns[origin.position])
+        return self.texts(name)
 
     def _names(self, name: str, column: Column) -> pa.DictionaryArray:
         texts = self.texts(name)
@@ -214,9 +221,9 @@ class _Work:
         return values if pa.types.is_float64(values.type) else values.cast(pa.float64())
 
     def _outside(self, wrong: Mask, values: pa.Array, name: str, expected: str) -> None:
+        if values.null_count:
+            wrong = wrong & np.asarray(values.is_valid())
         if wrong.any():
-            if values.null_count:
-                wrong = wrong & np.asarray(values.is_valid())
             self._fault(wrong, values, name, expected)
 
     def _numbers(self, name: str, column: Column) -> pa.Array:
@@ -283,6 +290,14 @@ class _Work:
         keep = np.ones(self.batch.rows, dtype=bool)
         if not self.batch.rows:
             return keep
+        columns = [(name, pattern, self._to_split(name)) for name, pattern in self.plan.entry.split.items()]
+        columns += [(name, pattern, self.texts(name)) for name, pattern in self.plan.entry.select.items()]
+        for name, pattern, texts in columns:
+            fits = [re.fullmatch(pattern, text or "") is not None for text in texts.dictionary.to_pylist()]
+            gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
+            self._leave_out(gone, f"{name} is not like {pattern}")
+            keep &= ~gone
+        return keep
         patterns = (*self.plan.entry.select.items(), *self.plan.entry.split.items())
         for name, pattern in patterns:
             texts = self.texts(name)

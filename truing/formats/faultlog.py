@@ -63,6 +63,12 @@ class FaultLog:
     def __bool__(self) -> bool:
         return bool(self._plain or self._cells)
 
+    def absorb(self, other: FaultLog) -> None:
+        """Take over what another log found about other files."""
+        self._plain.update(other._plain)
+        self._cells.update(other._cells)
+        self._locate.update(other._locate)
+
     def add(self, fault: Fault) -> None:
         """A fault that concerns no row, or whose row is known."""
         self._plain.setdefault((fault.file, fault.column, fault.expected), []).append(fault)

@@ -140,14 +140,14 @@ class Plan:
         """Names of the columns that wide rows turned long have."""
         return frozenset((*self.wide[0].labels, *COORDINATES)) if self.wide else frozenset()
 
-    def origin(self, name: str) -> Origin | None:
-        """Where a column comes from; None where nothing gives it."""
+    def origin(self, name: str, within: str = "") -> Origin | None:
+        """Where a column comes from; None where nothing gives it. ``within`` its own split, it is the raw one."""
         entry = self.entry
         if name in entry.constants:
             return Constant(entry.constants[name])
         if name in self.from_name:
             return Constant(self.from_name[name])
-        if name in self.groups:
+        if name in self.groups and within != name:
             return self.groups[name]
         if name in entry.number_rows:
             return RowNumber(entry.number_rows[name])
@@ -219,13 +219,13 @@ class Plan:
             cell = self._array_position(position)
             found[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
-            self._need(name, self._kind(column), found, ())
+            self._need(name, self._kind(name, column), found, ())
         for name in self.entry.select:
             self._need(name, "text", found, ())
         return found
 
-    def _kind(self, column: Column) -> Kind:
-        if not self.shape.streams or (column.kind == "identifier" and self.poses_as_text):
+    def _kind(self, name: str, column: Column) -> Kind:
+        if not self.shape.streams or name in self.entry.split or (column.kind == "identifier" and self.poses_as_text):
             return "text"
         return "number" if column.kind == "real" else "identifier" if column.kind == "identifier" else "text"
 
@@ -234,6 +234,8 @@ class Plan:
             self.misfits.append(Misfit("a column that is not made of itself", column=name))
             return
         origin = self.origin(name)
+        if isinstance(origin, Group) and origin.column == name:
+            origin = self.origin(name, within=name)
         if isinstance(origin, RawColumn):
             position = self._array_position(origin.position)
             as_text = name in self.entry.rename or position != origin.position or found.get(position, kind) != kind

@@ -32,10 +32,10 @@ class RawFile:
 
 
 class CampaignFiles:
-    """The raw files of one campaign, found from its folder and its [files]."""
+    """The raw files of one campaign, found from its folder and its [files]; ``scratch`` is for temporary files."""
 
-    def __init__(self, folder: Path, campaign: Campaign) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, campaign: Campaign, scratch: Path | None = None) -> None:
+        self.folder, self.scratch = folder, scratch
         self._files = campaign.files
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:

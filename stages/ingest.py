@@ -1,0 +1,196 @@
+"""Raw files become the campaign's tables: mapped, in the contract's units, checked against each other."""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from stages.declaration import Outcome, Progress, Stage
+from truing.formats.source import TABLES, CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.ingest_points import Points
+    from stages.ingest_tables import SmallTable
+    from stages.point_sizes import Geometry
+    from truing.formats.faultlog import FaultLog
+
+DECLARATION = Stage(
+    name="ingest",
+    reads=(),
+    leaves=("survey?", "configurations?", "observations?", "displacement?", "exclusions"),
+    settings=(
+        "campaign.kind",
+        "campaign.drives",
+        "mechanism.type",
+        "mechanism.legs",
+        "noise.point_mm",
+        "bodies.reference",
+        "files",
+    ),
+    summary="reads the raw files, brings them into the contract's units and names, and refuses what cannot be",
+)
+
+
+class _Late:
+    """Words that are known only once everything has been read."""
+
+    def __init__(self, say: Callable[[], str]) -> None:
+        self._say = say
+
+    def __str__(self) -> str:
+        return self._say()
+
+
+def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
+    """The campaign's tables from its raw files; raises CampaignFaults with everything that is wrong at once.
+
+    Observations are a stream, read and checked while it is drained: the faults may come at its end.
+    """
+    from truing.formats.faultlog import FaultLog
+
+    log = FaultLog()
+    _check_tables(settings, log)
+    if settings.campaign.kind == "interferometer":
+        return _displacement(source, log)
+    return _photogrammetry(settings, progress, source, log)
+
+
+def _check_tables(settings: Any, log: FaultLog) -> None:
+    for table in settings.files:
+        if table not in TABLES:
+            close = difflib.get_close_matches(table, TABLES, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"one of {', '.join(TABLES)}"
+            log.add(Fault("campaign.toml", f"a known table; {hint}", column=f"files.{table}"))
+
+
+def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, log: FaultLog) -> Outcome:
+    from stages.ingest_points import Points
+    from stages.ingest_tables import read_configurations, read_survey
+
+    configurations = read_configurations(source, settings, log)
+    survey = read_survey(source, settings, log)
+    if not source.entries("points"):
+        log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
+        log.throw()
+    expected = _expected(settings, configurations, survey)
+    points = Points(source, log, expected, progress)
+    observations = points.stream()
+    if log:
+        observations.read_all()  # the rest of the faults, which raise at its end
+    small = [table for table in (configurations, survey) if table is not None]
+    artifacts: dict[str, pa.Table | pa.RecordBatchReader] = {} if survey is None else {"survey": survey.table}
+    artifacts |= {} if configurations is None else {"configurations": configurations.table}
+    artifacts |= {"observations": observations, "exclusions": _exclusions_of(points, small)}
+    return Outcome(
+        artifacts,
+        read=_late(lambda: _read_words(points)),
+        left_out=_late(lambda: _left_out_words(_all_left_out(points, small))),
+        figure=_late(lambda: _figure_words(points)),
+    )
+
+
+def _late(say: Callable[[], str]) -> str:
+    return cast(str, _Late(say))
+
+
+def _expected(settings: Any, configurations: SmallTable | None, survey: SmallTable | None) -> Any:
+    import pyarrow as pa
+
+    from stages.ingest_points import Expected
+
+    poses = pa.array([], pa.int64())
+    if configurations is not None:
+        poses = configurations.table.column("pose").combine_chunks().unique()
+    has_mechanism = settings.mechanism.type in ("6-pus", "ups")
+    legs = tuple(f"leg{leg + 1}" for leg in range(len(settings.mechanism.legs)))
+    return Expected(
+        poses=poses,
+        always=("base", "platform") if has_mechanism else (),
+        bodies=("base", "platform", *legs) if has_mechanism else (),
+        reference=settings.reference_body,
+        point_mm=settings.noise.point_mm,
+        geometry=_geometry(settings, survey),
+    )
+
+
+def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
+    from stages.point_sizes import Geometry
+
+    surveyed: dict[str, dict[str, Any]] = {}
+    if survey is not None:
+        columns = (survey.table.column(name).to_pylist() for name in ("body", "target", "x_mm", "y_mm", "z_mm"))
+        for body, target, *point in zip(*columns, strict=True):
+            surveyed.setdefault(body, {})[target] = np.array(point, dtype=float)
+    legs = settings.mechanism.legs
+    joints = {"base": np.array([leg.a_mm for leg in legs]), "platform": np.array([leg.b_mm for leg in legs])}
+    return Geometry(surveyed, joints if legs else {})
+
+
+def _all_left_out(points: Points, small: list[SmallTable]) -> Counter[tuple[str, str]]:
+    total = Counter(points.left_out)
+    for table in small:
+        total.update(table.left_out)
+    return total
+
+
+def _exclusions_of(points: Points, small: list[SmallTable]) -> pa.RecordBatchReader:
+    import pyarrow as pa
+
+    schema = ARTIFACTS["exclusions"].arrow_schema()
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        yield from _exclusions(_all_left_out(points, small)).to_batches()
+
+    return pa.RecordBatchReader.from_batches(schema, batches())
+
+
+def _exclusions(left_out: Mapping[tuple[str, str], int]) -> pa.Table:
+    import pyarrow as pa
+
+    rows = [
+        {"stage": "ingest", "subject": file, "reason": reason, "rows": count, "by": "[files] of campaign.toml"}
+        for (file, reason), count in left_out.items()
+    ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["exclusions"].arrow_schema())
+
+
+def _read_words(points: Points) -> str:
+    files = f"{len(points.files)} files" if len(points.files) != 1 else next(iter(points.files))
+    return f"{points.rows:,} points of {points.poses:,} poses from {files}"
+
+
+def _left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:
+    by_reason: Counter[str] = Counter()
+    for (_, reason), count in left_out.items():
+        by_reason[reason] += count
+    return "; ".join(f"{count:,} rows: {reason}" for reason, count in by_reason.most_common()) or "nothing"
+
+
+def _figure_words(points: Points) -> str:
+    return f"{points.labels:,} targets on {len(points.bodies)} bodies ({', '.join(points.bodies[:12])})"
+
+
+def _displacement(source: CampaignFiles, log: FaultLog) -> Outcome:
+    from stages.ingest_tables import read_displacement
+
+    found = read_displacement(source, log)
+    if found is None:
+        log.throw()
+        empty = {"exclusions": ARTIFACTS["exclusions"].empty()}
+        return Outcome(empty, "nothing", "nothing", "not evaluated: the campaign holds no displacement table")
+    log.throw()
+    rows, runs = len(found.table), len(found.table.column("run").unique())
+    return Outcome(
+        {"displacement": found.table, "exclusions": _exclusions(found.left_out)},
+        read=f"{rows:,} load steps",
+        left_out=_left_out_words(found.left_out),
+        figure=f"{runs} run{'s' if runs != 1 else ''}",
+    )

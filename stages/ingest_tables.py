@@ -1,0 +1,242 @@
+"""The small tables of a campaign, normalised and checked: configurations, the survey, six-component displacement."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.point_ledger import Names
+from truing.formats.read import read_table
+from truing.formats.shapes import CONFIGURATIONS, DISPLACEMENT, TARGETS, WRENCH, Shape
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+POSES = Shape("points", ("pose",), streams=True)
+"""Points of which only the pose is looked at."""
+
+
+@dataclass
+class SmallTable:
+    """A table of the run, and how many raw rows were left out of it, by (file, reason)."""
+
+    table: pa.Table
+    left_out: dict[tuple[str, str], int] = field(default_factory=dict)
+
+
+def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+    """One row per pose; without a table of configurations, where no mechanism asks for one, in order of appearance."""
+    found = gather(source, CONFIGURATIONS, log, "pose")
+    if found is None:
+        if source.entries("configurations"):
+            return None
+        if settings.mechanism.type != "none":
+            log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
+            return None
+        return SmallTable(_in_order_of_appearance(source))
+    _once(found, log, ("pose",))
+    _check_times(found, log, required=settings.mechanism.type != "none")
+    _check_readings(found, log, settings)
+    _check_drives(found, log, settings.campaign.drives)
+    return SmallTable(_as_artifact("configurations", _completed(found.table)), dict(found.left_out))
+
+
+def _completed(table: pa.Table) -> pa.Table:
+    """The role calibration and the order of the rows as times, where a campaign without mechanism gives neither."""
+    import pyarrow as pa
+
+    if "role" not in table.column_names:
+        table = table.append_column("role", pa.array(["calibration"] * len(table), pa.string()))
+    if "time_s" not in table.column_names:
+        table = table.append_column("time_s", pa.array(np.arange(len(table), dtype=float)))
+    return table
+
+
+def _in_order_of_appearance(source: CampaignFiles) -> pa.Table:
+    import pyarrow as pa
+
+    poses, as_text = _poses_of_points(source, as_text=False)
+    if as_text:
+        poses, _ = _poses_of_points(source, as_text=True)
+    kind = pa.string() if as_text else pa.int64()
+    return _as_artifact("configurations", _completed(pa.table({"pose": pa.array(poses, kind)})))
+
+
+def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[object], bool]:
+    """Poses in order of appearance, and whether any is text; what is wrong is said when the points are read."""
+    import pyarrow as pa
+
+    poses, any_text = Names(), False
+    for _, batch in read_table(source, POSES, FaultLog(), poses_as_text=as_text):
+        column = batch.columns["pose"]
+        any_text |= bool(pa.types.is_dictionary(column.type))
+        for pose in column.unique().to_pylist():
+            poses.number(pose)
+    return poses.values, any_text
+
+
+def _once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
+    if any(name not in found.table.column_names for name in key):
+        return
+    seen: set[tuple[object, ...]] = set()
+    again = np.zeros(len(found.origins), dtype=bool)
+    for row, values in enumerate(zip(*(found.table.column(name).to_pylist() for name in key), strict=True)):
+        again[row] = values in seen
+        seen.add(values)
+    found.fault(log, again, key[-1], f"every {', '.join(key)} once")
+
+
+def _check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
+    if "time_s" not in found.table.column_names:
+        if required:
+            log.add(Fault(found.origins[0][0].raw.name, "a column time_s; it orders the poses", column="time_s"))
+        return
+    found.fault(log, _absent(found, "time_s"), "time_s", "a time for every row")
+    found.fault(log, _repeated(_numbers(found, "time_s")), "time_s", "a time of its own for every row")
+
+
+def _repeated(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    _, first = np.unique(values, return_index=True)
+    again = ~np.isnan(values)
+    again[first] = False
+    return again
+
+
+def _numbers(found: Gathered, name: str) -> NDArray[np.float64]:
+    return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def _absent(found: Gathered, name: str) -> NDArray[np.bool_]:
+    return np.asarray(found.table.column(name).is_null().combine_chunks())
+
+
+def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
+    if settings.mechanism.type == "none":
+        return
+    file = found.origins[0][0].raw.name
+    if "role" not in found.table.column_names:
+        log.add(Fault(file, "a column role: calibration, verification or reference", column="role"))
+    for leg in range(1, len(settings.mechanism.legs) + 1):
+        name = f"rho{leg}_mm"
+        if name not in found.table.column_names:
+            log.add(Fault(file, f"a column {name}, the reading of leg {leg}", column=name))
+        else:
+            found.fault(log, _absent(found, name), name, "a reading for every pose")
+
+
+def _check_drives(found: Gathered, log: FaultLog, drives: tuple[str, ...]) -> None:
+    names = found.table.column_names
+    for drive in drives:
+        if drive not in names:
+            close = difflib.get_close_matches(drive, names, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(names)}"
+            log.add(
+                Fault("campaign.toml", f"a column of configurations; {hint}", column="campaign.drives", value=drive)
+            )
+
+
+def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+    """The reference survey; None where the campaign has none."""
+    import pyarrow as pa
+
+    found = gather(source, TARGETS, log)
+    if found is None:
+        return None
+    _once(found, log, ("body", "target"))
+    _check_legs(found, log, len(settings.mechanism.legs))
+    table = found.table
+    for name in ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"):
+        table = _with_declared(table, name, settings.noise.point_mm)
+    if "leg" not in table.column_names:
+        table = table.append_column("leg", pa.nulls(len(table), pa.int64()))
+    return SmallTable(_as_artifact("survey", table), dict(found.left_out))
+
+
+def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:
+    """A column filled with a declared value where it is empty, or made of it where it is absent."""
+    import pyarrow as pa
+
+    declared = pa.scalar(value, pa.float64())
+    if name not in table.column_names:
+        return table.append_column(name, pa.repeat(declared, len(table)))
+    filled = table.column(name) if value is None else table.column(name).fill_null(declared)
+    return table.set_column(table.column_names.index(name), name, filled)
+
+
+def _check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
+    if "leg" not in found.table.column_names or not legs:
+        return
+    leg = _numbers(found, "leg")
+    found.fault(log, leg > legs, "leg", f"a leg from 1 to {legs}, or nothing")
+    elsewhere = np.array([body != "platform" for body in found.table.column("body").to_pylist()], dtype=bool)
+    found.fault(log, elsewhere & ~np.isnan(leg), "leg", "nothing: only targets of the platform sit at attachments")
+
+
+def read_displacement(source: CampaignFiles, log: FaultLog) -> SmallTable | None:
+    """Six-component displacement against six-component load; None where the campaign has none."""
+    import pyarrow.compute as pc
+
+    found = gather(source, DISPLACEMENT, log, "run")
+    if found is None:
+        return None
+    _once(found, log, ("run", "step"))
+    _check_run_times(found, log)
+    table = _six_loads(found, log)
+    if any(entry.time_format for entry in source.entries("displacement")):
+        times = table.column("time_s")
+        since_first = pc.subtract(times, pc.min(times))
+        table = table.set_column(table.column_names.index("time_s"), "time_s", since_first)
+    keep = [name for name in table.column_names if name not in ("load_axis", "load")]
+    return SmallTable(_as_artifact("displacement", table.select(keep)), dict(found.left_out))
+
+
+def _check_run_times(found: Gathered, log: FaultLog) -> None:
+    if not {"run", "time_s"} <= set(found.table.column_names):
+        return
+    times = _numbers(found, "time_s")
+    runs = np.asarray(found.table.column("run").to_pylist(), dtype=object)
+    again = np.zeros(len(times), dtype=bool)
+    for run in dict.fromkeys(runs.tolist()):
+        again[runs == run] = _repeated(times[runs == run])
+    found.fault(log, np.isnan(times), "time_s", "a time for every step")
+    found.fault(log, again, "time_s", "a time of its own for every step of a run")
+
+
+def _six_loads(found: Gathered, log: FaultLog) -> pa.Table:
+    """The loads as six columns; a load along one axis leaves the others zero."""
+    import pyarrow as pa
+
+    table, names = found.table, found.table.column_names
+    if all(name in names for name in WRENCH):
+        return table
+    if not {"load_axis", "load"} <= set(names):
+        file = found.origins[0][0].raw.name
+        log.add(Fault(file, f"columns {', '.join(WRENCH)}, or load_axis and load", column="fx_n"))
+        return table
+    axis = np.asarray(table.column("load_axis").to_pylist(), dtype=object)
+    load = _numbers(found, "load")
+    for name in WRENCH:
+        table = table.append_column(name, pa.array(np.where(axis == name[:2], load, 0.0)))
+    return table
+
+
+def _as_artifact(name: str, table: pa.Table) -> pa.Table:
+    """A table with the artifact's columns first, in its types; what is wrong with it has been noted elsewhere."""
+    import pyarrow as pa
+
+    artifact = ARTIFACTS[name]
+    absent = [column for column in artifact.columns if column not in table.column_names]
+    for column in absent:
+        table = table.append_column(column, pa.nulls(len(table), artifact.arrow_schema().field(column).type))
+    names = [*artifact.columns, *(column for column in table.column_names if column not in artifact.columns)]
+    text = any(key in names and pa.types.is_string(table.schema.field(key).type) for key in ("pose", "run"))
+    return table.select(names).cast(artifact.arrow_schema("string" if text else "int64", tuple(names)))

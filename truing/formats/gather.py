@@ -1,0 +1,81 @@
+"""A table that fits into memory, whole: its columns, and the file and record behind every row."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.evaluation import TableBatch
+from truing.formats.faultlog import CellFaults, FaultLog
+from truing.formats.read import FileRows, read_table
+from truing.formats.shapes import Shape
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass
+class Gathered:
+    """The rows of a table in the order in which they came; ``left_out`` counts by (file, reason)."""
+
+    table: pa.Table
+    origins: list[tuple[FileRows, int]]
+    left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    def fault(self, log: FaultLog, wrong: NDArray[np.bool_], column: str, expected: str) -> None:
+        """Note a fault in every row of a mask."""
+        values = self.table.column(column).combine_chunks() if column in self.table.column_names else None
+        for row in np.flatnonzero(wrong):
+            file, record = self.origins[row]
+            value = None if values is None else values[int(row)].as_py()
+            cell = (record, None if values is None else "" if value is None else str(value))
+            log.cells(file.raw.name, CellFaults(expected, column, (cell,), 1), file.locate)
+
+
+def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str | None = None) -> Gathered | None:
+    """A whole table, its ``identifier`` column int64 where every value is an integer, else text.
+
+    None where the campaign has no such table, or none that could be read at all (which is noted then).
+    """
+    if not source.entries(shape.name):
+        return None
+    batches, found = _read(source, shape, as_text=False)
+    if identifier is not None and any(_is_text(batch, identifier) for _, batch in batches):
+        batches, found = _read(source, shape, as_text=True)
+    log.absorb(found)
+    if not batches:
+        return None
+    left_out: Counter[tuple[str, str]] = Counter()
+    for file, batch in batches:
+        left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
+    origins = [(file, int(record)) for file, batch in batches for record in batch.records]
+    return Gathered(_concatenated([batch for _, batch in batches]), origins, left_out)
+
+
+def _read(source: CampaignFiles, shape: Shape, *, as_text: bool) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:
+    log = FaultLog()
+    return list(read_table(source, shape, log, poses_as_text=as_text)), log
+
+
+def _is_text(batch: TableBatch, name: str) -> bool:
+    import pyarrow as pa
+
+    return name in batch.columns and bool(pa.types.is_dictionary(batch.columns[name].type))
+
+
+def _concatenated(batches: list[TableBatch]) -> pa.Table:
+    import pyarrow as pa
+
+    tables = []
+    for batch in batches:
+        columns = {
+            name: values.cast(pa.string()) if pa.types.is_dictionary(values.type) else values
+            for name, values in batch.columns.items()
+        }
+        tables.append(pa.table(columns))
+    return pa.concat_tables(tables, promote_options="default").combine_chunks()

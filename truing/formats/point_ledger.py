@@ -1,0 +1,202 @@
+"""Who is who among the points of a campaign: names as numbers, and the file and record behind every row."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.dictionaries import codes, strings, whole_number
+from truing.formats.evaluation import TableBatch
+from truing.formats.read import FileRows
+from truing.formats.spool import Spool
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+STEP = 1 << 18
+"""Rows that are looked at at a time."""
+
+_CELLS = 1 << 27
+
+
+class Names:
+    """Names in order of appearance, and their numbers."""
+
+    def __init__(self) -> None:
+        self.values: list[object] = []
+        self._numbers: dict[object, int] = {}
+
+    def number(self, value: object) -> int:
+        """The number of a name, given to it now if it is new."""
+        found = self._numbers.get(value)
+        if found is None:
+            found = self._numbers[value] = len(self.values)
+            self.values.append(value)
+        return found
+
+    def numbers_of(self, values: list[object]) -> NDArray[np.int32]:
+        """The numbers of several names."""
+        return np.fromiter((self.number(value) for value in values), dtype=np.int32, count=len(values))
+
+    def find(self, value: object) -> int | None:
+        """The number of a name that has one."""
+        return self._numbers.get(value)
+
+
+class PointLedger:
+    """Pose, body and target of every point, in the order in which the points came."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.poses, self.labels = Names(), Names()  # labels are (body, target)
+        self._spool = Spool(("pose", "label"), folder)
+        self._named = 0
+        self._codes: NDArray[np.int32] = np.zeros((0, 2), np.int32)
+        self._columns: tuple[pa.Array, pa.Array] = (strings([]), strings([]))
+        self._starts: list[int] = []
+        self._origins: list[tuple[FileRows, NDArray[np.int64] | int]] = []
+
+    @property
+    def rows(self) -> int:
+        """How many points."""
+        return self._spool.rows
+
+    def add(self, file: FileRows, batch: TableBatch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Take in a batch of points; returns the numbers of their poses and of their labels."""
+        pose = self._pose_numbers(batch.columns["pose"])
+        label = self._label_numbers(batch.columns["body"], batch.columns["target"])
+        if batch.rows:
+            is_run = bool(np.all(np.diff(batch.records) == 1))
+            self._starts.append(self.rows)
+            self._origins.append((file, int(batch.records[0]) if is_run else batch.records))
+            self._spool.append(pose=pose, label=label)
+        return pose, label
+
+    def _pose_numbers(self, poses: pa.Array) -> NDArray[np.int32]:
+        import pyarrow as pa
+
+        if pa.types.is_dictionary(poses.type):
+            return self.poses.numbers_of(self._as_known(poses.dictionary.to_pylist()))[codes(poses)]
+        plain = np.asarray(poses)
+        starts = np.flatnonzero(np.concatenate(([True], plain[1:] != plain[:-1])))
+        values, inverse = np.unique(plain[starts], return_inverse=True)
+        order = np.argsort(np.argsort(_first_seen(inverse, len(values))))
+        in_order = np.empty_like(values)
+        in_order[order] = values
+        numbers = self.poses.numbers_of(in_order.tolist())[order]
+        return np.repeat(numbers[inverse], np.diff(np.append(starts, len(plain))))
+
+    def _as_known(self, texts: list[str]) -> list[object]:
+        """Poses of a file in which not all are integers, for a campaign in which all are."""
+        if not self.poses.values or isinstance(self.poses.values[0], str):
+            return list(texts)
+        return [text if (number := whole_number(text)) is None else number for text in texts]
+
+    def _label_numbers(self, body: pa.DictionaryArray, target: pa.DictionaryArray) -> NDArray[np.int32]:
+        bodies, targets = body.dictionary.to_pylist(), target.dictionary.to_pylist()
+        key = codes(body) * np.int32(len(targets)) + codes(target)
+        seen = np.zeros(len(bodies) * len(targets), dtype=bool)
+        seen[key] = True
+        numbers = np.empty(len(seen), dtype=np.int32)
+        for pair in np.flatnonzero(seen):
+            numbers[pair] = self.labels.number((bodies[pair // len(targets)], targets[pair % len(targets)]))
+        return numbers[key]
+
+    def label_columns(self, label: NDArray[np.int32]) -> tuple[pa.DictionaryArray, pa.DictionaryArray]:
+        """Body and target of labels given by their numbers."""
+        import pyarrow as pa
+
+        if self._named != len(self.labels.values):
+            bodies, targets = Names(), Names()
+            pairs = [(bodies.number(body), targets.number(target)) for body, target in self.labels.values]  # type: ignore[misc]
+            self._codes = np.array(pairs, dtype=np.int32).reshape(-1, 2)
+            self._columns = (strings(bodies.values), strings(targets.values))
+            self._named = len(self.labels.values)
+        body, target = (
+            pa.DictionaryArray.from_arrays(pa.array(self._codes[label, i]), self._columns[i]) for i in range(2)
+        )
+        return body, target
+
+    def close(self) -> None:
+        """Give the disk space back."""
+        self._spool.close()
+
+    def name_of(self, row: int) -> tuple[object, str, str]:
+        """Pose, body and target of a row."""
+        pose = self.poses.values[int(self._spool.read("pose", row, row + 1)[0])]
+        body, target = self.labels.values[int(self._spool.read("label", row, row + 1)[0])]  # type: ignore[misc]
+        return pose, body, target
+
+    def steps(self) -> Iterator[tuple[int, int]]:
+        """Ranges of rows that cover the store."""
+        for start in range(0, self.rows, STEP):
+            yield start, min(start + STEP, self.rows)
+
+    def origin(self, row: int) -> tuple[FileRows, int]:
+        """The file and record that a row came from."""
+        part = bisect_right(self._starts, row) - 1
+        file, records = self._origins[part]
+        offset = row - self._starts[part]
+        return file, records + offset if isinstance(records, int) else int(records[offset])
+
+    def seen(self) -> NDArray[np.bool_]:
+        """Whether a pose has any point of a body: (poses, bodies), bodies in the order of :meth:`bodies`."""
+        body = self.label_bodies()
+        found = np.zeros((len(self.poses.values), len(self.bodies())), dtype=bool)
+        for start, stop in self.steps():
+            found[self._spool.read("pose", start, stop), body[self._spool.read("label", start, stop)]] = True
+        return found
+
+    def bodies(self) -> tuple[str, ...]:
+        """The bodies, in order of appearance."""
+        return tuple(dict.fromkeys(body for body, _ in self.labels.values))  # type: ignore[misc]
+
+    def label_bodies(self) -> NDArray[np.int32]:
+        """The body, as a number, of every label."""
+        bodies = {body: number for number, body in enumerate(self.bodies())}
+        return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)  # type: ignore[misc]
+
+    def duplicates(self) -> Iterator[NDArray[np.int64]]:
+        """Rows whose pose, body and target stood in a row before: exact, in memory that does not grow with the rows."""
+        width = max(len(self.labels.values), 1)
+        slab = max(_CELLS // width, 1)
+        for first in range(0, len(self.poses.values), slab):
+            yield from self._duplicates_within(first, min(first + slab, len(self.poses.values)), width)
+
+    def _duplicates_within(self, first: int, last: int, width: int) -> Iterator[NDArray[np.int64]]:
+        cells = np.zeros((last - first) * width, dtype=bool)
+        rows = 0
+        for _, cell in self._cells(first, last, width):
+            cells[cell] = True
+            rows += len(cell)
+        if int(np.count_nonzero(cells)) == rows:
+            return
+        cells[:] = False
+        for row, cell in self._cells(first, last, width):
+            _, position = np.unique(cell, return_index=True)
+            again = np.ones(len(cell), dtype=bool)
+            again[position] = False
+            again |= cells[cell]
+            cells[cell] = True
+            yield row[again]
+
+    def _cells(self, first: int, last: int, width: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        for start, stop in self.steps():
+            pose = self._spool.read("pose", start, stop)
+            label = self._spool.read("label", start, stop)
+            row = np.arange(start, stop)
+            if first > 0 or last < len(self.poses.values):
+                within = (pose >= first) & (pose < last)
+                pose, label, row = pose[within], label[within], row[within]
+            yield row, (pose.astype(np.int64) - first) * width + label
+
+
+def _first_seen(inverse: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Where each of ``count`` values stands first."""
+    first = np.empty(count, dtype=np.int64)
+    first[inverse[::-1]] = np.arange(len(inverse) - 1, -1, -1)
+    return first
