@@ -28,17 +28,17 @@ def hold(path: Path) -> Iterator[None]:
 
 
 def _acquire(path: Path) -> int:
+    folder = path.parent.parent
     while True:
-        with environment(f"the run folder {path.parent.parent} cannot be used"):
+        with environment(f"the run folder {folder} cannot be used"):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        if not _try_lock(descriptor):
-            holder = _holder(descriptor)
-            os.close(descriptor)
-            raise EnvironmentProblem(f"{path.parent.parent} is in use by another run: {holder}")
-        if _is_still_there(descriptor, path):
-            with environment(f"the run folder {path.parent.parent} cannot be used"):
+            if not _try_lock(descriptor):
+                holder = _holder(descriptor)
+                os.close(descriptor)
+                raise EnvironmentProblem(f"{folder} is in use by another run: {holder}")
+            if _is_still_there(descriptor, path):
                 _sign(descriptor)
-            return descriptor
+                return descriptor
         os.close(descriptor)  # the holder before us removed the file while we were opening it
 
 
