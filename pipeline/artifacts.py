@@ -116,12 +116,16 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
     schema, tables = _uniform(artifact, content)
     metadata = {_KEY + key: value for key, value in stamp.metadata(artifact, schema.names).items()}
     options: dict[str, Any] = {"compression": "snappy", "store_schema": False}
-    # Measured numbers hardly repeat: a dictionary of them would be built, outgrown and thrown away.
-    options["use_dictionary"] = [name for name in schema.names if _column(artifact, name).kind != "real"]
+    options["use_dictionary"] = [name for name in schema.names if _repeats(_column(artifact, name))]
     with pq.ParquetWriter(file, schema, **options) as writer:
         for table in tables:
             writer.write_table(table, row_group_size=ROWS_PER_GROUP)
         writer.add_key_value_metadata(metadata)  # beside the schema, which store_schema=False keeps out
+
+
+def _repeats(column: Column) -> bool:
+    """Whether a dictionary pays: one of measured numbers would be built, outgrown and thrown away."""
+    return column.kind != "real" or column.name.startswith("sigma")
 
 
 def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tuple[pa.Schema, Iterator[pa.Table]]:
