@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Form = Literal["none", "linear", "matrix"]
 
+_NORMAL_MEDIAN = 0.6745  # median of |z| of a standard normal
 _RANK_CUTOFF = 1e-10  # relative eigenvalue below which a direction carries no information
 
 
@@ -184,14 +185,16 @@ def keep_consistent(
     """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
 
     ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
-    least absolute deviation by reweighting; the rest is the predictive residual of each value in units of its
-    own deviation.
+    least absolute deviation by reweighting; its median residual widens the limit where the noise is larger than
+    declared. The rest is the predictive residual of each value in units of its own deviation.
     """
     from scipy.special import ndtri
 
     seen = np.isfinite(y)
     limit = -ndtri(0.5 * min(1.0, false_rejections / max(seen.sum(), 1)))
-    kept = seen & (_standardised_l1(u, y, cov, form, offset_cov, group) < 1.5 * limit)
+    start = _standardised_l1(u, y, cov, form, offset_cov, group)
+    limit *= max(1.0, float(np.median(start[seen])) / _NORMAL_MEDIAN) if seen.any() else 1.0
+    kept = seen & (start < 1.5 * limit)
     for _ in range(20):
         fit = fit_response(u, np.where(kept, y, np.nan), cov, form=form, offset_cov=offset_cov, group=group)
         again = seen & (_standardised(fit, u, y, cov, group) < limit)
