@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -70,7 +71,9 @@ def run(folder: Path) -> Judged:
     """``python -m pipeline run`` on one folder; QA may warn, but nothing may fail otherwise."""
     out = folder.with_name(f"{folder.name}.run")
     command = [sys.executable, "-m", "pipeline", "run", str(folder), "--out", str(out), "--qa=warn"]
-    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
+    # Two runs side by side would otherwise each start a thread per core.
+    one_thread = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=PROJECT, env=one_thread, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{folder.name} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
     hidden = json.loads(truth_path(folder).read_text(encoding="utf-8"))["effects"]
     return Judged(folder.name, _findings(out / "diagnosis.parquet"), tuple(hidden))
