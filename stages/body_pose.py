@@ -61,7 +61,7 @@ def fit_body(
     source, cov_source = _reference(points, survey)
     if not surveyed:
         source, _ = common_shape(points.points, points.seen & ~excluded)
-    known: Mask = np.isfinite(source).all(axis=-1)
+    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
     frame = known & _in_frame(points, survey)
     usable = points.seen & frame & ~excluded
     source = np.nan_to_num(source)
@@ -75,7 +75,7 @@ def fit_body(
         fits, source = {"procrustes": joint.poses}, np.nan_to_num(joint.shape)
     default = next(reversed(fits))
     used = inlier & fits[default].ok[:, None]
-    rejected = usable & ~inlier & _judged(fit)[:, None] | points.seen & excluded
+    rejected = usable & ~inlier & _judged(fit, inlier)[:, None] | points.seen & excluded
     residual = np.where((points.seen & known)[..., None], fits[default].residuals(source, points.points), np.nan)
     why = _reasons(points, fits[default], residual, known, frame, used, rejected)
     why = np.where(used & kept, kept_why, np.where(excluded & points.seen, excluded_why, why))
@@ -160,9 +160,9 @@ def _noise(source: Array, cov_source: Array, points: PosePoints, usable: Mask) -
     return cov_source, np.where(undeclared[..., None, None], sigma**2 * np.eye(3), points.cov)
 
 
-def _judged(fit: RigidFit) -> Mask:
-    """(B,) poses whose points were compared with each other, whether or not a pose came of it."""
-    return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)])
+def _judged(fit: RigidFit, inlier: Mask) -> Mask:
+    """(B,) poses in which some points agree, so that the others stand out, whether or not a pose came of it."""
+    return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)]) & inlier.any(axis=1)
 
 
 def _reasons(

@@ -130,7 +130,7 @@ def common_shape(points: NDArray, mask: NDArray, start: int | None = None) -> tu
         reached = seen.any(axis=0)
         renewed = np.zeros_like(shape)
         renewed[reached] = np.nanmedian(back[:, reached], axis=0)
-        renewed[reached] -= renewed[reached & known].mean(axis=0) - shape[reached & known].mean(axis=0)
+        renewed[reached] = umeyama(renewed, shape, reached & known).apply(renewed)[0, reached]
         change = np.max(np.abs(renewed - shape)[reached & known])
         grown = not np.array_equal(reached, known)
         shape, known = renewed, reached

@@ -36,27 +36,30 @@ def robust_pose(
 ) -> tuple[RigidFit, NDArray]:
     """Return the maximum-likelihood motion of the points that agree on one, and which they are (B, N).
 
-    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2, mask
-    (B, N). A point is kept while its studentised residual passes a chi-square test, in which declared noise counts
-    ``noise_ratio`` times, and always where ``keep`` (B, N) says so. Status as of `consensus` where no set of points
-    agrees; the points that do agree are reported even then. Raises ValueError as `maximum_likelihood`.
+    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2,
+    mask (B, N). A point is kept while its studentised residual passes a chi-square test, in which declared noise
+    counts ``noise_ratio`` times; where ``keep`` (B, N) says so it enters the last fit all the same. Status as of
+    `consensus` where no set of points agrees; the points that do agree are reported even then. Raises ValueError
+    as `maximum_likelihood`.
     """
     mask = np.asarray(mask, bool)
-    keep = np.zeros_like(mask) if keep is None else keep & mask
+    given = (source, target, cov_source, cov_target)
     sigma = noise_ratio * _largest_sigma(cov_source, cov_target, mask)
-    inlier, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
+    kept, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
     agreed = status == FitStatus.OK
-    kept = np.where(agreed[:, None], inlier | keep, False)
     limit = noise_ratio**2 * _chi_square_limit(false_alarm, mask)
-    fit = maximum_likelihood(source, target, cov_source, cov_target, kept)
+    fit = maximum_likelihood(*given, kept & agreed[:, None])
     for _ in range(_ROUNDS):
-        passes = squared_residuals(fit, source, target, cov_source, cov_target, kept) <= limit[:, None]
-        renewed = np.where(fit.ok[:, None], mask & passes | keep, kept)
+        passes = squared_residuals(fit, *given, kept) <= limit[:, None]
+        renewed = np.where(fit.ok[:, None], mask & passes, kept)
         if np.array_equal(renewed, kept):
             break
         kept = renewed
-        fit = maximum_likelihood(source, target, cov_source, cov_target, kept, start=fit)
-    return _without_agreement(fit, agreed, status), np.where(agreed[:, None], kept, inlier)
+        fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
+    if keep is not None:
+        kept = kept | keep & mask & agreed[:, None]
+        fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
+    return _without_agreement(fit, agreed, status), kept
 
 
 def squared_residuals(
@@ -100,12 +103,15 @@ def robust_poses(
     is not quite rigid, is not a gross error: where the poses together scatter more than declared, points are judged
     by that scatter. The covariances stay those of the declared noise.
     """
-    given = (source, target, cov_source, cov_target, mask)
-    fit, kept = robust_pose(*given, keep=keep)
-    ratio = _noise_ratio(fit, kept, source, target, _largest_sigma(cov_source, cov_target, mask), mask)
-    if ratio < _WORTH_ANOTHER_ROUND:
-        return fit, kept, ratio
-    return *robust_pose(*given, keep=keep, noise_ratio=ratio), ratio
+    sigma = _largest_sigma(cov_source, cov_target, mask)
+    ratio = 1.0
+    for _ in range(_ROUNDS):
+        fit, kept = robust_pose(source, target, cov_source, cov_target, mask, keep=keep, noise_ratio=ratio)
+        renewed = _noise_ratio(fit, kept, source, target, sigma, mask)
+        if renewed < _WORTH_ANOTHER_ROUND * ratio:
+            break
+        ratio = renewed
+    return fit, kept, ratio
 
 
 def _noise_ratio(
