@@ -70,7 +70,7 @@ def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Out
     return Outcome(
         {"diagnosis": _table(rows), "model": _model_text(final, settings)},
         read=_read(gathered),
-        left_out=gathered.left_out,
+        left_out=_left_out(gathered, search.gross),
         figure=_figure(verdicts, final),
     )
 
@@ -93,6 +93,7 @@ def _row(rank: int, verdict: Verdict, gathered: Gathered) -> dict[str, Any]:
         verdict.after.floor * 1e6,
         verdict.reason,
         _detectable(verdict),
+        bool(verdict.cause.follows(gathered.model.nominal.count)),
         _remark(gathered, verdict.after),
     )
     return {
@@ -163,6 +164,11 @@ def _read(gathered: Gathered) -> str:
     held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
     return f"{seen} points of {len(gathered.calibration.conditions.readings)} poses, {held} poses held out"
+
+
+def _left_out(gathered: Gathered, gross: int) -> str:
+    said = [gathered.left_out] if gathered.left_out else []
+    return "; ".join([*said, f"{gross} points as gross errors"] if gross else said) or "nothing"
 
 
 def _figure(verdicts: list[Verdict], final: Stand) -> str:

@@ -97,7 +97,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         model.at(chosen(conditions, fitted)),
         _poses(bodies, conditions, frames, fitted),
         _poses(bodies, conditions, frames, held) if held.any() else None,
-        "; ".join([*words, *dropped]) or "nothing",
+        "; ".join([*words, *dropped]),
         int(np.sum((bodies.targets.body == PLATFORM) & (bodies.targets.leg < 0))),
     )
 

@@ -69,11 +69,14 @@ def chosen(conditions: Conditions, rows: NDArray) -> Conditions:
 def unexplained_causes(conditions: Conditions, rho0: NDArray) -> list[Unexplained]:
     """What the legs may follow without a cause of the catalogue: own drive, direction, every covariate that varies."""
     moved = conditions.readings - rho0
-    found = [Unexplained(OWN_DRIVE, 0.0, float(np.abs(moved).max()), _DEGREE)] if np.any(moved) else []
-    for name, values in conditions.covariates.items():
+    found = []
+    for name, values in {OWN_DRIVE: moved, **conditions.covariates}.items():
         distinct = len(np.unique(values))
         if not np.isfinite(values).all() or distinct < 2:
             continue
         centre, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
-        found.append(Unexplained(name, float(centre), float(half), min(_DEGREE, distinct - 1)))
+        if name == OWN_DRIVE:
+            centre, half = 0.0, np.abs(values).max()
+        degrees = {1, min(_DEGREE, distinct - 1)}
+        found += [Unexplained(name, float(centre), float(half), degree) for degree in sorted(degrees)]
     return found

@@ -13,6 +13,7 @@ from truing.estimation.detectable import smallest_detectable
 from truing.estimation.evidence import NOISE_PRIOR_FREEDOM, Score, Search, probabilities, project
 from truing.estimation.point_fit import Frames, MeasuredPoints, PointFit, fit_points, whitened_columns
 from truing.estimation.prediction_error import PredictionError, noise_floor, prediction_error
+from truing.estimation.screening import gross_errors
 
 # Rivals within this factor of the best in evidence cannot be told from it.
 RIVAL_FACTOR = 20.0
@@ -20,6 +21,8 @@ RIVAL_FACTOR = 20.0
 BUDGET = 0.6
 # A cause is rejected where held-out poses are predicted worse by more than this many standard errors.
 _WORSE = 2.5
+# How often the search may start anew without gross errors.
+_SCREENINGS = 3
 
 
 class CausalModel(Protocol):
@@ -44,6 +47,10 @@ class Poses:
     measured: MeasuredPoints
     conditions: Any
     frames: Frames
+
+    def without(self, wrong: NDArray) -> Poses:
+        """Return the poses without some points (B, K)."""
+        return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
 
 
 @dataclass(frozen=True)
@@ -133,14 +140,30 @@ class Acceptance:
     ) -> None:
         self._model, self._calibration, self._held_out = model, calibration, held_out
         self._settings, self._progress = settings, progress
+        self.gross = 0  # points of the fitted poses taken out as gross errors
 
     @property
     def _level(self) -> float:
         return BUDGET * self._settings.false_alarm
 
     def run(self, catalogue: Sequence[Any]) -> tuple[list[Verdict], Stand]:
-        """Return verdicts, found ones first in order of acceptance, and the model with all found causes."""
-        rounds, verdicts, open_causes = [self._round(self._stand(()), catalogue)], [], list(catalogue)
+        """Return verdicts, found ones first in order of acceptance, and the model with all found causes.
+
+        Gross errors that show only against the final model are taken out, and the search starts anew without them.
+        """
+        plain = self._stand(())
+        if self._screened(plain):
+            plain = self._stand((), plain)
+        for _ in range(_SCREENINGS):
+            verdicts, final = self._search(plain, catalogue)
+            if not self._screened(final):
+                break
+            plain = self._stand((), plain)
+        return verdicts, final
+
+    def _search(self, plain: Stand, catalogue: Sequence[Any]) -> tuple[list[Verdict], Stand]:
+        rounds, open_causes = [self._round(plain, catalogue)], list(catalogue)
+        verdicts: list[Verdict] = []
         while (chosen := self._choose(rounds[-1], open_causes)) is not None:
             after = self._stand((*rounds[-1].stand.causes, chosen), rounds[-1].stand)
             if _predicts_worse(rounds[-1].stand.held_out, after.held_out):
@@ -154,6 +177,19 @@ class Acceptance:
             rounds.append(self._round(after, open_causes))
         verdicts += [self._rejected(rounds, cause) for cause in _best_of_each_kind(rounds[-1], open_causes)]
         return sorted(verdicts, key=_rank), rounds[-1].stand
+
+    def _screened(self, stand: Stand) -> bool:
+        """Take out what is grossly wrong against a fitted model; return whether there was anything among the fitted."""
+        measured = self._calibration.measured
+        rows = stand.fit.whitened.rest[: measured.seen.size * 3 + stand.fit.whitened.problem.local_value.size]
+        rest = rows.reshape(len(measured.seen), -1)[:, : 3 * measured.seen.shape[1]]
+        wrong = gross_errors(rest.reshape(*measured.seen.shape, 3), measured.seen)
+        self._calibration = self._calibration.without(wrong)
+        if self._held_out is not None and stand.held_out is not None:
+            held = self._held_out.measured
+            self._held_out = self._held_out.without(gross_errors(stand.held_out.whitened, held.seen))
+        self.gross += int(wrong.sum())
+        return bool(wrong.any())
 
     def _stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
         """Return the model with some causes, fitted from an earlier one."""
@@ -203,17 +239,23 @@ class Acceptance:
     def _choose(self, current: Round, causes: Sequence[Any]) -> Any | None:
         """Return the cause to accept: of those that explain the data equally well, named ones before unnamed, the one
         with the fewest parameters."""
-        return min(self._rivals(current, causes), key=self._complexity, default=None)
 
-    def _complexity(self, cause: Any) -> tuple[bool, int]:
-        return not self._model.is_named(cause), self._model.parameter_count(cause)
+        def complexity(cause: Any) -> tuple[bool, int, float]:
+            named, count = self._model.is_named(cause), self._model.parameter_count(cause)
+            return not named, count, -current.scores[cause.key].log_evidence
+
+        return min(self._rivals(current, causes), key=complexity, default=None)
 
     def _rivals(self, current: Round, causes: Sequence[Any]) -> list[Any]:
-        """Return the significant causes within a factor 20 of the best in evidence."""
+        """Return the significant causes within a factor 20 of the best in evidence.
+
+        None at all is a rival too, with the fewest parameters: what does not beat it by that factor is not accepted.
+        """
         scores = {cause: current.scores[cause.key] for cause in causes}
         significant = [cause for cause, score in scores.items() if score.p_value <= self._level]
         best = max((scores[cause].log_evidence for cause in significant), default=0.0)
-        return [cause for cause in significant if scores[cause].log_evidence >= best - np.log(RIVAL_FACTOR)]
+        least = max(best - np.log(RIVAL_FACTOR), np.log(RIVAL_FACTOR))
+        return [cause for cause in significant if scores[cause].log_evidence >= least]
 
     def _indistinguishable(self, current: Round, cause: Any, accepted: Stand, chosen: Any) -> Verdict:
         own = self._stand((*current.stand.causes, cause), current.stand)

@@ -21,6 +21,8 @@ NOISE_PRIOR_FREEDOM = 50.0
 # Directions in which a plausible effect stays below this many sigma carry no test.
 _INFORMATIVE = 0.3
 _FLIP_BLOCK = 256
+# Effects may be this many times as large as plausible, all equally likely beforehand.
+SIZES = (3.0, 1.0, 1 / 3, 1 / 10, 1 / 30)
 
 
 @dataclass(frozen=True)
@@ -139,14 +141,18 @@ class Search:
         return np.concatenate(blocks), level
 
     def _log_evidence(self, name: str, total: float) -> float:
-        """Return the log ratio of marginal likelihoods with and without it; parameters N(0, 1), noise level free."""
+        """Return the log ratio of marginal likelihoods with and without it: parameters N(0, size^2), noise level free.
+
+        The size is shared by the parameters and marginalised over `SIZES`, so that the answer hangs on no one scale.
+        """
         found = self.signatures[name]
         along = found.directions.T @ self.whitened.rest
-        gain = found.strengths**2 / (1.0 + found.strengths**2)
+        power = np.multiply.outer(np.square(SIZES), found.strengths**2)
         before = NOISE_PRIOR_FREEDOM + total
-        after = before - float(np.sum(gain * along**2))
+        after = before - np.sum(power / (1.0 + power) * along**2, -1)
         weight = (self.whitened.freedom + NOISE_PRIOR_FREEDOM) / 2.0
-        return float(-0.5 * np.sum(np.log1p(found.strengths**2)) - weight * np.log(after / before))
+        logs = -0.5 * np.sum(np.log1p(power), -1) - weight * np.log(after / before)
+        return float(logs.max() + np.log(np.mean(np.exp(logs - logs.max()))))
 
 
 def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:

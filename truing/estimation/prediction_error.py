@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from truing.estimation.point_fit import Frames, MeasuredPoints, Model, PointFit, linearise
 from truing.estimation.whitening import Whitened
 
-_ROUNDS = 4
+# Newton on frames and rolls: after two rounds from a pose's own fit, nothing is left to gain.
+_ROUNDS = 2
 _FLOOR_DRAWS = 24
 
 
@@ -24,7 +25,12 @@ class PredictionError:
 
     gap: NDArray
     seen: NDArray  # (B, K)
-    squares: NDArray  # (B,) whitened sum of squares
+    whitened: NDArray  # (B, K, 3) the same in units of the noise
+
+    @property
+    def squares(self) -> NDArray:
+        """Return the whitened sum of squares of each pose (B,)."""
+        return np.sum(self.whitened**2, (1, 2))
 
     @property
     def rms(self) -> float | None:
@@ -52,7 +58,7 @@ def prediction_error(
     at = linearise(model, measured, frames, shared, local)
     gap = np.linalg.solve(_square(measured), at.residual.reshape(*measured.seen.shape, 3, 1))[..., 0]
     gap = np.where(measured.seen[..., None], gap, 0.0)
-    return PredictionError(gap, measured.seen, np.sum(at.residual**2, -1))
+    return PredictionError(gap, measured.seen, at.residual.reshape(*measured.seen.shape, 3))
 
 
 def noise_floor(fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, rng: np.random.Generator) -> float:

@@ -39,13 +39,18 @@ class Whitened:
     residual: NDArray  # (N,)
 
     @cached_property
-    def _shared_qr(self) -> tuple[NDArray, NDArray]:
-        return np.linalg.qr(self.rows)
+    def _triangle(self) -> NDArray:
+        """Return the triangular factor (G + 1, G + 1) of rows and residual: all that a step needs."""
+        return np.linalg.qr(np.column_stack([self.rows, self.residual]), mode="r")
 
-    @property
+    @cached_property
+    def _inverse(self) -> NDArray:
+        return np.linalg.inv(self._triangle[:-1, :-1])
+
+    @cached_property
     def basis(self) -> NDArray:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
-        return self._shared_qr[0]
+        return self.rows @ self._inverse
 
     @cached_property
     def rest(self) -> NDArray:
@@ -58,7 +63,7 @@ class Whitened:
         local = np.einsum(
             "bmh,bm->bh", self.local_basis, _with_priors(self.problem.residual, -self.problem.local_value)
         )
-        return float(np.sum(local**2) + np.sum((self.basis.T @ self.residual) ** 2))
+        return float(np.sum(local**2) + np.sum(self._triangle[:-1, -1] ** 2))
 
     @cached_property
     def leverage(self) -> NDArray:
@@ -81,20 +86,18 @@ class Whitened:
 
     def step(self) -> tuple[NDArray, NDArray]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
-        shared = self.fitted(self.residual)
+        shared = self._inverse @ self._triangle[:-1, -1]
         left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
         return shared, local[..., 0]
 
     def fitted(self, rows: NDArray) -> NDArray:
         """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
-        basis, factor = self._shared_qr
-        return np.linalg.solve(factor, basis.T @ rows)
+        return self._inverse @ (self.basis.T @ rows)
 
     def covariance(self) -> NDArray:
         """Return the covariance (G, G) of the shared unknowns, in prior sigmas squared."""
-        inverse = np.linalg.inv(self._shared_qr[1])
-        return inverse @ inverse.T
+        return self._inverse @ self._inverse.T
 
     def lifted(self, columns: NDArray) -> NDArray:
         """Return columns (B, M, P) of the poses' rows as (N, P), free of what local unknowns explain."""

@@ -27,6 +27,7 @@ class Facts:
     floor: float
     reason: str  # indistinguishable: from which cause; rejected: "held-out" or "contained"
     detectable: str  # size that would have been seen, in words; empty where none is known
+    unnamed: bool  # whether no cause of the catalogue explains it
     remark: str  # what limits the statement; empty where nothing does
 
 
@@ -37,8 +38,9 @@ def explanation(facts: Facts) -> str:
 
 
 def _found(facts: Facts) -> str:
+    unnamed = ", and no cause of the catalogue explains it" if facts.unnamed else ""
     return (
-        f"The data show that {facts.says}: {_sizes(facts)}. {_improvement(facts)} "
+        f"The data show that {facts.says}{unnamed}: {_sizes(facts)}. {_improvement(facts)} "
         f"By chance this happens with p = {facts.p_value:.2g}, all {facts.candidates} candidates counted."
     )
 
