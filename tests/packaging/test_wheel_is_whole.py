@@ -7,7 +7,8 @@ from fnmatch import fnmatch
 
 from tests.packaging.source_tree import PROJECT, ROOMS, modules
 
-PATTERNS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]["*"]
+SETUPTOOLS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+PATTERNS = SETUPTOOLS["package-data"]["*"]
 
 
 def test_every_folder_of_a_room_is_a_package() -> None:
