@@ -16,7 +16,7 @@ from pipeline.ledger import Entry, Ledger, MadeFrom, digest_of, read_ledger
 from pipeline.remembered import RememberedDigests
 from pipeline.run_folder import PRIVATE
 from pipeline.settings_view import SettingsView
-from pipeline.source_digest import source_digests
+from pipeline.source_digest import SourceTree
 from pipeline.stage_order import ORDER, RAW_READER, bare, is_optional, makers, stage_module
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Stage
@@ -43,7 +43,8 @@ class CampaignRun:
     @cached_property
     def evidence(self) -> Evidence:
         """What freshness is judged from."""
-        return Evidence(self.campaign, self.folder, PROJECT, ARTIFACTS, self.remembered, self.ledger)
+        source = SourceTree(PROJECT, self.remembered)
+        return Evidence(self.campaign, self.folder, source, ARTIFACTS, self.remembered, self.ledger)
 
     @cached_property
     def order(self) -> tuple[Stage, ...]:
@@ -100,7 +101,7 @@ class CampaignRun:
 
     def validate(self) -> None:
         """Validate campaign.toml unless this very content was found valid before; raises CampaignFaults."""
-        validator = source_digests(PROJECT, ("schemas.campaign",), self.remembered)
+        validator = self.evidence.source.digests("schemas.campaign")
         digest = digest_of([dict(self.campaign.document), validator])
         if digest != self.ledger.valid_campaign:
             _ = self.settings  # raises where it is not valid

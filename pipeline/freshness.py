@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.campaign_folder import CampaignFolder, relative_name
 from pipeline.ledger import Entry, Ledger, MadeFrom, canonical
 from pipeline.remembered import RememberedDigests
-from pipeline.source_digest import source_digests
+from pipeline.source_digest import SourceTree
 from pipeline.stage_order import bare
 
 if TYPE_CHECKING:
@@ -52,14 +52,14 @@ class Evidence:
 
     campaign: CampaignFolder
     run_folder: Path
-    project: Path
+    source: SourceTree
     artifacts: Mapping[str, Artifact]
     remembered: RememberedDigests
     ledger: Ledger
 
     def source_of(self, stage: str) -> dict[str, str]:
         """Digests of the source files that a stage consists of."""
-        return source_digests(self.project, (f"stages.{stage}", *_COMMON_SOURCE), self.remembered)
+        return self.source.digests(f"stages.{stage}", *_COMMON_SOURCE)
 
     def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> MadeFrom:
         """What the stage would be made from if it ran now; ``raw`` are the files that it reads besides artifacts."""

@@ -12,48 +12,70 @@ ROOMS = ("schemas", "truing", "stages")  # what a stage can be made of
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 
 
-def source_digests(root: Path, modules: tuple[str, ...], remembered: RememberedDigests) -> dict[str, str]:
-    """SHA-256 of each file (path relative to ``root``) that ``modules`` execute, directly or through imports.
+class SourceTree:
+    """The project's source as it stands now; every file is looked at once."""
 
-    A package's ``__init__`` counts where a name is taken from it, not where it merely lies on the way to a module.
-    """
-    pending = [path for name in modules if (path := _module_file(root, name)) is not None]
-    found: dict[Path, str] = {}
-    while pending:
-        path = pending.pop()
-        if path in found:
-            continue
-        found[path] = remembered.digest(path)
-        names = _imports(root, path, found[path], remembered)
-        pending.extend(target for name in names if (target := _resolve(root, name)) is not None)
-    for folder in sorted({path.parent for path in found}):
-        found.update({path: remembered.digest(path) for path in _data_files(folder)})
-    return {path.relative_to(root).as_posix(): found[path] for path in sorted(found)}
+    def __init__(self, root: Path, remembered: RememberedDigests) -> None:
+        self._root = root
+        self._remembered = remembered
+        self._files: dict[str, Path | None] = {}
+        self._targets: dict[Path, tuple[Path, ...]] = {}
+        self._data: dict[Path, tuple[Path, ...]] = {}
+        self._digests: dict[Path, str] = {}
 
+    def digests(self, *modules: str) -> dict[str, str]:
+        """SHA-256 of each file (path relative to the root) that ``modules`` execute, directly or through imports.
 
-def _module_file(root: Path, name: str) -> Path | None:
-    place = root.joinpath(*name.split("."))
-    for candidate in (place.with_suffix(".py"), place / "__init__.py"):
-        if candidate.is_file():
-            return candidate
-    return None
+        A package's ``__init__`` counts where a name is taken from it, not where it merely lies on the way to a module.
+        Data files count where they lie beside a module.
+        """
+        found: set[Path] = set()
+        pending = [path for name in modules if (path := self._file(name)) is not None]
+        while pending:
+            path = pending.pop()
+            if path not in found:
+                found.add(path)
+                pending.extend(self._imported(path))
+        found.update(data for folder in {path.parent for path in found} for data in self._beside(folder))
+        return {path.relative_to(self._root).as_posix(): self._digest(path) for path in sorted(found)}
 
+    def _digest(self, path: Path) -> str:
+        if path not in self._digests:
+            self._digests[path] = self._remembered.digest(path)
+        return self._digests[path]
 
-def _resolve(root: Path, name: str) -> Path | None:
-    """The file behind ``package.module`` or ``package.module:attribute``."""
-    module, _, attribute = name.partition(":")
-    inner = _module_file(root, f"{module}.{attribute}") if attribute else None
-    return inner or _module_file(root, module)
+    def _imported(self, path: Path) -> tuple[Path, ...]:
+        if path not in self._targets:
+            targets = (self._resolve(name) for name in self._import_names(path))
+            self._targets[path] = tuple(target for target in targets if target is not None)
+        return self._targets[path]
 
+    def _import_names(self, path: Path) -> list[str]:
+        package = ".".join(path.relative_to(self._root).parent.parts)
+        key = f"imports of {package} {self._digest(path)}"
+        known = self._remembered.fact(key)
+        if known is None:
+            known = sorted(set(_executed_imports(ast.parse(path.read_bytes()), package)))
+            self._remembered.note(key, known)
+        return list(known)
 
-def _imports(root: Path, path: Path, digest: str, remembered: RememberedDigests) -> list[str]:
-    package = ".".join(path.relative_to(root).parent.parts)
-    key = f"imports of {package} {digest}"
-    known = remembered.fact(key)
-    if known is None:
-        known = sorted(set(_executed_imports(ast.parse(path.read_bytes()), package)))
-        remembered.note(key, known)
-    return list(known)
+    def _resolve(self, name: str) -> Path | None:
+        """The file behind ``package.module`` or ``package.module:attribute``."""
+        module, _, attribute = name.partition(":")
+        inner = self._file(f"{module}.{attribute}") if attribute else None
+        return inner or self._file(module)
+
+    def _file(self, name: str) -> Path | None:
+        if name not in self._files:
+            place = self._root.joinpath(*name.split("."))
+            candidates = (place.with_suffix(".py"), place / "__init__.py")
+            self._files[name] = next((path for path in candidates if path.is_file()), None)
+        return self._files[name]
+
+    def _beside(self, folder: Path) -> tuple[Path, ...]:
+        if folder not in self._data:
+            self._data[folder] = tuple(_data_files(folder))
+        return self._data[folder]
 
 
 def _executed_imports(node: ast.AST, package: str) -> Iterator[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.remembered import RememberedDigests
-from pipeline.source_digest import source_digests
+from pipeline.source_digest import SourceTree
 
 FILES = {
     "stages/__init__.py": "",
@@ -24,7 +24,7 @@ def files_of(root: Path, module: str = "stages.pose", **changed: str) -> set[str
     for name, text in FILES.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(changed.get(name.replace("/", "_").removesuffix(".py"), text))
-    return set(source_digests(root, (module,), RememberedDigests(root / "digests.json")))
+    return set(SourceTree(root, RememberedDigests(None)).digests(module))
 
 
 RIGID = {"stages/pose.py", "truing/estimation/rigid.py"}
@@ -69,8 +69,8 @@ def test_data_files_beside_a_module_count(tmp_path: Path) -> None:
 def test_remembered_imports_do_not_outlive_a_change(tmp_path: Path) -> None:
     files_of(tmp_path)
     remembered = RememberedDigests(tmp_path / "digests.json")
-    source_digests(tmp_path, ("stages.pose",), remembered)
+    SourceTree(tmp_path, remembered).digests("stages.pose")
     remembered.save()
     (tmp_path / "stages/pose.py").write_text("import truing.unrelated")
-    again = source_digests(tmp_path, ("stages.pose",), RememberedDigests(tmp_path / "digests.json"))
-    assert set(again) == {"stages/pose.py", "truing/unrelated.py"}
+    again = SourceTree(tmp_path, RememberedDigests(tmp_path / "digests.json"))
+    assert set(again.digests("stages.pose")) == {"stages/pose.py", "truing/unrelated.py"}

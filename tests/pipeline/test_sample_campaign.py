@@ -1,0 +1,164 @@
+"""The real stages on the sample campaign: they read what they declare, and declare what they read."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline import campaign_run
+from pipeline.campaign_folder import open_campaign
+from pipeline.campaign_run import PROJECT, CampaignRun, open_run
+from pipeline.freshness import State
+from pipeline.problems import ExitCode
+from pipeline.run_campaign import Wish, run_campaign
+from pipeline.settings_view import SettingsView
+from pipeline.stage_order import ORDER, makers, stage_module
+from pipeline.voice import Voice
+from schemas.artifacts import ARTIFACTS
+
+SAMPLE = PROJECT / "sample_data" / "telescope"
+
+BODIES = """[campaign]
+name = "bodies"
+kind = "photogrammetry"
+drives = ["elevation_deg"]
+[noise]
+point_mm = 0.01
+[bodies]
+reference = "frame"
+"""
+
+DISPLACEMENT = """[campaign]
+name = "bench"
+kind = "interferometer"
+[noise]
+displacement_mm = 0.001
+rotation_rad = 1e-6
+"""
+
+
+def bodies_campaign(folder: Path) -> None:
+    """Two bodies of no mechanism in six poses, one of which bends with the elevation."""
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(BODIES)
+    targets = [(0, 0, 0), (100, 0, 5), (0, 100, 10), (100, 100, 0), (50, 20, 30), (20, 60, 50)]
+    bodies = ("frame", "dish")
+    survey = [f"{b},{b[0]}{k},{x},{y},{z}," for b in bodies for k, (x, y, z) in enumerate(targets)]
+    (folder / "targets.csv").write_text("\n".join(["body,target,x_mm,y_mm,z_mm,leg", *survey]) + "\n")
+    rows, settings = ["pose,body,target,x_mm,y_mm,z_mm"], ["pose,role,time_s,elevation_deg"]
+    for pose in range(8):
+        settings.append(f"{pose},{'reference' if pose == 0 else 'calibration'},{10 * pose},{5.0 * pose}")
+        for body in bodies:
+            for k, (x, y, z) in enumerate(targets):
+                bend = 0.002 * pose * x * y / 1e4 if body == "dish" else 0.0
+                noise = 0.01 * (((7 * pose + 13 * k + len(body)) % 11) / 5 - 1)
+                rows.append(f"{pose},{body},{body[0]}{k},{x + noise},{y - noise},{z + bend + noise / 2}")
+    (folder / "points.csv").write_text("\n".join(rows) + "\n")
+    (folder / "configurations.csv").write_text("\n".join(settings) + "\n")
+
+
+def displacement_campaign(folder: Path) -> None:
+    """Six-component displacement under loads along each axis."""
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(DISPLACEMENT)
+    loads = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+    rows = [",".join(["run", "step", "time_s", *loads, "dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"])]
+    for run in range(6):
+        for step in range(6):
+            load = [100.0 * step if axis == run else 0.0 for axis in range(6)]
+            response = [1e-4 * value + 1e-4 * ((step + k) % 3 - 1) for k, value in enumerate(load[:3])]
+            turns = [1e-6 * value + 1e-7 * ((step + k) % 3 - 1) for k, value in enumerate(load[3:])]
+            rows.append(",".join(map(str, [run, step, 60 * (6 * run + step), *load, *response, *turns])))
+    (folder / "displacement.csv").write_text("\n".join(rows) + "\n")
+
+
+@pytest.fixture(scope="module")
+def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, CampaignRun], dict[str, set[str]]]:
+    """Runs of the sample campaign and two small ones of other kinds, and which sections each stage read in them."""
+    folder = tmp_path_factory.mktemp("sample")
+    shutil.copytree(SAMPLE, folder / "telescope")
+    bodies_campaign(folder / "bodies")
+    displacement_campaign(folder / "bench")
+    views: dict[str, list[SettingsView]] = {}
+
+    with pytest.MonkeyPatch.context() as patch:
+        original = CampaignRun.outcome
+
+        def outcome(self: CampaignRun, stage: Any, progress: Any) -> Any:
+            def view(settings: Any, declared: tuple[str, ...]) -> SettingsView:
+                views.setdefault(stage.name, []).append(SettingsView(settings, declared))
+                return views[stage.name][-1]
+
+            patch.setattr(campaign_run, "SettingsView", view)
+            return original(self, stage, progress)
+
+        patch.setattr(CampaignRun, "outcome", outcome)
+        runs = {}
+        for name in ("telescope", "bodies", "bench"):
+            out = folder / "runs" / name
+            code = run_campaign(open_campaign(folder / name), out, Wish(), Voice(quiet=True))
+            assert code in (ExitCode.DONE, ExitCode.FAILED_CHECK), name
+            runs[name] = open_run(open_campaign(folder / name), out)
+    return runs, {name: set().union(*(view.sections_read for view in made)) for name, made in views.items()}
+
+
+def test_every_stage_reads_exactly_the_sections_it_declares(run_once: Any) -> None:
+    _, read = run_once
+    declared = {name: set(stage_module(name).DECLARATION.settings) for names in ORDER.values() for name in names}
+    assert read == declared
+
+
+def test_the_graph_is_whole_for_every_kind() -> None:
+    for names in ORDER.values():
+        assert set(makers(tuple(stage_module(name).DECLARATION for name in names))) <= set(ARTIFACTS)
+
+
+def test_every_artifact_carries_the_metadata_of_the_contract(run_once: Any) -> None:
+    runs, _ = run_once
+    paths = list(runs["telescope"].folder.glob("*.parquet"))
+    assert len(paths) >= 10
+    for path in paths:
+        carried = pq.read_schema(path).metadata
+        keys = ("schema", "schema_version", "units", "stage", "digest", "software_version", "campaign")
+        assert all(f"truing.{key}".encode() in carried for key in keys)
+        assert carried[b"truing.campaign"] == b"telescope"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "section"),
+    [
+        ("point_mm = 0.005", "point_mm = 0.006", "noise.point_mm"),
+        ("actuator_mm = 0.001", "actuator_mm = 0.002", "noise.actuator_mm"),
+        ("u = 0.002", "u = 0.003", "mechanism.tolerance"),
+        ("x_mm = 1.0", "x_mm = 1.5", "workspace"),
+    ],
+)
+def test_a_changed_setting_makes_stale_who_declares_it(
+    run_once: Any, old: str, new: str, section: str, tmp_path: Path
+) -> None:
+    runs, _ = run_once
+    finished = runs["telescope"]
+    shutil.copytree(finished.campaign.folder, tmp_path / "telescope")
+    file = tmp_path / "telescope" / "campaign.toml"
+    assert file.read_text().count(old) == 1
+    file.write_text(file.read_text().replace(old, new))
+    changed = open_run(open_campaign(tmp_path / "telescope"), finished.folder)
+    own = {stage.name for stage, standing in changed.standings() if section in standing.why}
+    assert own == {stage.name for stage in changed.order if _declares(stage.settings, section)}
+
+
+def _declares(settings: tuple[str, ...], section: str) -> bool:
+    return any(section == each or section.startswith(f"{each}.") for each in settings)
+
+
+def test_the_finished_run_is_fresh_in_another_place(run_once: Any, tmp_path: Path) -> None:
+    runs, _ = run_once
+    shutil.copytree(runs["telescope"].folder, tmp_path / "copy")
+    shutil.rmtree(tmp_path / "copy" / ".truing")
+    shutil.copytree(SAMPLE, tmp_path / "telescope")
+    moved = open_run(open_campaign(tmp_path / "telescope"), tmp_path / "copy")
+    assert {standing.state for _, standing in moved.standings()} == {State.FRESH}
