@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from tests.estimation.scatter import body, move, pose_error, random_motions, seeds, squared_pulls
 from tests.tolerance import assert_close
+from truing.estimation import robust, robust_kernel
 from truing.estimation.rigid import FitStatus, umeyama
 from truing.estimation.robust import FALSE_ALARM, consensus
 
@@ -114,6 +115,50 @@ def test_each_point_is_judged_by_its_own_sigma():
     y[:, ::3] += 20 * SIGMA * rng.normal(size=(200, 7, 3))
     assert consensus(x, y, None, sigma)[0].all(-1).mean() >= 0.98
     assert not consensus(x, y, None, SIGMA)[0].all(-1).any()
+
+
+def mixed_batch(rng):
+    """Return clouds, mask and sigma of poses of every kind: clean, spoiled, missing, degenerate, hopeless."""
+    parts = [spoiled(rng, 40, 20, bad) for bad in (0, 2, 10, 15, 16, 20)]
+    x = np.concatenate([np.repeat(part[0][None], 40, axis=0) for part in parts])
+    y = np.concatenate([part[1] for part in parts])
+    mask = rng.random(y.shape[:2]) < rng.choice([1.0, 0.9, 0.4, 0.1], (len(y), 1))
+    mask[5:8] = True
+    y[~mask] = np.nan
+    x[5], x[6] = x[5, :1], np.linspace(0.0, 0.2, 20)[:, None] * [0.3, -0.5, 0.7]
+    x[7] *= [1.0, 1.0, 1e-7]
+    return x, y, mask, SIGMA * rng.uniform(1.0, 3.0, mask.shape)
+
+
+def test_compiled_code_finds_the_same(monkeypatch):
+    x, y, mask, sigma = mixed_batch(np.random.default_rng(12))
+    kept, status = consensus(x, y, mask, sigma)
+    assert len(set(status)) >= 5
+    monkeypatch.setattr(robust, "_MANY_POINTS", 0)
+    monkeypatch.setattr(robust, "_MANY_PAIRS", 0)
+    monkeypatch.setattr(robust, "same_distances", None)
+    same_kept, same_status = consensus(x, y, mask, sigma)
+    assert np.array_equal(same_kept, kept)
+    assert list(same_status) == list(status)
+
+
+def test_each_compiled_step_equals_the_plain_one():
+    rng = np.random.default_rng(13)
+    x, y, mask, sigma = mixed_batch(rng)
+    clouds = robust.Clouds(x, np.where(mask[..., None], y, 0.0), mask, sigma, np.full(len(x), 20.0))
+    members = mask & (rng.random(mask.shape) < 0.8)
+    steps = (robust_kernel.squared_residuals(clouds, members), robust.squared_residuals(clouds, members))
+    for fast, plain in zip(*steps, strict=True):
+        assert np.array_equal(np.isfinite(fast), np.isfinite(plain))
+        # where a point alone holds the pose, what is left of its residual is rounding over FLOOR
+        relevant = mask & np.isfinite(plain) & (plain > 1e-3)
+        assert np.count_nonzero(relevant) > 1000
+        assert_close(fast[relevant] / plain[relevant], np.ones(np.count_nonzero(relevant)), atol=1e-3)
+    graph, expected = robust_kernel.same_distances(clouds), robust.same_distances(clouds)
+    assert np.array_equal(graph > 0, expected > 0)
+    assert_close(graph, expected, atol=1e-6)
+    seed, taken = graph.sum(-1).argmax(-1), rng.random(mask.shape) < 0.2
+    assert np.array_equal(robust_kernel.grow(expected, seed, taken), robust.grow(expected, seed, taken))
 
 
 def test_two_motions_with_equally_many_points_are_ambiguous_and_the_larger_group_wins():

@@ -61,11 +61,16 @@ _CLEAR_SPREAD = 1e-20  # of the squared distance from the origin
 _SETTLED = 1e-18  # rad^2, half the last Newton step, squared
 _ORTHOGONAL = 1e-14  # squared norm of R^T R - 1 before the last step, which squares it
 
-_W, _XC, _YC = 0, 1, 4  # sum of weights; centroids of source and target
+WEIGHT, SOURCE_CENTRE, TARGET_CENTRE = 0, 1, 4  # sum of weights; centroids of source and target
 _C, _S, _E = 7, 16, 22  # target x source (9), source x source (xx xy xz yy yz zz), target spread
 _V, _F, _T = 23, 24, 27  # noise-weighted: sum, first (3) and second (6) moments of the source
 _X2, _Y2, _USED, _BROKEN = 33, 34, 35, 36  # squared distances from the origin; points with a weight; negative ones
-_R, _A, _CLEAR, _MISFIT = 37, 46, 52, 53  # rotation, inverse of its information (source axes), verdict, cost
+ROTATION, TURN_INVERSE, CLEAR, _MISFIT = (
+    37,
+    46,
+    52,
+    53,
+)  # rotation, inverse of its information (source axes), verdict, cost
 _DET, _NORM, _COFACTORS, _ROOT = 54, 55, 56, 57  # characteristic polynomial
 _SKEWED, _STEP, _GAP, _RISE = 58, 59, 60, 61  # departure from orthogonality, last Newton step, Hessian
 _PP, _TP, _TT = 62, 68, 77  # covariance: position (6), theta x position (9), theta (6), target axes
@@ -113,17 +118,17 @@ def start_rotations(lane):
         kappa = 0.5 * (root * root - norm)
         per = 1.0 / (kappa * root - lane[_DET * LANES + j])
         B = combine(kappa + norm, C, root, cofactors(C))
-        put9(lane, _R, j, combine(per, B, -per, times(rows_times(C, C), C)))
+        put9(lane, ROTATION, j, combine(per, B, -per, times(rows_times(C, C), C)))
 
 
 @inner
 def orthogonalise(lane):
     """One step ``R (3 - R^T R) / 2``, which squares the squared norm of ``R^T R - 1`` that it leaves behind."""
     for j in range(LANES):
-        R = get9(lane, _R, j)
+        R = get9(lane, ROTATION, j)
         G = rows_times(R, R)
         E = combine(1.0, G, -1.0, IDENTITY)
-        put9(lane, _R, j, combine(1.5, R, -0.5, times(G, R)))
+        put9(lane, ROTATION, j, combine(1.5, R, -0.5, times(G, R)))
         lane[_SKEWED * LANES + j] = dot(E[0], E[0]) + dot(E[1], E[1]) + dot(E[2], E[2])
 
 
@@ -131,7 +136,7 @@ def orthogonalise(lane):
 def climb(lane):
     """One Newton step on the rotation group; fill its square in rad^2 and the gap to the next best attitude."""
     for j in range(LANES):
-        R, C = get9(lane, _R, j), scaled_product(lane, j)
+        R, C = get9(lane, ROTATION, j), scaled_product(lane, j)
         P = rows_times(C, R)
         g = (P[2][1] - P[1][2], P[0][2] - P[2][0], P[1][0] - P[0][1])
         A = information(combine(0.5, P, 0.5, transpose(P)))
@@ -141,7 +146,7 @@ def climb(lane):
         h = scale(half, h)  # half the rotation vector, for Cayley's map
         H, square = skew(h), dot(h, h)
         turn = 2.0 / (1.0 + square)
-        put9(lane, _R, j, combine(1.0, R, turn, times(combine(1.0, H, 1.0, times(H, H)), R)))
+        put9(lane, ROTATION, j, combine(1.0, R, turn, times(combine(1.0, H, 1.0, times(H, H)), R)))
         trace = P[0][0] + P[1][1] + P[2][2]
         lane[_STEP * LANES + j] = square
         lane[_GAP * LANES + j] = det / (trace * trace * trace)
@@ -152,15 +157,15 @@ def climb(lane):
 def judge(lane):
     """Fill whether the rotation is proven to be the optimum: at rest, Hessian positive, nothing degenerate."""
     for j in range(LANES):
-        S, R = get6(lane, _S, j), get9(lane, _R, j)
+        S, R = get6(lane, _S, j), get9(lane, ROTATION, j)
         source, target = S[0][0] + S[1][1] + S[2][2], lane[_E * LANES + j]
         clear = (lane[_STEP * LANES + j] < _SETTLED) & (lane[_SKEWED * LANES + j] < _ORTHOGONAL)
         clear &= (lane[_GAP * LANES + j] > _CLEAR_GAP) & (lane[_RISE * LANES + j] > 0.0)
         clear &= (lane[_USED * LANES + j] > 2.5) & (lane[_BROKEN * LANES + j] == 0.0)
         clear &= (source > _CLEAR_SPREAD * lane[_X2 * LANES + j]) & (target > _CLEAR_SPREAD * lane[_Y2 * LANES + j])
         clear &= dot(R[0], cross(R[1], R[2])) > 0.0
-        lane[_CLEAR * LANES + j] = 1.0 if clear else 0.0
-        put6(lane, _A, j, inverse(information(S)))
+        lane[CLEAR * LANES + j] = 1.0 if clear else 0.0
+        put6(lane, TURN_INVERSE, j, inverse(information(S)))
 
 
 @inner
@@ -206,11 +211,11 @@ def add_sums(points, n, lane):
     """Add one point of every lane to the moments about the origin."""
     for j in range(LANES):
         w, x, y = points[n, 6 * LANES + j], point3(points, n, 0, j), point3(points, n, 3, j)
-        lane[_W * LANES + j] += w
+        lane[WEIGHT * LANES + j] += w
         lane[_USED * LANES + j] += 1.0 if w > 0.0 else 0.0
         lane[_BROKEN * LANES + j] += 1.0 if w < 0.0 else 0.0
-        add3(lane, _XC, j, scale(w, x))
-        add3(lane, _YC, j, scale(w, y))
+        add3(lane, SOURCE_CENTRE, j, scale(w, x))
+        add3(lane, TARGET_CENTRE, j, scale(w, y))
         lane[_X2 * LANES + j] += w * dot(x, x)
         lane[_Y2 * LANES + j] += w * dot(y, y)
 
@@ -220,8 +225,8 @@ def add_centred(points, n, lane):
     """Add one point of every lane to the moments about the centroids."""
     for j in range(LANES):
         w, v = points[n, 6 * LANES + j], points[n, 7 * LANES + j]
-        q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, _XC, j))
-        c = mix(1.0, point3(points, n, 3, j), -1.0, get3(lane, _YC, j))
+        q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, SOURCE_CENTRE, j))
+        c = mix(1.0, point3(points, n, 3, j), -1.0, get3(lane, TARGET_CENTRE, j))
         wq, vq = scale(w, q), scale(v, q)
         add9(lane, _C, j, outer(c, wq))
         add6(lane, _S, j, outer(q, wq))
@@ -237,8 +242,8 @@ def accumulate_moments(points, lane):
     for n in range(len(points)):
         add_sums(points, n, lane)
     for j in range(LANES):
-        per = 1.0 / lane[_W * LANES + j]
-        for i in range(_XC, _YC + 3):
+        per = 1.0 / lane[WEIGHT * LANES + j]
+        for i in range(SOURCE_CENTRE, TARGET_CENTRE + 3):
             lane[i * LANES + j] *= per
     for n in range(len(points)):
         add_centred(points, n, lane)
@@ -248,9 +253,9 @@ def accumulate_moments(points, lane):
 def add_misfit(points, n, lane):
     """Add the weighted squared distance of one point of every lane."""
     for j in range(LANES):
-        q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, _XC, j))
-        c = mix(1.0, point3(points, n, 3, j), -1.0, get3(lane, _YC, j))
-        r = mix(1.0, c, -1.0, apply(get9(lane, _R, j), q))
+        q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, SOURCE_CENTRE, j))
+        c = mix(1.0, point3(points, n, 3, j), -1.0, get3(lane, TARGET_CENTRE, j))
+        r = mix(1.0, c, -1.0, apply(get9(lane, ROTATION, j), q))
         lane[_MISFIT * LANES + j] += points[n, 6 * LANES + j] * dot(r, r)
 
 
@@ -258,8 +263,8 @@ def add_misfit(points, n, lane):
 def propagate_noise(lane, scatter):
     """Fill the covariance: ``A^-1 B A^-1`` about the centroid, moved to the source's origin, in target axes."""
     for j in range(LANES):
-        per = 1.0 / lane[_W * LANES + j]
-        A, R, c = get6(lane, _A, j), get9(lane, _R, j), get3(lane, _XC, j)
+        per = 1.0 / lane[WEIGHT * LANES + j]
+        A, R, c = get6(lane, TURN_INVERSE, j), get9(lane, ROTATION, j), get3(lane, SOURCE_CENTRE, j)
         tt = times(times(A, information(get6(lane, _T, j))), A)
         tp = times(A, skew(get3(lane, _F, j)))
         tp = combine(per, tp, -1.0, times(tt, skew(c)))
@@ -277,7 +282,7 @@ def propagate_noise(lane, scatter):
 @inner
 def store(lane, j, b, R, t, covariance, rms, used):
     """Write lane j as pose b to the output arrays; used is -1 where the lane has no proven answer."""
-    r, xc, yc = get9(lane, _R, j), get3(lane, _XC, j), get3(lane, _YC, j)
+    r, xc, yc = get9(lane, ROTATION, j), get3(lane, SOURCE_CENTRE, j), get3(lane, TARGET_CENTRE, j)
     moved = mix(1.0, yc, -1.0, apply(r, xc))
     pp, tp, tt = get6(lane, _PP, j), get9(lane, _TP, j), get6(lane, _TT, j)
     for i in range(3):
@@ -286,8 +291,8 @@ def store(lane, j, b, R, t, covariance, rms, used):
             R[b, i, k] = r[i][k]
             covariance[b, i, k], covariance[b, 3 + i, 3 + k] = pp[i][k], tt[i][k]
             covariance[b, 3 + i, k] = covariance[b, k, 3 + i] = tp[i][k]
-    rms[b] = np.sqrt(lane[_MISFIT * LANES + j] / lane[_W * LANES + j])
-    used[b] = lane[_USED * LANES + j] if lane[_CLEAR * LANES + j] > 0.0 else -1
+    rms[b] = np.sqrt(lane[_MISFIT * LANES + j] / lane[WEIGHT * LANES + j])
+    used[b] = lane[_USED * LANES + j] if lane[CLEAR * LANES + j] > 0.0 else -1
 
 
 @compiled(lane_arithmetic.__file__, __file__)

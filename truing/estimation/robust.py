@@ -10,6 +10,7 @@ the points whose studentised residual passes a chi-square test.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -23,15 +24,19 @@ FALSE_ALARM = 1e-3
 # So many points must agree, or all but one of fewer: three of many agree by chance too easily.
 FEWEST = 4
 # Standard deviations that the distance within a pair may change by: one true pair in 150 000 is lost.
-_PAIR_LIMIT = 4.5
-_ANCHORS = 4
+PAIR_LIMIT = 4.5
+ANCHORS = 4
+# Share of a point's noise that its residual keeps where it alone holds the pose in some direction.
+FLOOR = 1e-6
 _FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it ends
 _TRIPLE_BLOCK = 23  # points whose triples compete: 1771
-_PAIRS_AT_ONCE = 2_000_000
+_PAIRS_AT_ONCE = 400_000
+# From so many on, compiled code wins although it has to be loaded first (0.6 s).
+_MANY_POINTS, _MANY_PAIRS = 1_000_000, 10_000_000
 
 
 @dataclass(frozen=True)
-class _Clouds:
+class Clouds:
     """A batch of poses under search: x, y (B, N, 3) in m, seen (B, N), sigma (B, N) in m, limit (B,) of chi-square."""
 
     x: NDArray
@@ -40,8 +45,18 @@ class _Clouds:
     sigma: NDArray
     limit: NDArray
 
-    def __getitem__(self, rows: NDArray | slice) -> _Clouds:
-        return _Clouds(self.x[rows], self.y[rows], self.seen[rows], self.sigma[rows], self.limit[rows])
+    def __getitem__(self, rows: NDArray | slice) -> Clouds:
+        return Clouds(self.x[rows], self.y[rows], self.seen[rows], self.sigma[rows], self.limit[rows])
+
+
+@dataclass(frozen=True)
+class Tools:
+    """The steps that cost time: each as NumPy has it, or compiled."""
+
+    statuses: Callable[[Clouds], NDArray]
+    squared_residuals: Callable[[Clouds, NDArray], tuple[NDArray, NDArray]]
+    same_distances: Callable[[Clouds], NDArray]
+    grow: Callable[[NDArray, NDArray, NDArray], NDArray]
 
 
 def consensus(
@@ -63,14 +78,24 @@ def consensus(
     spread = np.where(seen, np.broadcast_to(np.asarray(sigma, np.float64), seen.shape), 1.0)
     if not np.all((spread > 0) & np.isfinite(spread)):
         raise ValueError("sigma: found a value that is not positive, expected a standard deviation in m")
-    clouds = _Clouds(x, y, seen, spread, _chi_square_limit(seen))
-    kept, status = _whole(clouds)
+    clouds = Clouds(x, y, seen, spread, _chi_square_limit(seen))
+    kept, status = _whole(clouds, _tools(seen.size >= _MANY_POINTS))
     rows = np.flatnonzero(status == FitStatus.NO_CONSENSUS)
+    tools = _tools(len(rows) * seen.shape[1] ** 2 >= _MANY_PAIRS)
     step = max(1, _PAIRS_AT_ONCE // seen.shape[1] ** 2)
     for first in range(0, len(rows), step):
         part = rows[first : first + step]
-        kept[part], status[part] = _search(clouds[part])
+        kept[part], status[part] = _search(clouds[part], tools)
     return kept, status
+
+
+def _tools(many: bool) -> Tools:
+    if not many:
+        return Tools(statuses, squared_residuals, same_distances, grow)
+    from truing.estimation import robust_kernel
+
+    kernel = robust_kernel
+    return Tools(kernel.statuses, kernel.squared_residuals, kernel.same_distances, kernel.grow)
 
 
 def _chi_square_limit(seen: NDArray) -> NDArray:
@@ -80,21 +105,26 @@ def _chi_square_limit(seen: NDArray) -> NDArray:
     return chdtri(3, FALSE_ALARM / np.maximum(seen.sum(-1), 1))
 
 
-def _whole(clouds: _Clouds) -> tuple[NDArray, NDArray]:
+def _whole(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the sets (B, N) and statuses (B,) where trimming all points leaves a majority; else NO_CONSENSUS."""
     points = clouds.seen.sum(-1)
-    status = solve_weighted(clouds.x, clouds.y, clouds.seen / clouds.sigma**2).status
-    fits = np.flatnonzero((status == FitStatus.OK) | (status == FitStatus.AMBIGUOUS))
-    status[fits] = FitStatus.NO_CONSENSUS
-    kept = np.zeros_like(clouds.seen)
     # two sets of more than (n + 4) / 2 of n points share four, and with them the motion
-    fewest = np.minimum(points, (points + FEWEST + 1) // 2)[fits]
-    kept[fits] = _settle(clouds[fits], clouds.seen[fits], fewest)[0]
-    status[kept.any(-1)] = FitStatus.OK
+    fewest = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
+    kept, _ = _settle(clouds, clouds.seen, fewest, tools)
+    rest = np.flatnonzero(~kept.any(-1))
+    status = np.full(len(kept), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
+    status[rest] = tools.statuses(clouds[rest])
+    open_rows = rest[np.isin(status[rest], (FitStatus.OK, FitStatus.AMBIGUOUS))]
+    status[open_rows] = FitStatus.NO_CONSENSUS
     return kept, status
 
 
-def _settle(clouds: _Clouds, members: NDArray, fewest: NDArray) -> tuple[NDArray, NDArray]:
+def statuses(clouds: Clouds) -> NDArray:
+    """Return the statuses (B,) of plain fits to all points, which tell what no choice of points could mend."""
+    return solve_weighted(clouds.x, clouds.y, clouds.seen / clouds.sigma**2).status
+
+
+def _settle(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the fixpoints (B, N) that members lead to, none where fewer than fewest (B,) remain, and their cost.
 
     Only the worst go at first (down to a quarter of the largest squared residual): they bend all the others.
@@ -103,10 +133,10 @@ def _settle(clouds: _Clouds, members: NDArray, fewest: NDArray) -> tuple[NDArray
     rows = np.arange(len(members))
     for turn in range(_FREE_ROUNDS + members.shape[1]):
         part, old = clouds[rows], members[rows]
-        studentised, plain = _squared_residuals(part, old)
+        studentised, plain = tools.squared_residuals(part, old)
         worst = np.max(studentised, axis=-1, where=old, initial=0.0)
         bar = np.maximum(part.limit, worst / 4)
-        new = part.seen & (studentised <= np.where(old, bar[:, None], part.limit[:, None]))
+        new = part.seen & np.isfinite(studentised) & (studentised <= np.where(old, bar[:, None], part.limit[:, None]))
         free = (worst <= part.limit) & (turn < _FREE_ROUNDS)
         new &= old | free[:, None]
         new &= (new.sum(-1) >= fewest[rows])[:, None]
@@ -117,7 +147,7 @@ def _settle(clouds: _Clouds, members: NDArray, fewest: NDArray) -> tuple[NDArray
     return members, cost
 
 
-def _squared_residuals(clouds: _Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
+def squared_residuals(clouds: Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
     """Return the squared residuals (B, N) of the fit to members, studentised and plain, in units of sigma.
 
     The fit's own error takes from the residual of a member and adds to that of any other point, so that both say how
@@ -139,13 +169,10 @@ def _squared_residuals(clouds: _Clouds, members: NDArray) -> tuple[NDArray, NDAr
 
 
 def _mahalanobis(q: NDArray, A: NDArray, first: NDArray, r: NDArray, noise: NDArray, sign: NDArray) -> NDArray:
-    """Return ``r^T (noise + sign (first + [q]x A [q]x^T))^-1 r`` (B, N), by Cramer's rule on components (B, N).
-
-    A share of 1e-6 of the noise stays where a point is all that holds the pose in some direction.
-    """
+    """Return ``r^T (noise + sign (first + [q]x A [q]x^T))^-1 r`` (B, N), by Cramer's rule on components (B, N)."""
     x, y, z = np.moveaxis(q, -1, 0)
     a, b, c, d, e, f = (A[:, i, j, None] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
-    own = noise * (1 + 1e-6) + sign * first[:, None]
+    own = noise * (1 + FLOOR) + sign * first[:, None]
     m00 = own + sign * (d * z * z - 2 * e * y * z + f * y * y)
     m11 = own + sign * (a * z * z - 2 * c * x * z + f * x * x)
     m22 = own + sign * (a * y * y - 2 * b * x * y + d * x * x)
@@ -184,63 +211,64 @@ class _Best:
         self.rival[won] = False
 
 
-def _search(clouds: _Clouds) -> tuple[NDArray, NDArray]:
+def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the largest sets (B, N) that agree, and statuses (B,)."""
-    graph, seeds, count = _same_distances(clouds), clouds.seen.copy(), len(clouds.seen)
+    graph, seeds, count = tools.same_distances(clouds), clouds.seen.copy(), len(clouds.seen)
     best = _Best(np.zeros_like(seeds), np.zeros(count, int), np.zeros(count, bool), np.zeros(count, bool))
-    reach = 1 + np.count_nonzero(graph, axis=-1)
+    degree = graph.sum(-1)
     enough = np.clip(clouds.seen.sum(-1) - 1, 3, FEWEST)
     while True:
         fewest = np.maximum(best.size, enough)
-        worth = seeds & (reach >= fewest[:, None])
+        worth = seeds & (degree >= fewest[:, None] - 1)
         rows = np.flatnonzero(worth.any(-1))
         if len(rows) == 0:
             break
-        degree = graph[rows].sum(-1)
-        seed = np.where(worth[rows], degree, -1.0).argmax(-1)
-        proposed = _grow(graph[rows], seed, best.kept[rows])
-        found, cost = _settle(clouds[rows], proposed, fewest[rows])
+        seed = np.where(worth[rows], degree[rows], -1.0).argmax(-1)
+        proposed = tools.grow(graph[rows], seed, best.kept[rows])
+        found, cost = _settle(clouds[rows], proposed, fewest[rows], tools)
         seeds[rows] &= ~found
         seeds[rows, seed] = False
         best.offer(rows, found, cost)
         for k in np.flatnonzero(_unsettled(proposed, found, fewest[rows])):
             row = rows[k : k + 1]
-            found, cost = _among_triples(clouds[row], proposed[k], degree[k], fewest[row])
+            found, cost = _among_triples(clouds[row], proposed[k], degree[row[0]], fewest[row], tools)
             best.offer(row, found, cost)
             spent = found[0] if found.any() else proposed[k]
             seeds[row] &= ~spent
             graph[row, spent] = 0.0
             graph[row, :, spent] = 0.0
-            reach[row] = 1 + np.count_nonzero(graph[row], axis=-1)
+            degree[row] = graph[row].sum(-1)
     few = np.flatnonzero(best.size == 0)
-    best.kept[few] = _only_few(clouds[few])
+    best.kept[few] = _only_few(clouds[few], tools)
     won = np.where(best.rival, str(FitStatus.AMBIGUOUS), str(FitStatus.OK))
     return best.kept & ~best.rival[:, None], np.where(best.size > 0, won, str(FitStatus.NO_CONSENSUS))
 
 
-def _same_distances(clouds: _Clouds) -> NDArray:
+def same_distances(clouds: Clouds) -> NDArray:
     """Return the graph (B, N, N) of pairs as far apart in one cloud as in the other, 0 where they are not.
 
     An edge weighs 1 and a little more the better it agrees, so that no choice hangs on the order of points.
     """
-    change = np.abs(_distances(clouds.x) - _distances(clouds.y))
-    variance = clouds.sigma**2
-    share = 1 - change / (_PAIR_LIMIT * np.sqrt(variance[:, :, None] + variance[:, None]))
-    both = clouds.seen[:, :, None] & clouds.seen[:, None]
-    graph = np.where(both & (share > 0), 1 + 0.5 / variance.shape[1] * share, 0.0)
-    index = np.arange(variance.shape[1])
+    a, b = _squared_distances(clouds.x, clouds.seen), _squared_distances(clouds.y, clouds.seen)
+    change = np.square(a - b) / np.maximum(a + b + 2 * np.sqrt(a * b), np.finfo(float).tiny)  # (root a - root b)^2
+    variance = np.square(PAIR_LIMIT * clouds.sigma)
+    share = (1 - change / (variance[:, :, None] + variance[:, None])).astype(np.float32)
+    graph = np.where(share > 0, 1 + np.float32(0.5 / clouds.seen.shape[1]) * share, np.float32(0))
+    graph *= clouds.seen[:, :, None] & clouds.seen[:, None]
+    index = np.arange(clouds.seen.shape[1])
     graph[:, index, index] = 0.0
     return graph
 
 
-def _distances(points: NDArray) -> NDArray:
-    square = np.zeros((*points.shape[:-1], points.shape[-2]))
-    for i in range(3):
-        square += np.square(points[..., i, None] - points[..., None, :, i])
-    return np.sqrt(square)
+def _squared_distances(points: NDArray, seen: NDArray) -> NDArray:
+    """Return the squared distances (B, N, N) between points (B, N, 3), from their products about their centre."""
+    centre = np.einsum("bn,bni->bi", seen, points) / np.maximum(seen.sum(-1), 1)[:, None]
+    p = points - centre[:, None]
+    square = np.einsum("bni,bni->bn", p, p)
+    return np.maximum(square[:, :, None] + square[:, None] - 2 * (p @ np.swapaxes(p, 1, 2)), 0.0)
 
 
-def _grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
+def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
     """Return sets (B, N): anchors, beginning with the seed (B,), and every point joined to all of them.
 
     Points taken (B, N) by the best set so far come last: another motion shares two of them at most.
@@ -249,7 +277,7 @@ def _grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
     anchors = np.zeros(graph.shape[:2], bool)
     anchors[rows, seed] = True
     joined, worth = graph[rows, seed] > 0, np.where(taken, 1 / (2 * graph.shape[1]), 1.0)
-    for _ in range(_ANCHORS - 1):
+    for _ in range(ANCHORS - 1):
         votes = (1 + (graph @ joined[..., None].astype(graph.dtype))[..., 0]) * joined * worth
         pick, some = votes.argmax(-1), joined.any(-1)
         anchors[rows, pick] |= some
@@ -263,18 +291,20 @@ def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
     return (members >= fewest) & (left < members) & (2 * left < members + FEWEST)
 
 
-def _among_triples(clouds: _Clouds, members: NDArray, degree: NDArray, fewest: NDArray) -> tuple[NDArray, NDArray]:
+def _among_triples(
+    clouds: Clouds, members: NDArray, degree: NDArray, fewest: NDArray, tools: Tools
+) -> tuple[NDArray, NDArray]:
     """Return the largest set (1, N) that one of the motions of triples of members (N,) leads to, and its cost (1,)."""
     index = np.flatnonzero(members)
     index = index[np.argsort(-degree[index], kind="stable")]
     blocks = -(-len(index) // _TRIPLE_BLOCK)
     starts = np.stack([_best_triple(clouds, index, index[k::blocks]) for k in range(blocks)])
-    found, cost = _settle(clouds[np.zeros(blocks, int)], starts, np.repeat(fewest, blocks))
+    found, cost = _settle(clouds[np.zeros(blocks, int)], starts, np.repeat(fewest, blocks), tools)
     best = np.lexsort((cost, -found.sum(-1)))[:1]
     return found[best], cost[best]
 
 
-def _best_triple(clouds: _Clouds, index: NDArray, block: NDArray) -> NDArray:
+def _best_triple(clouds: Clouds, index: NDArray, block: NDArray) -> NDArray:
     """Return the points (N,) near the motion of that triple of a block which brings most of index near."""
     triples = block[np.array(list(combinations(range(len(block)), 3)), int).reshape(-1, 3)]
     x, y, variance = clouds.x[0], clouds.y[0], clouds.sigma[0, index] ** 2
@@ -288,9 +318,9 @@ def _best_triple(clouds: _Clouds, index: NDArray, block: NDArray) -> NDArray:
     return out
 
 
-def _only_few(clouds: _Clouds) -> NDArray:
+def _only_few(clouds: Clouds, tools: Tools) -> NDArray:
     """Return the three points (B, N) of the only triangle of equal distances, or the two of the only pair."""
-    edge = (_same_distances(clouds) > 0).astype(float)
+    edge = (tools.same_distances(clouds) > 0).astype(float)
     corner = (edge @ edge) * edge
     triangles = corner.sum((-1, -2)) / 6
     pairs = edge.sum((-1, -2)) / 2
