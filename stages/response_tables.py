@@ -37,6 +37,11 @@ class Rows:
             column.extend(list(value) if isinstance(value, (list, np.ndarray)) else [value] * length)
         self.count += length
 
+    def extend(self, others: Rows) -> None:
+        """Append the rows of another listing of the same artifact."""
+        for k in range(others.count):
+            self.add(**{name: values[k] for name, values in others.columns.items()})
+
     def table(self, identifier: str = "int64") -> pa.Table:
         """The rows as the artifact's table."""
         import pyarrow as pa

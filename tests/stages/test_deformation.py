@@ -1,0 +1,164 @@
+"""The deformation stage: the published K within its own uncertainties, in a frame that does not swallow it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.effects import LinearDeformation, MatrixDeformation
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import DataFaults, Layout, Targets
+from tests.blind.generator.schedule import published_moves
+from tests.stages.line import run_line
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope"
+LINE = ("ingest", "pose", "deformation")
+
+K = 1e-3 * np.array(
+    [
+        [16, 0, -8, 12, -2, -20],
+        [0, 20, -17, -1, 13, -13],
+        [-2, -15, 14, 2, -9, 9],
+        [6, -12, 4, 14, -16, 2],
+        [-12, 7, 0, -15, 14, 4],
+        [-20, -1, 10, -10, 2, 19],
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    tables, said = run_line(SAMPLE, *LINE)
+    return {name: table.to_pandas() for name, table in tables.items()}, said["deformation"]
+
+
+def _coefficients(tables, model):
+    rows = tables["deformation_models"]
+    return rows[rows["model"] == model]
+
+
+def _figures(tables, model):
+    rows = tables["deformation_errors"]
+    rows = rows[(rows["model"] == model) & rows["leg"].isna() & rows["subject"].isna()]
+    return dict(zip(rows["figure"], rows["value"], strict=True))
+
+
+def _band(dof: int) -> tuple[float, float]:
+    return float(chi2.ppf(0.0005, dof)), float(chi2.ppf(0.9995, dof))
+
+
+def test_sample_campaign_returns_the_published_matrix(sample):
+    tables, _ = sample
+    matrix = _coefficients(tables, "matrix")
+    z = (matrix["coefficient"].to_numpy() - K.ravel()) / matrix["sigma"].to_numpy()
+    low, high = _band(36)
+    assert low < (z**2).sum() < high
+    assert np.abs(z).max() < 4.0  # 36 normal deviates: beyond 4 once in 440 campaigns
+
+
+def test_kappa_is_the_regression_of_the_matrix_on_its_own_actuator(sample):
+    tables, _ = sample
+    configurations = tables["configurations"]
+    fitted = configurations[configurations["role"] != "verification"]
+    drive = fitted[[f"rho{i}_mm" for i in range(1, 7)]].to_numpy() - 10.0
+    centred = drive - drive.mean(axis=0)
+    expected = (centred * (drive @ K.T)).sum(axis=0) / (centred**2).sum(axis=0)
+    linear = _coefficients(tables, "linear")
+    # The linear model's stated deviation is widened by what it cannot explain; here only noise tells the two apart.
+    noise = linear["sigma"].to_numpy() / _figures(tables, "linear")["noise_ratio"]
+    z = (linear["coefficient"].to_numpy() - expected) / noise
+    assert (z**2).sum() < _band(6)[1]
+    assert expected.mean() == pytest.approx(0.0132, abs=0.0002)
+
+
+def test_residuals_of_the_matrix_agree_with_the_declared_noise(sample):
+    tables, _ = sample
+    figures = _figures(tables, "matrix")
+    dof = int(figures["degrees_of_freedom"])
+    low, high = _band(dof)
+    assert low < dof * figures["noise_ratio"] ** 2 < high
+    assert _figures(tables, "linear")["noise_ratio"] > 3.0
+
+
+def test_matrix_earns_its_parameters_and_verification_shows_it(sample):
+    tables, _ = sample
+    assert _figures(tables, "matrix")["p_value_over_linear"] < 1e-20
+    heldout = {model: _figures(tables, model)["verification_rms_error"] for model in ("none", "linear", "matrix")}
+    assert heldout["matrix"] < 0.6 * min(heldout["linear"], heldout["none"])
+
+
+def test_shifts_are_the_true_ones_within_their_sigma(tmp_path):
+    squares = []
+    for seed in range(6):
+        folder = _campaign(
+            tmp_path / str(seed), Layout(name="bodies", targets=Targets(per_leg=0)), MatrixDeformation(K), seed
+        )
+        shifts = run_line(folder, *LINE)[0]["deformation"].to_pandas()
+        kept = shifts[~shifts["rejected"]]
+        expected = np.concatenate([_expected(pose) for _, pose in kept.groupby("pose", sort=False)])
+        squares.append(np.mean(((kept["delta_bz_um"] - expected) / kept["sigma_um"]) ** 2))
+    # About half the variance is the survey's, drawn once per leg and campaign: 36 draws, so the mean scatters by 0.12.
+    assert abs(np.mean(squares) - 1.0) < 4 * 0.12
+
+
+def _expected(pose):
+    leg = pose["leg"].to_numpy() - 1
+    drive = np.zeros(6)
+    drive[leg] = pose["delta_rho_mm"].to_numpy()
+    return 1e3 * (K @ drive)[leg]
+
+
+def _campaign(tmp_path, layout, effect, seed=3):
+    rng = np.random.default_rng(seed)
+    campaign = draw_campaign(layout, published_moves(), [effect] if effect else [], rng)
+    return write_campaign(campaign, tmp_path / "campaign", seed)
+
+
+def test_a_still_platform_shows_nothing(tmp_path):
+    tables, _ = run_line(_campaign(tmp_path, Layout(name="still"), None), *LINE)
+    tables = {name: table.to_pandas() for name, table in tables.items()}
+    assert not _coefficients(tables, "matrix")["significant"].any()
+    assert _figures(tables, "matrix")["rank"] == 0
+
+
+def test_a_linear_deformation_does_not_call_for_a_matrix(tmp_path):
+    kappa = np.array([0.02, -0.015, 0.01, 0.02, 0.03, -0.02])
+    tables, _ = run_line(_campaign(tmp_path, Layout(name="linear"), LinearDeformation(kappa)), *LINE)
+    tables = {name: table.to_pandas() for name, table in tables.items()}
+    linear = _coefficients(tables, "linear")
+    z = (linear["coefficient"].to_numpy() - kappa) / linear["sigma"].to_numpy()
+    assert (z**2).sum() < _band(6)[1]
+    assert _figures(tables, "matrix")["p_value_over_linear"] > 1e-3
+
+
+def test_gross_errors_at_attachments_stay_in_the_table_with_their_reason(tmp_path):
+    layout = replace(Layout(name="gross"), faults=DataFaults(missing_share=0.05, gross_share=0.03))
+    tables, said = run_line(_campaign(tmp_path, layout, MatrixDeformation(K)), *LINE)
+    tables = {name: table.to_pandas() for name, table in tables.items()}
+    rejected = tables["deformation"][tables["deformation"]["rejected"]]
+    assert len(rejected) > 0
+    assert rejected["reason"].notna().all()
+    assert str(len(rejected)) in said["deformation"].left_out
+    matrix = _coefficients(tables, "matrix")
+    z = (matrix["coefficient"].to_numpy() - K.ravel()) / matrix["sigma"].to_numpy()
+    assert (z**2).sum() < _band(36)[1]
+
+
+def test_without_targets_off_the_attachments_the_shape_is_known_modulo_a_plane(tmp_path):
+    layout = Layout(name="bare", targets=Targets(base=12, platform=2, per_leg=0))
+    tables, said = run_line(_campaign(tmp_path, layout, MatrixDeformation(K)), *LINE)
+    tables = {name: table.to_pandas() for name, table in tables.items()}
+    assert _figures(tables, "matrix")["modulo_plane"] == 1.0
+    assert "modulo a plane" in said["deformation"].figure
+
+
+def test_without_attachments_nothing_is_evaluated(tmp_path):
+    layout = Layout(name="none", targets=Targets(on_attachments=(), per_leg=0))
+    tables, said = run_line(_campaign(tmp_path, layout, None), *LINE)
+    assert "not evaluated" in said["deformation"].figure
+    assert tables["deformation"].num_rows == 0
