@@ -105,16 +105,16 @@ def _expected(settings: Any, configurations: SmallTable | None, survey: SmallTab
     import pyarrow as pa
 
     from stages.ingest_points import Expected
+    from stages.ingest_tables import legs_of
 
     poses = pa.array([], pa.int64())
     if configurations is not None:
         poses = configurations.table.column("pose").combine_chunks().unique()
-    has_mechanism = settings.mechanism.type in ("6-pus", "ups")
-    legs = tuple(f"leg{leg + 1}" for leg in range(len(settings.mechanism.legs)))
+    legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
     return Expected(
         poses=poses,
-        always=("base", "platform") if has_mechanism else (),
-        bodies=("base", "platform", *legs) if has_mechanism else (),
+        always=("base", "platform") if legs else (),
+        bodies=("base", "platform", *legs) if legs else (),
         reference=settings.reference_body,
         point_mm=settings.noise.point_mm,
         geometry=_geometry(settings, survey),
@@ -122,6 +122,7 @@ def _expected(settings: Any, configurations: SmallTable | None, survey: SmallTab
 
 
 def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
+    from stages.ingest_tables import legs_of
     from stages.point_sizes import Geometry
 
     surveyed: dict[str, dict[str, Any]] = {}
@@ -129,7 +130,7 @@ def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
         columns = (survey.table.column(name).to_pylist() for name in ("body", "target", "x_mm", "y_mm", "z_mm"))
         for body, target, *point in zip(*columns, strict=True):
             surveyed.setdefault(body, {})[target] = np.array(point, dtype=float)
-    legs = settings.mechanism.legs
+    legs = legs_of(settings)
     joints = {"base": np.array([leg.a_mm for leg in legs]), "platform": np.array([leg.b_mm for leg in legs])}
     return Geometry(surveyed, joints if legs else {})
 

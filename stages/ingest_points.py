@@ -17,7 +17,7 @@ from stages.point_sizes import Geometry, size_faults
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
-from truing.formats.read import FileRows, read_table
+from truing.formats.read import FileRows, ahead, read_table
 from truing.formats.shapes import COORDINATES, POINTS
 from truing.formats.source import CampaignFiles
 
@@ -65,8 +65,7 @@ class Points:
     poses: int = 0
 
     def __post_init__(self) -> None:
-        self._ledger = PointLedger(self.source.scratch)
-        self._ledger.poses.numbers_of(self.expected.poses.to_pylist())
+        self._ledger = PointLedger(self.expected.poses, self.source.scratch)
         self._declared: pa.Array | None = None
 
     def stream(self) -> pa.RecordBatchReader:
@@ -101,7 +100,7 @@ class Points:
 
     def _batches(self) -> Iterator[TableBatch]:
         total = len(self.source.entries("points"))
-        for file, batch in read_table(self.source, POINTS, self.log, poses_as_text=self._poses_are_text):
+        for file, batch in ahead(read_table(self.source, POINTS, self.log, poses_as_text=self._poses_are_text)):
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
             self.progress(0, total, f"{self.rows:,} points")
@@ -185,7 +184,7 @@ class Points:
                 self.log.cells(file.raw.name, faults, file.locate)
 
     def _check_bodies(self) -> None:
-        seen, bodies = self._ledger.seen(), self._ledger.bodies()
+        seen, bodies = self._ledger.seen()[: len(self.expected.poses)], self._ledger.bodies()
         self.poses = int(np.count_nonzero(seen.any(axis=1)))
         if not self.rows:
             return
@@ -204,7 +203,7 @@ class Points:
 
     def _check_every_pose(self, file: str, body: str, without: NDArray[np.bool_]) -> None:
         for pose in np.flatnonzero(without).tolist():
-            value = f"pose {self._ledger.poses.values[pose]} has none"
+            value = f"pose {self.expected.poses[pose].as_py()} has none"
             self.log.add(Fault(file, f"points of body {body} in every pose", column="body", value=value))
 
 

@@ -21,8 +21,13 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-POSES = Shape("points", ("pose",), streams=True)
+POSES = Shape("points", ("pose",))
 """Points of which only the pose is looked at."""
+
+
+def legs_of(settings: Any) -> tuple[Any, ...]:
+    """The legs of a mechanism whose actuators are read pose by pose; none where there is no such mechanism."""
+    return settings.mechanism.legs if settings.mechanism.type in ("6-pus", "ups") else ()
 
 
 @dataclass
@@ -39,12 +44,12 @@ def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> 
     if found is None:
         if source.entries("configurations"):
             return None
-        if settings.mechanism.type != "none":
+        if legs_of(settings):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
             return None
         return SmallTable(_in_order_of_appearance(source))
     _once(found, log, ("pose",))
-    _check_times(found, log, required=settings.mechanism.type != "none")
+    _check_times(found, log, required=bool(legs_of(settings)))
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
     return SmallTable(_as_artifact("configurations", _completed(found.table)), dict(found.left_out))
@@ -85,20 +90,22 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
 
 
 def _once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
+    """A fault at every row whose key stood in a row before."""
+    import pyarrow as pa
+
     if any(name not in found.table.column_names for name in key):
         return
-    seen: set[tuple[object, ...]] = set()
-    again = np.zeros(len(found.origins), dtype=bool)
-    for row, values in enumerate(zip(*(found.table.column(name).to_pylist() for name in key), strict=True)):
-        again[row] = values in seen
-        seen.add(values)
+    rows = found.table.select(key).append_column("row", pa.array(np.arange(len(found.table))))
+    first = rows.group_by(list(key)).aggregate([("row", "min")]).column("row_min")
+    again = np.ones(len(rows), dtype=bool)
+    again[np.asarray(first)] = False
     found.fault(log, again, key[-1], f"every {', '.join(key)} once")
 
 
 def _check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
     if "time_s" not in found.table.column_names:
         if required:
-            log.add(Fault(found.origins[0][0].raw.name, "a column time_s; it orders the poses", column="time_s"))
+            log.add(Fault(found.first_file, "a column time_s; it orders the poses", column="time_s"))
         return
     found.fault(log, _absent(found, "time_s"), "time_s", "a time for every row")
     found.fault(log, _repeated(_numbers(found, "time_s")), "time_s", "a time of its own for every row")
@@ -120,12 +127,13 @@ def _absent(found: Gathered, name: str) -> NDArray[np.bool_]:
 
 
 def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
-    if settings.mechanism.type == "none":
+    legs = legs_of(settings)
+    if not legs:
         return
-    file = found.origins[0][0].raw.name
+    file = found.first_file
     if "role" not in found.table.column_names:
         log.add(Fault(file, "a column role: calibration, verification or reference", column="role"))
-    for leg in range(1, len(settings.mechanism.legs) + 1):
+    for leg in range(1, len(legs) + 1):
         name = f"rho{leg}_mm"
         if name not in found.table.column_names:
             log.add(Fault(file, f"a column {name}, the reading of leg {leg}", column=name))
@@ -152,7 +160,7 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     if found is None:
         return None
     _once(found, log, ("body", "target"))
-    _check_legs(found, log, len(settings.mechanism.legs))
+    _check_legs(found, log, len(legs_of(settings)))
     table = found.table
     for name in ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"):
         table = _with_declared(table, name, settings.noise.point_mm)
@@ -219,7 +227,7 @@ def _six_loads(found: Gathered, log: FaultLog) -> pa.Table:
     if all(name in names for name in WRENCH):
         return table
     if not {"load_axis", "load"} <= set(names):
-        file = found.origins[0][0].raw.name
+        file = found.first_file
         log.add(Fault(file, f"columns {', '.join(WRENCH)}, or load_axis and load", column="fx_n"))
         return table
     axis = np.asarray(table.column("load_axis").to_pylist(), dtype=object)

@@ -23,12 +23,13 @@ def strings(values: Sequence[object]) -> pa.Array:
 def as_dictionary(values: pa.Array) -> pa.DictionaryArray:
     """Any column as dictionary-encoded text without blanks around it; empty where it was null."""
     import pyarrow as pa
+    import pyarrow.compute as pc
 
     if not pa.types.is_dictionary(values.type) or values.null_count:
         values = values.cast(pa.string()).fill_null("").dictionary_encode()
-    texts = values.dictionary.cast(pa.string()).to_pylist()
-    trimmed = [(text or "").strip() for text in texts]
-    return values if trimmed == texts else with_values(values, trimmed)
+    texts = values.dictionary.cast(pa.string())
+    trimmed = pc.utf8_trim_whitespace(texts)
+    return values if trimmed.equals(texts) else pa.DictionaryArray.from_arrays(values.indices, trimmed)
 
 
 def with_values(column: pa.DictionaryArray, values: Sequence[str]) -> pa.DictionaryArray:
@@ -58,7 +59,11 @@ def renamed(text: str, patterns: Sequence[tuple[re.Pattern[str], str]]) -> str:
     return text
 
 
-def whole_number(text: str) -> int | None:
-    """The integer that a text writes, else None."""
-    digits = text.removeprefix("-").removeprefix("+")
-    return int(text) if digits.isascii() and digits.isdecimal() and len(digits) < 19 else None
+def whole_numbers(texts: pa.Array) -> pa.Array:
+    """The integers that texts write, null where one does not."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    whole = pc.match_substring_regex(texts, r"^[+-]?\d{1,18}$")
+    digits = pc.replace_substring_regex(pc.if_else(whole, texts, pa.scalar(None, pa.string())), r"^\+", "")
+    return digits.cast(pa.int64())

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.columns import Column
-from truing.formats.dictionaries import as_dictionary, codes, constant, renamed, strings, whole_number, with_values
+from truing.formats.dictionaries import as_dictionary, codes, constant, renamed, strings, whole_numbers, with_values
 from truing.formats.faultlog import CellFaults, Records
 from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread
 from truing.formats.numbers import Notation
@@ -188,18 +188,18 @@ class _Work:
 
     def _text_identifiers(self, name: str, shift: int) -> pa.Array:
         import pyarrow as pa
+        import pyarrow.compute as pc
 
         texts = self.texts(name)
-        values = texts.dictionary.to_pylist()
-        self._unless(np.array([bool(v) for v in values], dtype=bool), texts, name, f"a {name} in every row")
-        numbers = [whole_number(value) for value in values]
+        self._unless(np.asarray(pc.not_equal(texts.dictionary, "")), texts, name, f"a {name} in every row")
+        numbers = pc.add(whole_numbers(texts.dictionary), shift)
         if shift:
-            whole = np.array([number is not None for number in numbers], dtype=bool)
+            whole = np.asarray(numbers.is_valid())
             self._unless(whole, texts, name, "a whole number, as an offset is to be added")
-            numbers = [None if number is None else number + shift for number in numbers]
-        if self.plan.poses_as_text or None in numbers:
-            return texts if not shift else with_values(texts, [str(number) for number in numbers])
-        return pa.array(np.array(numbers, dtype=np.int64)[codes(texts)] if numbers else np.zeros(0, np.int64))
+        if self.plan.poses_as_text or numbers.null_count:
+            shifted = numbers.cast(pa.string()) if shift else texts.dictionary
+            return pa.DictionaryArray.from_arrays(texts.indices, shifted)
+        return numbers.take(texts.indices)
 
     # -- numbers ------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.formats.evaluation import TableBatch
-from truing.formats.faultlog import CellFaults, FaultLog
+from truing.formats.faultlog import CellFaults, FaultLog, Records
 from truing.formats.read import FileRows, read_table
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles
@@ -24,14 +24,26 @@ class Gathered:
     """The rows of a table in the order in which they came; ``left_out`` counts by (file, reason)."""
 
     table: pa.Table
-    origins: list[tuple[FileRows, int]]
+    parts: list[tuple[FileRows, Records]]
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    @property
+    def first_file(self) -> str:
+        """The name of the first of the files."""
+        return self.parts[0][0].raw.name
+
+    def _origin(self, row: int) -> tuple[FileRows, int]:
+        for file, records in self.parts:
+            if row < len(records):
+                return file, int(records[row])
+            row -= len(records)
+        raise IndexError(row)
 
     def fault(self, log: FaultLog, wrong: NDArray[np.bool_], column: str, expected: str) -> None:
         """Note a fault in every row of a mask."""
         values = self.table.column(column).combine_chunks() if column in self.table.column_names else None
         for row in np.flatnonzero(wrong):
-            file, record = self.origins[row]
+            file, record = self._origin(int(row))
             value = None if values is None else values[int(row)].as_py()
             cell = (record, None if values is None else "" if value is None else str(value))
             log.cells(file.raw.name, CellFaults(expected, column, (cell,), 1), file.locate)
@@ -53,8 +65,8 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
     left_out: Counter[tuple[str, str]] = Counter()
     for file, batch in batches:
         left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
-    origins = [(file, int(record)) for file, batch in batches for record in batch.records]
-    return Gathered(_concatenated([batch for _, batch in batches]), origins, left_out)
+    parts = [(file, batch.records) for file, batch in batches]
+    return Gathered(_concatenated([batch for _, batch in batches]), parts, left_out)
 
 
 def _read(source: CampaignFiles, shape: Shape, *, as_text: bool) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:

@@ -225,9 +225,12 @@ class Plan:
         return found
 
     def _kind(self, name: str, column: Column) -> Kind:
-        if not self.shape.streams or name in self.entry.split or (column.kind == "identifier" and self.poses_as_text):
+        if name in self.entry.split or name in self.unasked:
             return "text"
-        return "number" if column.kind == "real" else "identifier" if column.kind == "identifier" else "text"
+        if column.kind == "identifier":
+            return "text" if self.poses_as_text else "identifier"
+        is_time = name == "time_s" and self.entry.time_format is not None
+        return "number" if column.kind == "real" and not is_time else "text"
 
     def _need(self, name: str, kind: Kind, found: dict[int, Kind], within: tuple[str, ...]) -> None:
         if name in within:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.formats.dictionaries import codes, strings, whole_number
+from truing.formats.dictionaries import codes, strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.read import FileRows
 from truing.formats.spool import Spool
@@ -49,10 +49,18 @@ class Names:
 
 
 class PointLedger:
-    """Pose, body and target of every point, in the order in which the points came."""
+    """Pose, body and target of every point, in the order in which the points came.
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.poses, self.labels = Names(), Names()  # labels are (body, target)
+    ``poses`` are those that are known: a pose's number is its place among them, and their count where it is unknown.
+    """
+
+    def __init__(self, poses: pa.Array, folder: Path | None = None) -> None:
+        import pyarrow as pa
+
+        self.poses, self.labels = poses, Names()  # labels are (body, target)
+        plain = np.asarray(poses) if pa.types.is_int64(poses.type) and len(poses) else np.zeros(1, np.int64)
+        self._order = np.argsort(plain, kind="stable")
+        self._sorted = plain[self._order]
         self._spool = Spool(("pose", "label"), folder)
         self._named = 0
         self._codes: NDArray[np.int32] = np.zeros((0, 2), np.int32)
@@ -78,23 +86,17 @@ class PointLedger:
 
     def _pose_numbers(self, poses: pa.Array) -> NDArray[np.int32]:
         import pyarrow as pa
+        import pyarrow.compute as pc
 
         if pa.types.is_dictionary(poses.type):
-            return self.poses.numbers_of(self._as_known(poses.dictionary.to_pylist()))[codes(poses)]
+            known = self.poses.cast(pa.string())
+            found = pc.fill_null(pc.index_in(poses.dictionary, value_set=known), len(known))
+            return np.asarray(found)[codes(poses)]
         plain = np.asarray(poses)
-        starts = np.flatnonzero(np.concatenate(([True], plain[1:] != plain[:-1])))
-        values, inverse = np.unique(plain[starts], return_inverse=True)
-        order = np.argsort(np.argsort(_first_seen(inverse, len(values))))
-        in_order = np.empty_like(values)
-        in_order[order] = values
-        numbers = self.poses.numbers_of(in_order.tolist())[order]
-        return np.repeat(numbers[inverse], np.diff(np.append(starts, len(plain))))
-
-    def _as_known(self, texts: list[str]) -> list[object]:
-        """Poses of a file in which not all are integers, for a campaign in which all are."""
-        if not self.poses.values or isinstance(self.poses.values[0], str):
-            return list(texts)
-        return [text if (number := whole_number(text)) is None else number for text in texts]
+        starts = np.flatnonzero(np.concatenate((np.ones(min(len(plain), 1), bool), plain[1:] != plain[:-1])))
+        place = np.minimum(np.searchsorted(self._sorted, plain[starts]), len(self._sorted) - 1)
+        number = np.where(self._sorted[place] == plain[starts], self._order[place], len(self._sorted))
+        return np.repeat(number.astype(np.int32), np.diff(np.append(starts, len(plain))))
 
     def _label_numbers(self, body: pa.DictionaryArray, target: pa.DictionaryArray) -> NDArray[np.int32]:
         bodies, targets = body.dictionary.to_pylist(), target.dictionary.to_pylist()
@@ -127,7 +129,7 @@ class PointLedger:
 
     def name_of(self, row: int) -> tuple[object, str, str]:
         """Pose, body and target of a row."""
-        pose = self.poses.values[int(self._spool.read("pose", row, row + 1)[0])]
+        pose = self.poses[int(self._spool.read("pose", row, row + 1)[0])].as_py()
         body, target = self.labels.values[int(self._spool.read("label", row, row + 1)[0])]  # type: ignore[misc]
         return pose, body, target
 
@@ -146,7 +148,7 @@ class PointLedger:
     def seen(self) -> NDArray[np.bool_]:
         """Whether a pose has any point of a body: (poses, bodies), bodies in the order of :meth:`bodies`."""
         body = self.label_bodies()
-        found = np.zeros((len(self.poses.values), len(self.bodies())), dtype=bool)
+        found = np.zeros(((len(self.poses) + 1), len(self.bodies())), dtype=bool)
         for start, stop in self.steps():
             found[self._spool.read("pose", start, stop), body[self._spool.read("label", start, stop)]] = True
         return found
@@ -164,8 +166,8 @@ class PointLedger:
         """Rows whose pose, body and target stood in a row before: exact, in memory that does not grow with the rows."""
         width = max(len(self.labels.values), 1)
         slab = max(_CELLS // width, 1)
-        for first in range(0, len(self.poses.values), slab):
-            yield from self._duplicates_within(first, min(first + slab, len(self.poses.values)), width)
+        for first in range(0, (len(self.poses) + 1), slab):
+            yield from self._duplicates_within(first, min(first + slab, (len(self.poses) + 1)), width)
 
     def _duplicates_within(self, first: int, last: int, width: int) -> Iterator[NDArray[np.int64]]:
         cells = np.zeros((last - first) * width, dtype=bool)
@@ -189,14 +191,7 @@ class PointLedger:
             pose = self._spool.read("pose", start, stop)
             label = self._spool.read("label", start, stop)
             row = np.arange(start, stop)
-            if first > 0 or last < len(self.poses.values):
+            if first > 0 or last < (len(self.poses) + 1):
                 within = (pose >= first) & (pose < last)
                 pose, label, row = pose[within], label[within], row[within]
             yield row, (pose.astype(np.int64) - first) * width + label
-
-
-def _first_seen(inverse: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Where each of ``count`` values stands first."""
-    first = np.empty(count, dtype=np.int64)
-    first[inverse[::-1]] = np.arange(len(inverse) - 1, -1, -1)
-    return first

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 from schemas.faults import Fault
 from schemas.mapping import FileMapping
@@ -17,6 +19,8 @@ from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
+
+T = TypeVar("T")
 
 _TEXT = frozenset({"delimited", "vstars", "tracker", "xyz", "trc"})
 
@@ -63,6 +67,15 @@ def read_table(
     for entry in entries:
         for raw in _files(source, shape, entry, log):
             yield from _read_file(raw, entry, shape, log, poses_as_text)
+
+
+def ahead(items: Iterator[T]) -> Iterator[T]:
+    """The same items, the next one made in a thread of its own while the last one is used."""
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = pool.submit(next, items, None)
+            yield item
 
 
 def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:

@@ -29,17 +29,13 @@ _CARRIED_UNITS = (
 
 @dataclass(frozen=True)
 class Shape:
-    """A raw table: columns it must have, may have, numbered families, and whether other numbers are carried along.
-
-    ``streams`` tells the one table that may be larger than memory.
-    """
+    """A raw table: columns it must have, may have, a numbered family, and whether other numbers are carried along."""
 
     name: str
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()
     family: str | None = None
     covariates: bool = False
-    streams: bool = False
 
     def column(self, name: str) -> Column | None:
         """The definition of a column of this table, a covariate's included; None where there is no such column."""
@@ -67,7 +63,7 @@ def _carried_unit(name: str) -> str:
     return next((unit for ending, unit in _CARRIED_UNITS if name.endswith(ending)), "")
 
 
-POINTS = Shape("points", ("pose", "body", *_POINT), ("target", *_SPREAD), streams=True)
+POINTS = Shape("points", ("pose", "body", *_POINT), ("target", *_SPREAD))
 TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
 CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)
 DISPLACEMENT = Shape(
