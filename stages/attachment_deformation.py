@@ -63,8 +63,7 @@ def attachment_deformation(tables: Mapping[str, pa.Table], legs: Sequence[Leg]) 
     shifts = _shifts(tables, poses, len(legs))
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
-    good = np.isfinite(shifts.shift)
-    good[fitted] &= _consistent_attachments(drive[fitted], shifts, fitted)
+    good = np.isfinite(shifts.shift) & _consistent_attachments(drive, shifts, fitted)
     kept = np.where(good, shifts.shift, np.nan)
     fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
     gains = _gains(fits)
@@ -136,13 +135,13 @@ def _shifts(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], n_legs
     )
 
 
-def _consistent_attachments(drive: Array, shifts: Shifts, rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(b, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
+def _consistent_attachments(drive: Array, shifts: Shifts, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(B, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
 
     The noise along z stands for that across: a gross error is many times either.
     """
-    directions = (shifts.shift[rows], shifts.across[rows, :, 0], shifts.across[rows, :, 1])
-    kept = [keep_consistent(drive, y, shifts.noise[rows], offset_cov=shifts.survey) for y in directions]
+    directions = (shifts.shift, shifts.across[:, :, 0], shifts.across[:, :, 1])
+    kept = [keep_consistent(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
     return np.logical_and.reduce(kept)
 
 

@@ -180,23 +180,26 @@ def keep_consistent(
     form: Form = "matrix",
     offset_cov: Array | None = None,
     group: NDArray[np.int64] | None = None,
+    fitted: NDArray[np.bool_] | None = None,
     false_rejections: float = 0.05,
 ) -> NDArray[np.bool_]:
     """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
 
     ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
     least absolute deviation by reweighting; its median residual widens the limit where the noise is larger than
-    declared. The rest is the predictive residual of each value in units of its own deviation.
+    declared. Rows outside ``fitted`` (N,) are judged by a fit that has not seen them. The rest is the predictive
+    residual of each value in units of its own deviation.
     """
     from scipy.special import ndtri
 
     seen = np.isfinite(y)
     limit = -ndtri(0.5 * min(1.0, false_rejections / max(seen.sum(), 1)))
-    start = _standardised_l1(u, y, cov, form, offset_cov, group)
-    limit *= max(1.0, float(np.median(start[seen])) / _NORMAL_MEDIAN) if seen.any() else 1.0
+    basis = seen if fitted is None else seen & fitted[:, None]
+    start = _standardised_l1(u, np.where(basis, y, np.nan), y, cov, form, offset_cov, group)
+    limit *= max(1.0, float(np.median(start[basis])) / _NORMAL_MEDIAN) if basis.any() else 1.0
     kept = seen & (start < 1.5 * limit)
     for _ in range(20):
-        fit = fit_response(u, np.where(kept, y, np.nan), cov, form=form, offset_cov=offset_cov, group=group)
+        fit = fit_response(u, np.where(kept & basis, y, np.nan), cov, form=form, offset_cov=offset_cov, group=group)
         again = seen & (_standardised(fit, u, y, cov, group) < limit)
         if (again == kept).all():
             break
@@ -213,9 +216,9 @@ def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array, group: NDArr
 
 
 def _standardised_l1(
-    u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: NDArray[np.int64] | None
+    u: Array, kept: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: NDArray[np.int64] | None
 ) -> Array:
-    kept = np.where(np.isfinite(y), y, np.nan)
+    """(N, L) |residual| in units of its deviation, of all y, after a least-absolute-deviation fit to those in kept."""
     inflated = cov
     for _ in range(30):
         fit = fit_response(u, kept, inflated, form=form, offset_cov=offset_cov, group=group)
