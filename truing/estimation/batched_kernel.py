@@ -22,6 +22,7 @@ from truing.estimation import lane_arithmetic
 from truing.estimation.lane_arithmetic import (
     IDENTITY,
     LANES,
+    Matrix,
     add3,
     add6,
     add9,
@@ -77,7 +78,7 @@ _PP, _TP, _TT = 62, 68, 77  # covariance: position (6), theta x position (9), th
 
 
 @inner
-def prepare_roots(lane):
+def prepare_roots(lane: NDArray) -> None:
     """Fill the coefficients of the characteristic polynomial of C over the root of both spreads, and a start.
 
     ``(l^2 - norm)^2 - 8 det l - 4 cofactor_norm``: its largest root is at most 1, by Cauchy and Schwarz.
@@ -93,14 +94,14 @@ def prepare_roots(lane):
 
 
 @inner
-def scaled_product(lane, j):
+def scaled_product(lane: NDArray, j: int) -> Matrix:
     """Return C over the root of both spreads: its singular values add up to 1 where the fit is perfect."""
     S, C = get6(lane, _S, j), get9(lane, _C, j)
     return resized(1.0 / np.sqrt((S[0][0] + S[1][1] + S[2][2]) * lane[_E * LANES + j]), C)
 
 
 @inner
-def refine_roots(lane):
+def refine_roots(lane: NDArray) -> None:
     """One step of Newton's method from above, which never passes the largest root."""
     for j in range(LANES):
         root, norm, det = lane[_ROOT * LANES + j], lane[_NORM * LANES + j], lane[_DET * LANES + j]
@@ -111,7 +112,7 @@ def refine_roots(lane):
 
 
 @inner
-def start_rotations(lane):
+def start_rotations(lane: NDArray) -> None:
     """Fill the rotations that maximise ``tr(R^T C)``, up to rounding (Markley 1993, FOAM, eq. 15 and 16)."""
     for j in range(LANES):
         C, root, norm = scaled_product(lane, j), lane[_ROOT * LANES + j], lane[_NORM * LANES + j]
@@ -122,7 +123,7 @@ def start_rotations(lane):
 
 
 @inner
-def orthogonalise(lane):
+def orthogonalise(lane: NDArray) -> None:
     """One step ``R (3 - R^T R) / 2``, which squares the squared norm of ``R^T R - 1`` that it leaves behind."""
     for j in range(LANES):
         R = get9(lane, ROTATION, j)
@@ -133,7 +134,7 @@ def orthogonalise(lane):
 
 
 @inner
-def climb(lane):
+def climb(lane: NDArray) -> None:
     """One Newton step on the rotation group; fill its square in rad^2 and the gap to the next best attitude."""
     for j in range(LANES):
         R, C = get9(lane, ROTATION, j), scaled_product(lane, j)
@@ -154,7 +155,7 @@ def climb(lane):
 
 
 @inner
-def judge(lane):
+def judge(lane: NDArray) -> None:
     """Fill whether the rotation is proven to be the optimum: at rest, Hessian positive, nothing degenerate."""
     for j in range(LANES):
         S, R = get6(lane, _S, j), get9(lane, ROTATION, j)
@@ -169,7 +170,7 @@ def judge(lane):
 
 
 @inner
-def solve_rotations(lane):
+def solve_rotations(lane: NDArray) -> None:
     """Fill every lane's rotation, the inverse of its information, and whether it is proven to be the optimum."""
     prepare_roots(lane)
     for _ in range(_NEWTON_STEPS):
@@ -183,7 +184,9 @@ def solve_rotations(lane):
 
 
 @inner
-def load_block(x, y, w, noise, start, stop, points, lane):
+def load_block(
+    x: NDArray, y: NDArray, w: NDArray, noise: NDArray, start: int, stop: int, points: NDArray, lane: NDArray
+) -> None:
     """Turn the poses from start into lanes and zero the registers; missing points become zeros.
 
     Lanes past stop repeat the last pose. An empty noise means that the residuals' scatter is to be used.
@@ -207,7 +210,7 @@ def load_block(x, y, w, noise, start, stop, points, lane):
 
 
 @inner
-def add_sums(points, n, lane):
+def add_sums(points: NDArray, n: int, lane: NDArray) -> None:
     """Add one point of every lane to the moments about the origin."""
     for j in range(LANES):
         w, x, y = points[n, 6 * LANES + j], point3(points, n, 0, j), point3(points, n, 3, j)
@@ -221,7 +224,7 @@ def add_sums(points, n, lane):
 
 
 @inner
-def add_centred(points, n, lane):
+def add_centred(points: NDArray, n: int, lane: NDArray) -> None:
     """Add one point of every lane to the moments about the centroids."""
     for j in range(LANES):
         w, v = points[n, 6 * LANES + j], points[n, 7 * LANES + j]
@@ -237,7 +240,7 @@ def add_centred(points, n, lane):
 
 
 @inner
-def accumulate_moments(points, lane):
+def accumulate_moments(points: NDArray, lane: NDArray) -> None:
     """Fill the registers of all moments, in two passes so that nothing cancels."""
     for n in range(len(points)):
         add_sums(points, n, lane)
@@ -250,7 +253,7 @@ def accumulate_moments(points, lane):
 
 
 @inner
-def add_misfit(points, n, lane):
+def add_misfit(points: NDArray, n: int, lane: NDArray) -> None:
     """Add the weighted squared distance of one point of every lane."""
     for j in range(LANES):
         q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, SOURCE_CENTRE, j))
@@ -260,7 +263,7 @@ def add_misfit(points, n, lane):
 
 
 @inner
-def propagate_noise(lane, scatter):
+def propagate_noise(lane: NDArray, scatter: bool) -> None:
     """Fill the covariance: ``A^-1 B A^-1`` about the centroid, moved to the source's origin, in target axes."""
     for j in range(LANES):
         per = 1.0 / lane[WEIGHT * LANES + j]
@@ -280,7 +283,9 @@ def propagate_noise(lane, scatter):
 
 
 @inner
-def store(lane, j, b, R, t, covariance, rms, used):
+def store(
+    lane: NDArray, j: int, b: int, R: NDArray, t: NDArray, covariance: NDArray, rms: NDArray, used: NDArray
+) -> None:
     """Write lane j as pose b to the output arrays; used is -1 where the lane has no proven answer."""
     r, xc, yc = get9(lane, ROTATION, j), get3(lane, SOURCE_CENTRE, j), get3(lane, TARGET_CENTRE, j)
     moved = mix(1.0, yc, -1.0, apply(r, xc))
@@ -296,7 +301,19 @@ def store(lane, j, b, R, t, covariance, rms, used):
 
 
 @compiled(lane_arithmetic.__file__, __file__)
-def solve_range(x, y, w, noise, start, stop, R, t, covariance, rms, used):
+def solve_range(
+    x: NDArray,
+    y: NDArray,
+    w: NDArray,
+    noise: NDArray,
+    start: int,
+    stop: int,
+    R: NDArray,
+    t: NDArray,
+    covariance: NDArray,
+    rms: NDArray,
+    used: NDArray,
+) -> None:
     """Solve the poses start..stop into the output arrays."""
     points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
     for first in range(start, stop, LANES):

@@ -9,14 +9,20 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from numba import njit
+from numpy.typing import NDArray
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
 
 LANES = 16
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-_MODE = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-inner = njit(**_MODE, no_cpython_wrapper=True, no_cfunc_wrapper=True)  # called by compiled code alone
+_MODE: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+inner = njit(**_MODE, **_BARE)  # for what compiled code alone calls
 
 
 def compiled(*made_of: str) -> Callable[[Callable], Callable]:
@@ -38,7 +44,7 @@ def compiled(*made_of: str) -> Callable[[Callable], Callable]:
 
 
 @inner
-def get9(lane, row, j):
+def get9(lane: NDArray, row: int, j: int) -> Matrix:
     k = row * LANES + j
     return (
         (lane[k], lane[k + LANES], lane[k + 2 * LANES]),
@@ -48,7 +54,7 @@ def get9(lane, row, j):
 
 
 @inner
-def put9(lane, row, j, m):
+def put9(lane: NDArray, row: int, j: int, m: Matrix) -> None:
     k = row * LANES + j
     lane[k], lane[k + LANES], lane[k + 2 * LANES] = m[0]
     lane[k + 3 * LANES], lane[k + 4 * LANES], lane[k + 5 * LANES] = m[1]
@@ -56,7 +62,7 @@ def put9(lane, row, j, m):
 
 
 @inner
-def get6(lane, row, j):
+def get6(lane: NDArray, row: int, j: int) -> Matrix:
     """Return a symmetric matrix stored as xx xy xz yy yz zz."""
     k = row * LANES + j
     xx, xy, xz = lane[k], lane[k + LANES], lane[k + 2 * LANES]
@@ -65,30 +71,30 @@ def get6(lane, row, j):
 
 
 @inner
-def put6(lane, row, j, m):
+def put6(lane: NDArray, row: int, j: int, m: Matrix) -> None:
     k = row * LANES + j
     lane[k], lane[k + LANES], lane[k + 2 * LANES] = m[0]
     lane[k + 3 * LANES], lane[k + 4 * LANES], lane[k + 5 * LANES] = m[1][1], m[1][2], m[2][2]
 
 
 @inner
-def get3(lane, row, j):
+def get3(lane: NDArray, row: int, j: int) -> Vector:
     k = row * LANES + j
     return lane[k], lane[k + LANES], lane[k + 2 * LANES]
 
 
 @inner
-def add9(lane, row, j, m):
+def add9(lane: NDArray, row: int, j: int, m: Matrix) -> None:
     put9(lane, row, j, combine(1.0, get9(lane, row, j), 1.0, m))
 
 
 @inner
-def add6(lane, row, j, m):
+def add6(lane: NDArray, row: int, j: int, m: Matrix) -> None:
     put6(lane, row, j, combine(1.0, get6(lane, row, j), 1.0, m))
 
 
 @inner
-def add3(lane, row, j, v):
+def add3(lane: NDArray, row: int, j: int, v: Vector) -> None:
     k = row * LANES + j
     lane[k] += v[0]
     lane[k + LANES] += v[1]
@@ -96,77 +102,77 @@ def add3(lane, row, j, v):
 
 
 @inner
-def point3(points, n, field, j):
+def point3(points: NDArray, n: int, field: int, j: int) -> Vector:
     """Return three fields of point n in lane j."""
     k = field * LANES + j
     return points[n, k], points[n, k + LANES], points[n, k + 2 * LANES]
 
 
 @inner
-def dot(a, b):
+def dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inner
-def cross(a, b):
+def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inner
-def mix(a, u, b, v):
+def mix(a: float, u: Vector, b: float, v: Vector) -> Vector:
     """Return ``a u + b v`` of vectors u, v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
 
 
 @inner
-def scale(a, u):
+def scale(a: float, u: Vector) -> Vector:
     return a * u[0], a * u[1], a * u[2]
 
 
 @inner
-def outer(u, v):
+def outer(u: Vector, v: Vector) -> Matrix:
     return scale(u[0], v), scale(u[1], v), scale(u[2], v)
 
 
 @inner
-def combine(a, m, b, n):
+def combine(a: float, m: Matrix, b: float, n: Matrix) -> Matrix:
     """Return ``a m + b n`` of matrices m, n."""
     return mix(a, m[0], b, n[0]), mix(a, m[1], b, n[1]), mix(a, m[2], b, n[2])
 
 
 @inner
-def resized(a, m):
+def resized(a: float, m: Matrix) -> Matrix:
     return scale(a, m[0]), scale(a, m[1]), scale(a, m[2])
 
 
 @inner
-def transpose(m):
+def transpose(m: Matrix) -> Matrix:
     return (m[0][0], m[1][0], m[2][0]), (m[0][1], m[1][1], m[2][1]), (m[0][2], m[1][2], m[2][2])
 
 
 @inner
-def rows_times(m, n):
+def rows_times(m: Matrix, n: Matrix) -> Matrix:
     """Return ``m n^T``: every row of m with every row of n."""
     return apply(n, m[0]), apply(n, m[1]), apply(n, m[2])
 
 
 @inner
-def times(m, n):
+def times(m: Matrix, n: Matrix) -> Matrix:
     return rows_times(m, transpose(n))
 
 
 @inner
-def apply(m, v):
+def apply(m: Matrix, v: Vector) -> Vector:
     return dot(m[0], v), dot(m[1], v), dot(m[2], v)
 
 
 @inner
-def skew(v):
+def skew(v: Vector) -> Matrix:
     return (0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)
 
 
 @inner
-def information(s):
+def information(s: Matrix) -> Matrix:
     """Return ``tr(s) I - s``: what second moments s say about a rotation."""
     return (
         (s[1][1] + s[2][2], -s[0][1], -s[0][2]),
@@ -176,12 +182,12 @@ def information(s):
 
 
 @inner
-def cofactors(m):
+def cofactors(m: Matrix) -> Matrix:
     return cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])
 
 
 @inner
-def inverse(m):
+def inverse(m: Matrix) -> Matrix:
     """Return the inverse of a symmetric matrix."""
     k = cofactors(m)
     per = 1.0 / dot(m[0], k[0])

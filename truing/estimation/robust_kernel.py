@@ -76,7 +76,7 @@ def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
 
 
 @inner
-def load_members(sigma, members, first, points):
+def load_members(sigma: NDArray, members: NDArray, first: int, points: NDArray) -> None:
     """Replace the weights in all lanes by those of the members, and put the variances beside them."""
     for j in range(LANES):
         b = min(first + j, len(members) - 1)
@@ -87,7 +87,7 @@ def load_members(sigma, members, first, points):
 
 
 @inner
-def measure(points, n, lane):
+def measure(points: NDArray, n: int, lane: NDArray) -> None:
     """Replace the first two fields of a point by its squared residuals, studentised and plain, in all lanes."""
     for j in range(LANES):
         q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, SOURCE_CENTRE, j))
@@ -103,7 +103,16 @@ def measure(points, n, lane):
 
 
 @compiled(*_SOURCES)
-def residuals_of_poses(x, y, seen, sigma, members, student, plain, clear):
+def residuals_of_poses(
+    x: NDArray,
+    y: NDArray,
+    seen: NDArray,
+    sigma: NDArray,
+    members: NDArray,
+    student: NDArray,
+    plain: NDArray,
+    clear: NDArray,
+) -> None:
     """Fill squared residuals (B, N) of the fit to members (B, N), and which poses (B,) have a proven fit."""
     points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
     none = np.empty((0, 1))
@@ -122,7 +131,7 @@ def residuals_of_poses(x, y, seen, sigma, members, student, plain, clear):
 
 
 @inner
-def edges_of_point(p, seen, variance, i, count, out):
+def edges_of_point(p: NDArray, seen: NDArray, variance: NDArray, i: int, count: int, out: NDArray) -> None:
     """Fill the edges of one point; p holds the coordinates of both clouds as six rows of count numbers."""
     for j in range(count):
         u, v, w = p[j] - p[i], p[count + j] - p[count + i], p[2 * count + j] - p[2 * count + i]
@@ -141,7 +150,7 @@ def edges_of_point(p, seen, variance, i, count, out):
 
 
 @compiled(*_SOURCES)
-def edges_of_poses(x, y, seen, variance, graph):
+def edges_of_poses(x: NDArray, y: NDArray, seen: NDArray, variance: NDArray, graph: NDArray) -> None:
     """Fill the graphs (B, N, N) of points whose distance is the same in both clouds."""
     count = x.shape[1]
     p = np.empty(6 * count)
@@ -154,7 +163,7 @@ def edges_of_poses(x, y, seen, variance, graph):
 
 
 @compiled(*_SOURCES)
-def sets_of_poses(graph, seed, taken, anchors, members):
+def sets_of_poses(graph: NDArray, seed: NDArray, taken: NDArray, anchors: int, members: NDArray) -> None:
     """Fill the sets (B, N) of anchors grown from the seeds (B,), and of all points joined to every anchor."""
     count = graph.shape[1]
     joined, votes = np.empty(count, np.bool_), np.empty(count, np.float32)
