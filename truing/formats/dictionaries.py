@@ -32,6 +32,13 @@ def as_dictionary(values: pa.Array) -> pa.DictionaryArray:
     return values if trimmed.equals(texts) else pa.DictionaryArray.from_arrays(values.indices, trimmed)
 
 
+def compacted(values: pa.Array) -> pa.Array:
+    """The same column; where it is dictionary-encoded, without names that no row has."""
+    import pyarrow as pa
+
+    return values.cast(pa.string()).dictionary_encode() if pa.types.is_dictionary(values.type) else values
+
+
 def with_values(column: pa.DictionaryArray, values: Sequence[str]) -> pa.DictionaryArray:
     """The same rows with other values in the dictionary."""
     import pyarrow as pa

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.columns import Column
-from truing.formats.dictionaries import as_dictionary, codes, constant, renamed, strings, whole_numbers, with_values
+from truing.formats.dictionaries import (
+    as_dictionary,
+    codes,
+    compacted,
+    constant,
+    renamed,
+    strings,
+    whole_numbers,
+    with_values,
+)
 from truing.formats.faultlog import CellFaults, Records
 from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread
 from truing.formats.numbers import Notation
@@ -59,9 +68,11 @@ def evaluate(plan: Plan, batch: RawBatch) -> TableBatch:
 
 
 def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
+    """The rows to keep; dictionaries keep only the names that are left."""
     if keep.all():
         return batch
-    return RawBatch({key: _rows(values, keep) for key, values in batch.columns.items()}, batch.records[keep])
+    columns = {key: compacted(_rows(values, keep)) for key, values in batch.columns.items()}
+    return RawBatch(columns, batch.records[keep])
 
 
 def _rows(values: pa.Array, keep: Mask) -> pa.Array:
@@ -172,8 +183,9 @@ class _Work:
         return texts
 
     def _unless(self, good: Mask, texts: pa.DictionaryArray, name: str, expected: str) -> None:
-        if not good.all():
-            self._fault(~good[codes(texts)], texts, name, expected)
+        wrong = ~good[codes(texts)]
+        if wrong.any():
+            self._fault(wrong, texts, name, expected)
 
     def _identifiers(self, name: str) -> pa.Array:
         import pyarrow as pa

@@ -75,6 +75,8 @@ class FaultLog:
 
     def cells(self, file: str, faults: CellFaults, locate: Callable[[Sequence[int]], Sequence[int]]) -> None:
         """Faults in the records of a file; ``locate`` turns records into the rows that an editor counts."""
+        if not faults.count:
+            return
         kind = self._cells.setdefault((file, faults.column, faults.expected), _Kind())
         kind.count += faults.count
         self._locate[file] = locate
