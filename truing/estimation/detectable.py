@@ -23,5 +23,4 @@ def smallest_detectable(signature: Signature, freedom: float, level: float, powe
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (middle, high) if ncfdtr(count, left, middle, critical) > 1.0 - power else (low, middle)
-    per_size = float(np.sum(signature.strengths**2)) / len(signature.loadings)
-    return float(np.sqrt(high / per_size))
+    return float(np.sqrt(high / np.sum(signature.strengths**2)))

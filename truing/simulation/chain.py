@@ -90,8 +90,9 @@ class Effect:
 class State:
     """What the chain passes on, B poses of L legs; m and rad.
 
-    ``rho`` is what the actuators really did, ``delta_bz`` the attachments' shift along z of the platform; the
-    pose p, R of the platform in the base frame is set once the structure has answered.
+    ``indicated`` is where the actuators seem to stand (what effects of the drive depend on), ``rho`` where they do,
+    ``delta_bz`` the attachments' shift along z of the platform; the pose p, R of the platform in the base frame is set
+    once the structure has answered.
     """
 
     legs: Legs
@@ -100,6 +101,7 @@ class State:
     p: NDArray | None = None  # (B, 3)
     R: NDArray | None = None  # (B, 3, 3)
     converged: NDArray | None = None  # (B,)
+    indicated: NDArray | None = None  # (B, L)
     covariates: Mapping[str, NDArray] = field(default_factory=dict)  # (B,) or (B, L), in the units of their columns
 
     @property
@@ -118,7 +120,7 @@ def simulate(
     legs: Legs, rho: NDArray, effects: Sequence[Effect] = (), covariates: Mapping[str, NDArray] | None = None
 ) -> State:
     """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
-    state = State(legs, rho, np.zeros_like(rho), covariates=covariates or {})
+    state = State(legs, rho, np.zeros_like(rho), indicated=rho, covariates=covariates or {})
     for step in (Step.DRIVE, Step.STRUCTURE):
         for effect in effects:
             if effect.cause.step is step:
@@ -128,24 +130,35 @@ def simulate(
 
 
 def carried(state: State, effects: Sequence[Effect], change: Change) -> Change:
-    """Return a change with what its share in the drive causes further down, in effects that follow the drive."""
-    driven = change.fields.get("rho")
-    if driven is None:
-        return change
+    """Return a change with all that follows from it down the chain, in effects that depend on what it changes."""
     fields = dict(change.fields)
-    for effect in effects:
-        if effect.cause.step is Step.STRUCTURE:
-            for name, slope in _drive_slope(effect, state).items():
-                fields[name] = fields.get(name, 0.0) + np.einsum("b...m,bmp->b...p", slope, driven)
+    indicated = fields.pop("indicated", None)
+    if indicated is not None:
+        fields["rho"] = fields.get("rho", 0.0) + indicated
+        _follow(
+            fields, state, [effect for effect in effects if effect.cause.step is Step.DRIVE], "indicated", indicated
+        )
+    if "rho" in fields:
+        _follow(
+            fields, state, [effect for effect in effects if effect.cause.step is Step.STRUCTURE], "rho", fields["rho"]
+        )
     return Change(fields, change.size)
 
 
-def _drive_slope(effect: Effect, state: State) -> dict[str, NDArray]:
-    """Return the derivative of an effect by the drive of each leg, leg last: a complex step, exact to rounding."""
+def _follow(fields: dict[str, NDArray], state: State, effects: Sequence[Effect], source: str, driven: NDArray) -> None:
+    """Add to the fields what effects make of a change ``driven`` (B, L, P) of their source."""
+    for effect in effects:
+        for name, slope in _slope(effect, state, source).items():
+            fields[name] = fields.get(name, 0.0) + np.einsum("b...m,bmp->b...p", slope, driven)
+
+
+def _slope(effect: Effect, state: State, source: str) -> dict[str, NDArray]:
+    """Return the derivative of an effect by its source at each leg, leg last: a complex step, exact to rounding."""
     tiny = 1e-30
     columns: dict[str, list[NDArray]] = {}
     for leg in range(state.legs.count):
-        nudged = replace(state, rho=state.rho + 1j * tiny * (np.arange(state.legs.count) == leg))
+        nudge = 1j * tiny * (np.arange(state.legs.count) == leg)
+        nudged = replace(state, **{source: getattr(state, source) + nudge})
         for name, slope in effect.cause.change(nudged).fields.items():
             columns.setdefault(name, []).append((slope @ effect.values).imag / tiny)
     return {name: np.stack(found, -1) for name, found in columns.items()}

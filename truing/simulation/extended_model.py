@@ -165,7 +165,7 @@ def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
 
 
 def _leg(legs: Legs, leg: int) -> str:
-    directions = ", ".join(repr(float(value)) for value in legs.u[leg])
+    directions = ", ".join(repr(round(float(value), 13)) for value in legs.u[leg])
     joints = ", ".join(f"{name}_mm = [{_mm(*joint[leg])}]" for name, joint in (("a", legs.a), ("b", legs.b)))
     lengths = f"length_mm = {_mm(legs.l[leg])}, rho0_mm = {_mm(legs.rho0[leg])}"
     return f"{{ {joints}, u = [{directions}], {lengths} }}"

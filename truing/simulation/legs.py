@@ -55,17 +55,12 @@ class Legs:
         return replace(self, **arrays)
 
 
-# Fields that a parameter can change, and the axes of their values after the batch.
-LEG_VECTORS = ("a", "b", "u")
-LEG_SCALARS = ("rho", "l", "delta_bz")
-
-
 @dataclass(frozen=True)
 class Change:
     """Derivatives of the state by P parameters, field by field; a field that does not change is absent.
 
-    Values: (..., L, 3, P) for a, b, u; (..., L, P) for rho, l, delta_bz; (..., K, 3, P) for ``shape``, the shift
-    of K targets in their body's frame. Leading axes are poses, or broadcast against them.
+    Values: (..., L, 3, P) for a, b, u; (..., L, P) for rho, indicated, l, delta_bz. Leading axes are poses, or
+    broadcast against them.
     """
 
     fields: dict[str, NDArray]

@@ -292,7 +292,11 @@ class PointModel:
                 (
                     None,
                     Change(
-                        {"rho": np.broadcast_to(np.eye(count) * self.known.reading_sigma, (*state.rho.shape, count))},
+                        {
+                            "indicated": np.broadcast_to(
+                                np.eye(count) * self.known.reading_sigma, (*state.rho.shape, count)
+                            )
+                        },
                         count,
                     ),
                 )

@@ -79,7 +79,7 @@ class Unexplained(Cause):
 
     def _value(self, state: State) -> NDArray:
         if self.column == OWN_DRIVE:
-            return state.delta_rho
+            return state.indicated - state.legs.rho0
         value = state.covariates[self.column]
         return np.broadcast_to(value if value.ndim == 2 else value[:, None], state.rho.shape)
 
