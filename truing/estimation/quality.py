@@ -119,7 +119,7 @@ def find_drift(positions: Array, kept: Mask) -> Drift:
     from scipy.special import ndtr
 
     complete = kept.all(axis=1)
-    series = positions[complete].reshape(int(complete.sum()), -1)
+    series = positions[complete].reshape(int(complete.sum()), 3 * kept.shape[1])
     n = len(series)
     if n < 8:
         return Drift(1.0, np.zeros(kept.shape[1]))
