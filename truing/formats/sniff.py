@@ -1,0 +1,204 @@
+"""Looking at a raw file and proposing how to read it: a start for the mapping that a person completes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from schemas.mapping import FileMapping
+from truing.formats.compression import DAMAGED, open_plain
+from truing.formats.delimited import guess_separator, split_record
+from truing.formats.numbers import Notation
+from truing.formats.presets import format_of
+from truing.formats.source import RawFile
+
+_LOOK = 1 << 16
+_LINES = 60
+_COMMENTS = ("#", "%", "//")
+_NOTATIONS = (
+    Notation(".", None),
+    Notation(",", None),
+    Notation(".", ","),
+    Notation(",", "."),
+    Notation(".", "'"),
+    Notation(",", " "),
+)
+_TRACKER = {"feature", "id", "x", "y", "z"}
+_SIGNS = (
+    ("interferometer", {"channel", "reading"}),
+    ("displacement", {"dx_mm", "dy_mm", "dz_mm"}),
+    ("signals", {"v1_mv"}),
+    ("configurations", {"pose", "time_s"}),
+    ("configurations", {"rho1_mm"}),
+    ("points", {"pose", "x_mm"}),
+    ("targets", {"target", "x_mm"}),
+    ("points", {"x_mm"}),
+)
+_KNOWN = {
+    "pose": r"pose|frame|pos(e|ition)?[ _]?(nr|no|id)|epoch|station|aufnahme|messung",
+    "body": r"body|rigid[ _]?body|k(ö|oe)rper",
+    "target": r"target|marker|point([ _]?(id|name))?|label|punkt(nr|nummer|name)?|ziel(marke)?|nom|cible",
+    "x_mm": r"x",
+    "y_mm": r"y",
+    "z_mm": r"z",
+    "sigma_x_mm": r"(sigma|s|std|mx)[ _]?x",
+    "sigma_y_mm": r"(sigma|s|std|my)[ _]?y",
+    "sigma_z_mm": r"(sigma|s|std|mz)[ _]?z",
+    "time_s": r"t|time|zeit|temps|timestamp",
+    "temperature_c": r"temp(erature?|eratur)?",
+}
+_UNIT = re.compile(r"^(.*?)[\s_]*[\s_\[(/]\s*(mm|cm|um|µm|m|in|deg|rad|s|ms|°C|K)\s*[\])]?$")
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a file seems to hold: keys for [files.<table>], its columns, the table, and what to look at again."""
+
+    mapping: dict[str, Any] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
+    table: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+def sniff_file(path: Path) -> Guess:
+    """A proposal for one file, from its name and its first lines; never raises on what the file holds."""
+    raw = RawFile(path.name, path)
+    file_format = format_of(raw, FileMapping(path=path.name))
+    try:
+        if file_format in ("delimited", "xyz"):
+            return _sniff_text(path)
+        return _sniff_other(path, file_format)
+    except (*DAMAGED, OSError, UnicodeError) as error:
+        return Guess(notes=(f"it cannot be read: {error}",))
+
+
+def _sniff_other(path: Path, file_format: str) -> Guess:
+    if file_format == "parquet":
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            names = tuple(pq.read_schema(path).names)
+        except pa.ArrowInvalid:
+            return Guess(notes=("it is no whole Parquet file",))
+        mapping, notes = _columns(names)
+        return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))
+    if file_format in ("c3d", "trc"):
+        note = "every frame is a pose; split the labels into body and target, or name the body under constants"
+        return Guess({"constants": {"body": "body"}}, ("frame", "label", "x", "y", "z"), "points", (note,))
+    note = "a cloud without names: the file's name says the pose, and the targets are found by their geometry"
+    return Guess({"constants": {"body": "platform"}}, ("x", "y", "z"), "points", (note,))
+
+
+def _sniff_text(path: Path) -> Guess:
+    with open_plain(path) as stream:
+        head = stream.read(_LOOK)
+    encoding, text = _decoded(head, whole=len(head) < _LOOK)
+    if "\0" in text:
+        return Guess(notes=("it holds no text that can be read",))
+    lines = [line for line in text.splitlines() if line.strip()]
+    comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
+    lines = [line for line in lines if comment is None or not line.lstrip().startswith(comment)][:_LINES]
+    if not lines:
+        return Guess(notes=("it holds no lines",))
+    mapping: dict[str, Any] = {} if encoding == "utf-8" else {"encoding": encoding}
+    mapping |= {} if comment is None else {"comment": comment}
+    return _sniff_records(lines, mapping)
+
+
+def _decoded(head: bytes, *, whole: bool) -> tuple[str, str]:
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16", head.decode("utf-16", errors="ignore")
+    try:
+        return "utf-8", head.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if not whole and error.start > len(head) - 4:
+            return "utf-8", head[: error.start].decode("utf-8-sig")
+    return "cp1252", head.decode("cp1252", errors="replace")
+
+
+def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
+    separator = guess_separator(lines[len(lines) // 3 :] or lines, '"')
+    records = [split_record(line.encode(), separator, '"') for line in lines]
+    width = len(records[-1])
+    skipped = next((i for i, record in enumerate(records) if len(record) == width), 0)
+    records = [record for record in records[skipped:] if len(record) == width]
+    if width < 2 or len(records) < 0.6 * (len(lines) - skipped):
+        return Guess(mapping, notes=("its lines make no table",))
+    notation = _notation(records[1:] or records)
+    has_header = len(records) > 1 and not any(_is_number(cell, notation) for cell in records[0])
+    names = tuple(records[0]) if has_header else tuple(str(i + 1) for i in range(width))
+    mapping |= {"skip_lines": skipped} if skipped else {}
+    if has_header and {name.casefold() for name in names} >= _TRACKER and notation.thousands == ",":
+        note = "a laser tracker's export: say under from_name or constants which body and target it is"
+        return Guess({**mapping, "format": "tracker", "constants": {"body": "body"}}, names, "points", (note,))
+    if not has_header and _is_vstars(records, notation):
+        note = "V-STARS: id x y z sx sy sz; say under from_name or constants which pose and body it is"
+        return Guess({**mapping, "format": "vstars", "constants": {"body": "body"}}, names, "points", (note,))
+    mapping |= {"separator": separator} if separator != "," else {}
+    mapping |= {"header": False} if not has_header else {}
+    mapping |= {"decimal": notation.decimal} if notation.decimal != "." else {}
+    mapping |= {"thousands": notation.thousands} if notation.thousands else {}
+    found, notes = _columns(names) if has_header else _positions(records, notation)
+    mapping |= found
+    return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))
+
+
+def _notation(records: list[list[str]]) -> Notation:
+    """The way of writing numbers that reads most cells; the plainest among equals."""
+    cells = [cell for record in records for cell in record]
+    return max(_NOTATIONS, key=lambda notation: sum(_is_number(cell, notation) for cell in cells))
+
+
+def _is_number(cell: str, notation: Notation) -> bool:
+    return re.match(notation.pattern, cell.strip()) is not None
+
+
+def _is_vstars(records: list[list[str]], notation: Notation) -> bool:
+    width = len(records[0])
+    named = all(cell[:1].isalpha() for cell in (record[0] for record in records))
+    return 4 <= width <= 8 and named and all(_is_number(cell, notation) for record in records for cell in record[1:])
+
+
+def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
+    """Which column seems to be what, and its unit, where its name is not the contract's already."""
+    columns, units, notes = {}, {}, []
+    for name in names:
+        bare, unit = _bare(name)
+        known = next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
+        if known is None or name == known or known in columns or known in names:
+            continue
+        columns[known] = name
+        if unit is not None and not known.endswith(f"_{unit}") and unit not in ("s", "°C"):
+            units[known] = unit
+        notes.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
+    mapping: dict[str, Any] = {"columns": columns} if columns else {}
+    return mapping | ({"units": units} if units else {}), notes
+
+
+def _bare(name: str) -> tuple[str, str | None]:
+    match = _UNIT.match(name.strip())
+    return (match[1].strip(" _[(/"), match[2]) if match and match[1].strip(" _[(/") else (name.strip(), None)
+
+
+def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
+    """Coordinates in a file without header: the first three columns of numbers, after a name if there is one."""
+    numbers = [all(_is_number(record[i], notation) for record in records) for i in range(len(records[0]))]
+    first = next((i for i in range(len(numbers) - 2) if all(numbers[i : i + 3])), None)
+    if first is None:
+        return {}, ["three columns of numbers side by side were not found"]
+    columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(("x_mm", "y_mm", "z_mm"))}
+    if first > 0:
+        columns = {"target": first, **columns}
+    return {"columns": columns}, [f"columns {first + 1} to {first + 3} are taken for x, y, z in mm"]
+
+
+def _table(names: set[str]) -> str | None:
+    return next(_matching(names), None)
+
+
+def _matching(names: set[str]) -> Iterator[str]:
+    yield from (table for table, wanted in _SIGNS if wanted <= names)
