@@ -24,6 +24,8 @@ Mask = NDArray[np.bool_]
 
 NOT_A_REFERENCE = "attachment: not part of the frame"
 NOT_SURVEYED = "not in the survey"
+# Share of the coordinates below which points are not told apart, where no noise was declared and none shows.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,8 @@ def _noise(source: Array, cov_source: Array, points: PosePoints, usable: Mask) -
     undeclared = ~(np.trace(points.cov, axis1=-2, axis2=-1) > 0.0)
     if not (undeclared & usable).any():
         return cov_source, np.where(undeclared[..., None, None], np.eye(3), points.cov)
-    sigma = sigma_from_distances(source, points.points, usable) or np.finfo(float).eps * np.abs(source).max(initial=1.0)
+    rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
+    sigma = max(sigma_from_distances(source, points.points, usable), rounding)
     return cov_source, np.where(undeclared[..., None, None], sigma**2 * np.eye(3), points.cov)
 
 

@@ -265,6 +265,18 @@ def test_without_declared_noise_the_distances_between_points_tell_it(campaign):
     assert rows[rows["rejected"]][["pose", "target"]].to_numpy().tolist() == [[4, "B2"]]
 
 
+@pytest.mark.parametrize("surveyed", [True, False])
+def test_exact_points_of_undeclared_noise_lose_none(surveyed):
+    rng = np.random.default_rng(45)
+    shape, names, poses = body(rng, 4), {"tool": ["T1", "T2", "T3", "T4"]}, list(range(8))
+    campaign = {"observations": points_table({"tool": move(*random_motions(rng, 8), shape)}, names, poses, sigma=None)}
+    if surveyed:
+        campaign["survey"] = points_table({"tool": shape}, names, sigma=None)
+    outcome = run(campaign, bodies={})
+    assert set(outcome.artifacts["poses"].column("status").to_pylist()) == {"ok"}
+    assert outcome.left_out == "no point"
+
+
 def test_poses_named_by_text_and_targets_outside_the_survey(campaign):
     observations = campaign["observations"].to_pandas()
     observations["pose"] = "set-" + observations["pose"].astype(str)

@@ -120,6 +120,8 @@ def common_shape(points: NDArray, mask: NDArray, start: int | None = None) -> tu
     """
     first = int(np.argmax(mask.sum(axis=1))) if start is None else start
     known = mask[first].copy()
+    if not known.any():
+        return np.zeros_like(points[first]), known
     shape = np.where(known[:, None], points[first] - points[first][known].mean(axis=0), 0.0)
     for _ in range(_SHAPE_ROUNDS):
         fit = umeyama(shape, points, (mask & known).astype(np.float64))
