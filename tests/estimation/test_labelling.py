@@ -39,7 +39,7 @@ def scattered(rng, n, flat=1.0, size=0.3):
 def test_labels_survive_motion_permutation_missing_and_extra_points(seed, n, missing, extra, flat):
     rng = np.random.default_rng(seed)
     survey = scattered(rng, n, flat)
-    kept = rng.permutation(n)[:max(5, n - int(missing * n))]
+    kept = rng.permutation(n)[: max(5, n - int(missing * n))]
     cloud, R, t = moved(rng, survey[kept])
     strangers = cloud.mean(0) + scattered(rng, int(extra * n))
     truth = np.r_[kept, np.full(len(strangers), -1)]
@@ -52,8 +52,12 @@ def test_labels_survive_motion_permutation_missing_and_extra_points(seed, n, mis
     assert found.expected_accidental < ACCIDENTS_LIMIT
     # The noise of both sets, over a body of 0.3 m seen at 5 points or more.
     assert_close(log_so3(found.T_measurement_survey[:3, :3] @ R.T), np.zeros(3), atol=60 * SIGMA / 0.1, what="attitude")
-    assert_close(found.T_measurement_survey[:3, :3] @ survey.mean(0) + found.T_measurement_survey[:3, 3],
-                 R @ survey.mean(0) + t, atol=60 * SIGMA, what="position")
+    assert_close(
+        found.T_measurement_survey[:3, :3] @ survey.mean(0) + found.T_measurement_survey[:3, 3],
+        R @ survey.mean(0) + t,
+        atol=60 * SIGMA,
+        what="position",
+    )
 
 
 def test_the_residuals_of_a_labelling_are_the_noise_of_both_sets():
@@ -181,8 +185,12 @@ def test_a_body_whose_targets_lie_on_a_line_is_labelled_by_its_spacing():
 @given(seeds)
 def test_bodies_that_move_on_their_own_share_a_cloud_and_no_point(seed):
     rng = np.random.default_rng(seed)
-    bodies = {"base": scattered(rng, 12, 0.05), "platform": np.r_[ring(PLATFORM_RING), scattered(rng, 6, 0.2, 0.1)],
-              "leg1": scattered(rng, 3, 0.1, 0.2), "leg2": scattered(rng, 4, 0.1, 0.2)}
+    bodies = {
+        "base": scattered(rng, 12, 0.05),
+        "platform": np.r_[ring(PLATFORM_RING), scattered(rng, 6, 0.2, 0.1)],
+        "leg1": scattered(rng, 3, 0.1, 0.2),
+        "leg2": scattered(rng, 4, 0.1, 0.2),
+    }
     cloud = np.concatenate([*(moved(rng, survey)[0] for survey in bodies.values()), scattered(rng, 6, size=1.0)])
     owner = np.r_[np.repeat(list(bodies), [len(s) for s in bodies.values()]), np.repeat("nobody", 6)]
     number = np.concatenate([*(np.arange(len(s)) for s in bodies.values()), np.full(6, -1)])
