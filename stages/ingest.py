@@ -118,6 +118,7 @@ def _expected(settings: Any, configurations: SmallTable | None, survey: SmallTab
         reference=settings.reference_body,
         point_mm=settings.noise.point_mm,
         geometry=_geometry(settings, survey),
+        survey=None if survey is None else survey.table,
     )
 
 
@@ -157,10 +158,14 @@ def _exclusions(left_out: Mapping[tuple[str, str], int]) -> pa.Table:
     import pyarrow as pa
 
     rows = [
-        {"stage": "ingest", "subject": file, "reason": reason, "rows": count, "by": "[files] of campaign.toml"}
-        for (file, reason), count in left_out.items()
+        {"stage": "ingest", "subject": subject, "reason": reason, "rows": count, "by": _by(subject)}
+        for (subject, reason), count in left_out.items()
     ]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["exclusions"].arrow_schema())
+
+
+def _by(subject: str) -> str:
+    return "the geometry of the survey" if subject.startswith("pose ") else "[files] of campaign.toml"
 
 
 def _read_words(points: Points) -> str:

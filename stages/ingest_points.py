@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.point_sizes import Geometry, size_faults
+from stages.unlabelled_points import Unlabelled, rows_of, surveyed_bodies, without_target
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
@@ -46,6 +47,7 @@ class Expected:
     reference: str | None
     point_mm: float | None
     geometry: Geometry
+    survey: pa.Table | None
 
 
 @dataclass
@@ -59,6 +61,7 @@ class Points:
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
     files: dict[str, None] = field(default_factory=dict)
     sample: list[tuple[NDArray, NDArray, NDArray]] = field(default_factory=list)
+    unlabelled: Unlabelled = field(default_factory=Unlabelled)
     rows: int = 0
     labels: int = 0
     bodies: tuple[str, ...] = ()
@@ -104,8 +107,40 @@ class Points:
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
             self.progress(0, total, f"{self.rows:,} points")
+            named = self._named_part(file, batch)
+            if named.rows:
+                yield self._taken(file, named)
+        yield from self._labelled()
+
+    def _named_part(self, file: FileRows, batch: TableBatch) -> TableBatch:
+        """The points that have names; the others wait until all of their pose are there."""
+        nameless = without_target(batch)
+        if "target" in batch.columns and "body" not in batch.columns:
+            self.log.add(Fault(file.raw.name, "a column body, or constants = { body = ... }", column="body"))
+            return rows_of(batch, np.zeros(batch.rows, dtype=bool))
+        if not nameless.any():
+            return batch
+        self.unlabelled.add(file, rows_of(batch, nameless))
+        return rows_of(batch, ~nameless)
+
+    def _labelled(self) -> Iterator[TableBatch]:
+        if not self.unlabelled.parts:
+            return
+        file = self.unlabelled.parts[0][0].raw.name
+        if self.expected.survey is None:
+            said = "targets.csv (or [files.targets]): points without names are named by the survey's geometry"
+            self.log.add(Fault(file, said, column="target"))
+            return
+        if self.expected.point_mm is None:
+            self.log.add(Fault("campaign.toml", "the noise of a point, to name points by", column="noise.point_mm"))
+            return
+        survey = surveyed_bodies(self.expected.survey, self.expected.point_mm)
+        for raw, batch in self.unlabelled.named(survey, self.expected.point_mm, self.progress):
             if batch.rows:
-                yield self._taken(file, batch)
+                yield self._taken(raw, batch)
+        self.left_out.update(self.unlabelled.left_out)
+        for body, why in self.unlabelled.hopeless().items():
+            self.log.add(Fault(file, f"points that can be named as targets of body {body}", column="target", value=why))
 
     @property
     def _poses_are_text(self) -> bool:
@@ -198,7 +233,7 @@ class Points:
             if body not in bodies:
                 said = f"points of body {body}; there are points of {', '.join(bodies)}"
                 self.log.add(Fault(file, said, column="body"))
-            elif body in self.expected.always:
+            elif body in self.expected.always and not self.unlabelled.parts:
                 self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
 
     def _check_every_pose(self, file: str, body: str, without: NDArray[np.bool_]) -> None:

@@ -63,7 +63,7 @@ def _carried_unit(name: str) -> str:
     return next((unit for ending, unit in _CARRIED_UNITS if name.endswith(ending)), "")
 
 
-POINTS = Shape("points", ("pose", "body", *_POINT), ("target", *_SPREAD))
+POINTS = Shape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
 TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
 CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)
 DISPLACEMENT = Shape(
