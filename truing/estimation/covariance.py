@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 
+_POSES_AT_ONCE = 5000  # keeps intermediate matrices small
+
 
 def weighted_fit_covariance(arm: NDArray, w: NDArray, noise: NDArray, ok: NDArray, with_scale: bool = False) -> NDArray:
     """Return the covariance (B, 6, 6) of a weighted rigid fit, or (B, 7, 7) with relative scale last.
@@ -48,14 +50,17 @@ def survey_frame_covariance(
     error. R (B, 3, 3) with W (B, N, 3, 3) the weight matrices of the fit, zero where a target was not
     used; cov_target (B, N, 3, 3). Entries that are not ok (B,) get a meaningless matrix.
     """
-    R = np.where(ok[:, None, None], R, np.eye(3))
-    gain = _gain(source @ np.swapaxes(R, -1, -2), W, ok)
     own = _gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
-    turn = _blocks(R, np.zeros((3, 3)), R)
-    by_survey = turn[:, None] @ own - gain @ R[:, None]
-    measured = np.where(np.any(W != 0, axis=(-1, -2))[..., None, None], cov_target, 0.0)
-    total = np.einsum("bnij,bnjk,bnlk->bil", gain, measured, gain, optimize=True)
-    return symmetric(total + np.einsum("bnij,njk,bnlk->bil", by_survey, cov_source, by_survey, optimize=True))
+    out = np.empty((len(R), 6, 6))
+    for first in range(0, len(R), _POSES_AT_ONCE):
+        b = slice(first, first + _POSES_AT_ONCE)
+        turn = np.where(ok[b, None, None], R[b], np.eye(3))
+        gain = _gain(source @ np.swapaxes(turn, -1, -2), W[b], ok[b])
+        by_survey = _blocks(turn, np.zeros((3, 3)), turn)[:, None] @ own - gain @ turn[:, None]
+        measured = np.where(np.any(W[b] != 0, axis=(-1, -2))[..., None, None], cov_target[b], 0.0)
+        out[b] = np.einsum("bnij,bnjk,bnlk->bil", gain, measured, gain, optimize=True)
+        out[b] += np.einsum("bnij,njk,bnlk->bil", by_survey, cov_source, by_survey, optimize=True)
+    return symmetric(out)
 
 
 def _gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
@@ -63,7 +68,7 @@ def _gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
     J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
     JW = np.swapaxes(J, -1, -2) @ W
     normal = np.where(ok[:, None, None], np.sum(JW @ J, axis=1), np.eye(6))
-    return np.linalg.solve(normal[:, None], JW)
+    return np.linalg.inv(normal)[:, None] @ JW
 
 
 def _moments(a: NDArray, v: NDArray) -> NDArray:

@@ -6,7 +6,8 @@ that is missing in an entry of the batch has weight 0 there, and may then be NaN
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from enum import StrEnum
 
 import numpy as np
@@ -81,6 +82,11 @@ class RigidFit:
     def residuals(self, source: NDArray, target: NDArray) -> NDArray:
         """Return measured minus fitted points in the source (body) frame, (B, N, 3) in m."""
         return (target - self.t[:, None]) @ self.R / self.scale[:, None, None] - source
+
+
+def join_fits(fits: Sequence[RigidFit]) -> RigidFit:
+    """Return the entries of several fits as one batch, in their order; one fit or more."""
+    return RigidFit(*(np.concatenate([getattr(fit, f.name) for fit in fits]) for f in fields(RigidFit)))
 
 
 def umeyama(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truing.estimation.covariance import apply_rotation, symmetric
 from truing.estimation.haralick import MEDIAN_LENGTH, residual_scale
 from truing.estimation.likelihood import maximum_likelihood
-from truing.estimation.rigid import FitStatus, RigidFit, mask_entries
+from truing.estimation.rigid import FitStatus, RigidFit, join_fits, mask_entries
 from truing.estimation.robust import consensus
 from truing.estimation.rotation import skew
 
@@ -19,6 +19,7 @@ FALSE_ALARM = 1e-4
 _ROUNDS = 10
 _WORTH_ANOTHER_ROUND = 1.2
 _FEWEST_POSES = 6
+_POSES_AT_ONCE = 5000
 # Median of the absolute value of a standard normal number.
 _MEDIAN_ABSOLUTE = 0.6744897501960817
 
@@ -56,7 +57,7 @@ def robust_pose(
             break
         kept = renewed
         fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
-    if keep is not None:
+    if keep is not None and keep.any():
         kept = kept | keep & mask & agreed[:, None]
         fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
     return _without_agreement(fit, agreed, status), kept
@@ -104,14 +105,24 @@ def robust_poses(
     by that scatter. The covariances stay those of the declared noise.
     """
     sigma = _largest_sigma(cov_source, cov_target, mask)
+    keep = np.zeros_like(mask) if keep is None else keep
     ratio = 1.0
     for _ in range(_ROUNDS):
-        fit, kept = robust_pose(source, target, cov_source, cov_target, mask, keep=keep, noise_ratio=ratio)
+        parts = [
+            robust_pose(source, target[b], cov_source, cov_target[b], mask[b], keep=keep[b], noise_ratio=ratio)
+            for b in pose_blocks(len(mask))
+        ]
+        fit, kept = join_fits([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
         renewed = _noise_ratio(fit, kept, source, target, sigma, mask)
         if renewed < _WORTH_ANOTHER_ROUND * ratio:
             break
         ratio = renewed
     return fit, kept, ratio
+
+
+def pose_blocks(count: int) -> list[slice]:
+    """Return slices of so many poses that their intermediate matrices stay small, one at least."""
+    return [slice(first, first + _POSES_AT_ONCE) for first in range(0, max(count, 1), _POSES_AT_ONCE)]
 
 
 def _noise_ratio(
