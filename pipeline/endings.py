@@ -27,8 +27,8 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
     try:
         return action()
     except CampaignFaults as error:
-        for fault in error.faults:
-            voice.warn(str(fault))
+        for line in dict.fromkeys(map(str, error.faults)):
+            voice.warn(line)
         return ExitCode.UNUSABLE_CAMPAIGN
     except EnvironmentProblem as error:
         voice.warn(f"{error}; {_KEPT}")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,18 +39,22 @@ def init_campaign(folder: Path) -> ExitCode:
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
     guesses = [(group, _guess(group)) for group in raw_groups(folder)]
     text = campaign_text(folder.resolve().name, guesses)
-    try:
-        with environment(f"{target} cannot be written"), open(target, "x", encoding="utf-8") as file:
-            file.write(text)
-    except Exception as error:
-        if isinstance(error.__cause__, FileExistsError):
-            raise CampaignFaults([Fault(str(target), "no such file yet: it is never overwritten")]) from None
-        raise
+    _write_new(target, text)
     voice = Voice(quiet=False)
     for group, guess in guesses:
         voice.say(f"{group.glob}: {_summary(group, guess)}")
     voice.say(f"wrote {target}; complete it, then: truing check {folder}")
     return ExitCode.DONE
+
+
+def _write_new(target: Path, text: str) -> None:
+    with environment(f"{target} cannot be written"):
+        try:
+            file = open(target, "x", encoding="utf-8")  # noqa: SIM115 (closed below; who opens it first, owns it)
+        except FileExistsError:
+            raise CampaignFaults([Fault(str(target), "no such file yet: it is never overwritten")]) from None
+        with file:
+            file.write(text)
 
 
 def raw_groups(folder: Path) -> list[RawGroup]:
@@ -79,7 +84,9 @@ def _files(folder: Path) -> Iterator[Path]:
 def _guess(group: RawGroup) -> Guess:
     from truing.formats.sniff import sniff_file
 
-    return sniff_file(group.example)
+    guess = sniff_file(group.example)
+    # A survey is one file: many of them, told apart by a number, are poses.
+    return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
 
 
 def _summary(group: RawGroup, guess: Guess) -> str:
@@ -90,40 +97,49 @@ def _summary(group: RawGroup, guess: Guess) -> str:
 
 def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     """The campaign.toml to complete."""
-    loaded = any(guess.table in _LOADING_TABLES for _, guess in guesses)
-    kind = "interferometer" if loaded else "photogrammetry"
+    tables = Counter(guess.table for _, guess in guesses)
+    kind = "interferometer" if tables.keys() & _LOADING_TABLES else "photogrammetry"
+    files = (_file_lines(group, guess, alone=tables[guess.table] == 1) for group, guess in guesses)
     parts = {
         "@NAME@": json.dumps(name if is_safe_name(name) else "my-campaign", ensure_ascii=False),
         "@KIND@": json.dumps(kind),
         "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
-        "@FILES@": "\n".join(line for group, guess in guesses for line in _file_lines(group, guess)),
+        "@FILES@": "\n".join(line for lines in files for line in lines),
     }
-    text = _TEMPLATE.read_text(encoding="utf-8")
-    return re.sub("|".join(parts), lambda match: parts[match[0]], text)
+    return re.sub("|".join(parts), lambda match: parts[match[0]], _TEMPLATE.read_text(encoding="utf-8"))
 
 
 def _mapping_keys() -> Iterator[str]:
+    """One line per key of [files.<table>], from the definition of what it may hold."""
     from schemas.mapping import FileMapping
 
     for key, field in FileMapping.model_fields.items():
-        default = (
-            ""
-            if field.is_required() or field.default in (None, ())
-            else f" ({_toml(field.get_default(call_default_factory=True))})"
-        )
-        yield f"#   {key:<12} {field.description or ''}{default}"
+        default = field.get_default(call_default_factory=True)
+        shown = "" if field.is_required() or default in (None, (), {}) else f"; absent: {_toml(default)}"
+        yield f"#   {key:<12} {field.description or 'as it is written in the files'}{shown}"
 
 
-def _file_lines(group: RawGroup, guess: Guess) -> Iterator[str]:
-    yield ""
-    yield f"# {group.glob}: columns {', '.join(guess.columns) or 'unknown'}"
+def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
+    """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
+    yield from ("", f"# {group.glob}: columns {', '.join(guess.columns) or 'unknown'}")
     yield from (f"# {note}" for note in guess.notes)
-    mark = "" if guess.table and guess.mapping else "# "
-    if group.glob == f"{guess.table}{group.example.suffix}" and not guess.mapping:
+    mapping = {**guess.mapping, **_pose_from_name(group, guess)}
+    if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
-    yield f"{mark}[files.{guess.table or 'points'}]"
-    for key, value in {"path": group.glob, **guess.mapping}.items():
+    mark = "" if guess.table else "# "
+    heading = f"files.{guess.table or 'points'}"
+    yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
+    for key, value in {"path": group.glob, **mapping}.items():
         yield f"{mark}{key} = {_toml(value)}"
+
+
+def _pose_from_name(group: RawGroup, guess: Guess) -> dict[str, str]:
+    """Many files of points that name no pose have a pose each, which their names tell by a number."""
+    named = {*guess.columns, *guess.mapping.get("columns", {})}
+    if guess.table != "points" or group.count == 1 or "pose" in named or group.glob.count("*") != 1:
+        return {}
+    before, after = Path(group.glob).name.split("*")
+    return {"from_name": rf"{re.escape(before)}(?P<pose>\d+){re.escape(after)}"}
 
 
 def _toml(value: Any) -> str:

@@ -6,12 +6,15 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner, Result
 
 from pipeline import campaign_run
 from pipeline.campaign_folder import open_campaign
 from pipeline.campaign_run import PROJECT, CampaignRun, open_run
+from pipeline.command_line import app
 from pipeline.freshness import State
 from pipeline.problems import ExitCode
 from pipeline.run_campaign import Wish, run_campaign
@@ -19,6 +22,7 @@ from pipeline.settings_view import SettingsView
 from pipeline.stage_order import ORDER, makers, stage_module
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
+from tests.tolerance import assert_close
 
 SAMPLE = PROJECT / "sample_data" / "telescope"
 
@@ -165,6 +169,49 @@ def test_a_changed_setting_makes_stale_who_declares_it(
 
 def _declares(settings: tuple[str, ...], section: str) -> bool:
     return any(section == each or section.startswith(f"{each}.") for each in settings)
+
+
+def predicted(run: CampaignRun, *options: str) -> Result:
+    words = [str(run.folder / "model.toml"), str(run.campaign.folder / "configurations.csv"), *options]
+    return CliRunner().invoke(app, ["predict", *words])
+
+
+def test_predict_says_where_the_platform_stands_in_every_pose(run_once: Any, tmp_path: Path) -> None:
+    run = run_once[0]["telescope"]
+    assert predicted(run, "--out", str(tmp_path / "poses.parquet")).exit_code == 0
+    table = pq.read_table(tmp_path / "poses.parquet")
+    assert tuple(table.schema.names) == ARTIFACTS["poses"].columns
+    assert table.schema.metadata[b"truing.campaign"] == b"telescope"
+    assert table["pose"].to_pylist() == [*range(7), 41, 42]
+    measured = pq.read_table(run.folder / "poses.parquet").filter(
+        (pc.field("body") == "platform") & pc.field("default") & pc.field("pose").isin(table["pose"])
+    )
+    # The sample's platform moves by millimetres; a tenth of one is far beyond noise and any deformation.
+    assert_close(table["pz_mm"], measured.sort_by("pose")["pz_mm"], atol=0.1, what="pz_mm")
+
+
+def test_predict_writes_csv_on_stdout_and_to_a_file(run_once: Any, tmp_path: Path) -> None:
+    run = run_once[0]["telescope"]
+    shown = predicted(run)
+    assert shown.exit_code == 0
+    assert shown.stdout.splitlines()[0].startswith('"pose","body","parent","method"')
+    assert len(shown.stdout.splitlines()) == 10
+    assert predicted(run, "--out", str(tmp_path / "poses.csv")).exit_code == 0
+    assert (tmp_path / "poses.csv").read_text() == shown.stdout
+
+
+def test_predict_refuses_what_it_cannot_use(run_once: Any, tmp_path: Path) -> None:
+    run = run_once[0]["telescope"]
+    configurations = str(run.campaign.folder / "configurations.csv")
+    for words, expected in (
+        (["predict", configurations, configurations], "a model.toml that a run has written"),
+        (["predict", str(run.folder / "model.toml"), "nowhere.csv"], "nowhere.csv: expected a file that exists"),
+        (["predict", str(run.folder / "model.toml"), str(run.campaign.folder / "points.csv")], "column rho1_mm"),
+        (["predict", str(run.folder / "model.toml"), configurations, "--out", "x.xls"], "ends in .csv or .parquet"),
+    ):
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 2, done.output
+        assert expected in done.stderr
 
 
 def test_the_finished_run_is_fresh_in_another_place(run_once: Any, tmp_path: Path) -> None:

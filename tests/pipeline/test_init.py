@@ -1,0 +1,128 @@
+"""`truing init`: a campaign.toml that explains every key, fits the raw files, and overwrites nothing."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from typer.testing import CliRunner, Result
+
+from pipeline.campaign_run import PROJECT
+from pipeline.command_line import app
+from schemas import campaign as sections
+from schemas.campaign import read_campaign
+from schemas.faults import CampaignFaults
+from schemas.mapping import FileMapping
+
+TEMPLATE = (PROJECT / "pipeline" / "campaign_template.toml").read_text(encoding="utf-8")
+SAMPLE = PROJECT / "sample_data" / "telescope"
+
+
+def init(folder: Path) -> Result:
+    return CliRunner().invoke(app, ["init", str(folder)])
+
+
+def written(folder: Path) -> dict[str, Any]:
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    document = tomllib.loads(text)
+    read_campaign(document)
+    return document
+
+
+def all_keys() -> set[str]:
+    models = [value for value in vars(sections).values() if isinstance(value, type) and issubclass(value, BaseModel)]
+    return {key for model in models if model is not FileMapping for key in model.model_fields}
+
+
+@pytest.mark.parametrize("key", sorted(all_keys()))
+def test_every_key_of_the_schema_is_in_the_template(key: str) -> None:
+    pattern = rf"(^|[ {{,#])({key} =|\[\[?{key}[\].]|\[files)" if key != "files" else r"\[files\.<table>\]"
+    assert re.search(pattern, TEMPLATE, re.MULTILINE)
+
+
+def test_every_key_of_a_mapping_is_explained(tmp_path: Path) -> None:
+    init(tmp_path)
+    text = (tmp_path / "campaign.toml").read_text(encoding="utf-8")
+    assert all(re.search(rf"^#   {key} +\S", text, re.MULTILINE) for key in FileMapping.model_fields)
+
+
+def test_every_example_in_the_template_is_what_the_schema_allows() -> None:
+    """A block behind # signs, uncovered, has no fault but that an example has too few legs."""
+    blocks = [block for block in TEMPLATE.split("\n\n") if re.match(r"# \[\[?[a-z]", block)]
+    assert len(blocks) >= 12
+    for block in blocks:
+        uncovered = "\n".join(line.removeprefix("# ") for line in block.splitlines())
+        document = {"campaign": {"name": "x", "kind": "photogrammetry"}, **tomllib.loads(uncovered)}
+        assert all("legs" in fault or "6 items" in fault for fault in faults_of(document))
+
+
+def faults_of(document: dict[str, Any]) -> list[str]:
+    try:
+        read_campaign(document)
+    except CampaignFaults as error:
+        return [str(fault) for fault in error.faults]
+    return []
+
+
+def test_the_sample_campaigns_files_need_no_mapping(tmp_path: Path) -> None:
+    folder = tmp_path / "my campaign"
+    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("*.toml"))
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert init(folder).exit_code == 0
+    document = written(folder)
+    assert document["campaign"] == {"name": "my campaign", "kind": "photogrammetry"}
+    assert "files" not in document
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_an_existing_campaign_toml_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text("mine")
+    done = init(tmp_path)
+    assert done.exit_code == 2
+    assert "never overwritten" in done.stderr
+    assert (tmp_path / "campaign.toml").read_text() == "mine"
+
+
+def test_no_folder_there(tmp_path: Path) -> None:
+    done = init(tmp_path / "nowhere")
+    assert done.exit_code == 2
+    assert "expected a folder that exists" in done.stderr
+
+
+def test_german_numbers_and_a_file_per_pose(tmp_path: Path) -> None:
+    for pose in range(3):
+        lines = ["Punktnummer;X;Y;Z", *(f"P{k};1{k},5;2{k},25;-{k},125" for k in range(5))]
+        (tmp_path / f"aufnahme_{pose:02d}.txt").write_text("\n".join(lines), encoding="latin-1")
+    assert init(tmp_path).exit_code == 0
+    entry = written(tmp_path)["files"]["points"]
+    assert entry["path"] == "aufnahme_*.txt"
+    assert (entry["separator"], entry["decimal"]) == (";", ",")
+    assert entry["columns"]["x_mm"] == "X"
+    assert re.fullmatch(entry["from_name"], "aufnahme_01.txt")["pose"] == "01"  # type: ignore[index]
+
+
+def test_two_kinds_of_files_for_one_table_become_two_entries(tmp_path: Path) -> None:
+    (tmp_path / "first.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n1,base,A,1.0,2.0,3.0\n")
+    (tmp_path / "second.csv").write_text("pose;body;target;x_mm;y_mm;z_mm\n2;base;A;1,0;2,0;3,0\n")
+    assert init(tmp_path).exit_code == 0
+    assert [entry["path"] for entry in written(tmp_path)["files"]["points"]] == ["first.csv", "second.csv"]
+
+
+def test_what_is_not_recognised_is_left_as_a_comment(tmp_path: Path) -> None:
+    (tmp_path / "notes.bin").write_bytes(bytes(range(256)))
+    done = init(tmp_path)
+    assert done.exit_code == 0
+    assert "notes.bin: not recognised" in done.stdout
+    assert "files" not in written(tmp_path)
+
+
+def test_a_table_of_displacements_makes_an_interferometer_campaign(tmp_path: Path) -> None:
+    header = "run,step,time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"
+    (tmp_path / "displacement.csv").write_text(f"{header}\n{','.join('0' * 15)}\n")
+    assert init(tmp_path).exit_code == 0
+    assert written(tmp_path)["campaign"]["kind"] == "interferometer"
