@@ -120,8 +120,12 @@ def test_the_covariance_has_units():
     larger = refine_scan(4 * scan, 4 * reference, T)
     unit = np.r_[np.full(3, 4.0), np.ones(3)]
     expected = np.outer(unit, unit) * fit.covariance
-    assert_close(larger.covariance / np.outer(unit, unit) / fit.covariance[0, 0], fit.covariance / fit.covariance[0, 0],
-                 atol=1e-6 * np.abs(expected / fit.covariance[0, 0]).max(), what="covariance in other units")
+    assert_close(
+        larger.covariance / np.outer(unit, unit) / fit.covariance[0, 0],
+        fit.covariance / fit.covariance[0, 0],
+        atol=1e-6 * np.abs(expected / fit.covariance[0, 0]).max(),
+        what="covariance in other units",
+    )
     assert_close(larger.T_measurement_reference[:3, 3], 4 * fit.T_measurement_reference[:3, 3], atol=1e-9)
 
 
@@ -144,10 +148,14 @@ def test_a_body_that_bends_enlarges_its_covariance():
     assert np.trace(bent.covariance) > 4 * np.trace(rigid.covariance) / rigid.noise_ratio**2
 
 
-@pytest.mark.parametrize(("shape", "motions"), [
-    (ball, ["rotation", "rotation", "rotation"]), (tube, ["translation", "rotation"]),
-    (plate, ["translation", "translation", "rotation"]),
-])
+@pytest.mark.parametrize(
+    ("shape", "motions"),
+    [
+        (ball, ["rotation", "rotation", "rotation"]),
+        (tube, ["translation", "rotation"]),
+        (plate, ["translation", "translation", "rotation"]),
+    ],
+)
 def test_a_surface_that_slides_along_itself_is_refused_and_its_motions_are_named(shape, motions):
     reference, scan = measured(np.random.default_rng(5), shape, 3000, 2500)
     fit = refine_scan(scan, reference, true_pose())

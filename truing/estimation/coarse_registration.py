@@ -80,15 +80,24 @@ def _by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[
     registration = o3d.pipelines.registration
     features = [registration.compute_fpfh_feature(cloud, search) for cloud in (reference, scan)]
     option = registration.FastGlobalRegistrationOption(maximum_correspondence_distance=voxel, iteration_number=64)
-    checkers = [registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
-                registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel)]
+    checkers = [
+        registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
+        registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel),
+    ]
     for seed in range(_SEARCHES):
         o3d.utility.random.seed(seed)
-        yield registration.registration_fgr_based_on_feature_matching(
-            reference, scan, *features, option).transformation
+        yield registration.registration_fgr_based_on_feature_matching(reference, scan, *features, option).transformation
         yield registration.registration_ransac_based_on_feature_matching(
-            reference, scan, *features, True, 1.5 * voxel, registration.TransformationEstimationPointToPoint(False),
-            3, checkers, registration.RANSACConvergenceCriteria(20_000, 0.999)).transformation
+            reference,
+            scan,
+            *features,
+            True,
+            1.5 * voxel,
+            registration.TransformationEstimationPointToPoint(False),
+            3,
+            checkers,
+            registration.RANSACConvergenceCriteria(20_000, 0.999),
+        ).transformation
 
 
 def _by_axes(reference: NDArray, scan: NDArray) -> Iterator[NDArray]:
@@ -125,8 +134,10 @@ def _cube_rotations() -> Iterator[NDArray]:
 
 def _promising(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArray], voxel: float) -> list[NDArray]:
     """Return the starts that leave least as they are."""
-    ranked = sorted(((_left_over(o3d, scan, reference, np.linalg.inv(T), voxel), i, T) for i, T in enumerate(starts)),
-                    key=lambda entry: entry[:2])
+    ranked = sorted(
+        ((_left_over(o3d, scan, reference, np.linalg.inv(T), voxel), i, T) for i, T in enumerate(starts)),
+        key=lambda entry: entry[:2],
+    )
     return [T for _, _, T in ranked[:_SETTLED]]
 
 
@@ -136,8 +147,7 @@ def _left_over(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) ->
     return float(result.fitness * (result.inlier_rmse / voxel) ** 2 + (1 - result.fitness) * 16.0)
 
 
-def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray],
-             voxel: float) -> list[tuple[float, NDArray]]:
+def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float) -> list[tuple[float, NDArray]]:
     """Return what every start leaves, in voxels, and where it settles, best first."""
     settled = []
     for start in starts:
@@ -152,8 +162,9 @@ def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray],
 def _icp(o3d: Any, source: Any, target: Any, T: NDArray, reach: float) -> Any:
     registration = o3d.pipelines.registration
     estimation = registration.TransformationEstimationPointToPlane(registration.TukeyLoss(k=reach))
-    return registration.registration_icp(source, target, reach, T, estimation,
-                                         registration.ICPConvergenceCriteria(1e-6, 1e-6, 30))
+    return registration.registration_icp(
+        source, target, reach, T, estimation, registration.ICPConvergenceCriteria(1e-6, 1e-6, 30)
+    )
 
 
 def _distinct(settled: list[tuple[float, NDArray]], voxel: float) -> list[tuple[float, NDArray]]:

@@ -12,11 +12,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from math import comb, lgamma, log
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rigid import umeyama
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 # A target is beyond 5 sigma (three coordinates) once in 65,000; losing it to the gate costs nothing else.
 GATE = 5.0
@@ -106,6 +110,7 @@ class Hypothesis:
         labels[self.match[seen]] = np.flatnonzero(seen)
         return labels
 
+
 def log_expected_accidents(cloud: Constellation, survey: Constellation, n_consistent: int) -> float:
     """Return the log of the number of ways in which n_consistent targets are expected to fit by pure accident.
 
@@ -181,7 +186,7 @@ def _seed_batches(cloud: Constellation, survey: Constellation) -> Iterator[tuple
     seeds = _seeds(base, 2 if survey.on_a_line else 3)
     start, step = 0, 8
     while start < len(seeds):
-        chosen = seeds[start:start + step]
+        chosen = seeds[start : start + step]
         row, hits = _congruent(base, other, chosen)
         mine = chosen[row]
         yield (len(chosen), mine, hits) if base is survey else (len(chosen), hits, mine)
@@ -224,8 +229,8 @@ def _congruent(base: Constellation, other: Constellation, seeds: NDArray) -> tup
         return row, np.stack([i, j], -1) if seeds.shape[1] == 2 else np.empty((0, 3), np.intp)
     parts, step = [], max(1, _MAX_ELEMENTS // len(other))
     for s in range(0, len(row), step):
-        at, k = _third_points(base, other, seeds[row[s:s + step]], i[s:s + step], j[s:s + step])
-        parts.append(np.stack([row[s:s + step][at], i[s:s + step][at], j[s:s + step][at], k], -1))
+        at, k = _third_points(base, other, seeds[row[s : s + step]], i[s : s + step], j[s : s + step])
+        parts.append(np.stack([row[s : s + step][at], i[s : s + step][at], j[s : s + step][at], k], -1))
     hits = np.concatenate(parts)
     return hits[:, 0], hits[:, 1:]
 
@@ -244,8 +249,9 @@ def _agreeing_pairs(base: Constellation, other: Constellation, seeds: NDArray) -
     return row[near], i[near], j[near]
 
 
-def _third_points(base: Constellation, other: Constellation, seeds: NDArray, i: NDArray,
-                  j: NDArray) -> tuple[NDArray, NDArray]:
+def _third_points(
+    base: Constellation, other: Constellation, seeds: NDArray, i: NDArray, j: NDArray
+) -> tuple[NDArray, NDArray]:
     fits = np.ones((len(i), len(other)), dtype=bool)
     for known, corner in ((i, seeds[:, 0]), (j, seeds[:, 1])):
         wanted = base.distances[corner, seeds[:, 2]]
@@ -254,11 +260,13 @@ def _third_points(base: Constellation, other: Constellation, seeds: NDArray, i: 
         fits &= np.abs(other.distances[known] - wanted[:, None]) <= gate
     rows = np.arange(len(i))
     fits[rows, i] = fits[rows, j] = False
-    return np.nonzero(fits)
+    at, third = np.nonzero(fits)
+    return at, third
 
 
-def _motions(cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray,
-             roll: NDArray | None = None) -> tuple[NDArray, NDArray]:
+def _motions(
+    cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray, roll: NDArray | None = None
+) -> tuple[NDArray, NDArray]:
     """Return R (B, 3, 3), t (B, 3) of targets (B, k) onto points (B, k), -1 being no point; a line's roll is held."""
     seen = points >= 0
     weight = np.where(seen, 1.0 / (cloud.variance[points] + survey.variance[targets]), 0.0)
@@ -269,8 +277,9 @@ def _motions(cloud: Constellation, survey: Constellation, targets: NDArray, poin
     return fit.R, fit.t
 
 
-def _with_roll(source: NDArray, target: NDArray, weight: NDArray,
-               roll: NDArray | None) -> tuple[NDArray, NDArray, NDArray]:
+def _with_roll(
+    source: NDArray, target: NDArray, weight: NDArray, roll: NDArray | None
+) -> tuple[NDArray, NDArray, NDArray]:
     """Append one pair of points beside the line, so light that it fixes the roll, which is free, and nothing else.
 
     Where a rotation (B, 3, 3) is known already (``roll``) the pair keeps to it.
@@ -281,8 +290,11 @@ def _with_roll(source: NDArray, target: NDArray, weight: NDArray,
     total = weight.sum(1, keepdims=True)
     centres = (np.einsum("bn,bni->bi", weight, cloud) / total for cloud in (source, target))
     extra = [centre + beside for centre, beside in zip(centres, (beside_s, beside_t), strict=True)]
-    return (np.concatenate([source, extra[0][:, None]], 1), np.concatenate([target, extra[1][:, None]], 1),
-            np.concatenate([weight, _ROLL_WEIGHT * total], 1))
+    return (
+        np.concatenate([source, extra[0][:, None]], 1),
+        np.concatenate([target, extra[1][:, None]], 1),
+        np.concatenate([weight, _ROLL_WEIGHT * total], 1),
+    )
 
 
 def _perpendicular(v: NDArray) -> NDArray:
@@ -292,8 +304,9 @@ def _perpendicular(v: NDArray) -> NDArray:
     return side / np.linalg.norm(side, axis=1, keepdims=True) * np.linalg.norm(v, axis=1, keepdims=True)
 
 
-def _strongest(tree, cloud: Constellation, survey: Constellation, targets: NDArray,
-               points: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _strongest(
+    tree: cKDTree, cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Return the seeds (targets, points) with their motions, at most _MAX_JUDGED, chosen by a sample of targets."""
     if len(targets) == 0:
         return targets, points, np.empty((0, 3, 3)), np.empty((0, 3))
@@ -319,8 +332,15 @@ def _seed_match(targets: NDArray, points: NDArray, n_survey: int) -> NDArray:
     return match
 
 
-def _judge(tree, cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray, R: NDArray,
-           t: NDArray) -> Iterator[Hypothesis]:
+def _judge(
+    tree: cKDTree,
+    cloud: Constellation,
+    survey: Constellation,
+    targets: NDArray,
+    points: NDArray,
+    R: NDArray,
+    t: NDArray,
+) -> Iterator[Hypothesis]:
     """Yield what each motion explains, after refits to all that it explains."""
     match = _seed_match(targets, points, len(survey))
     everything = np.arange(len(survey))
@@ -337,8 +357,9 @@ def _judge(tree, cloud: Constellation, survey: Constellation, targets: NDArray, 
     yield from (hypothesis_at(cloud, survey, m, r, s) for m, r, s in zip(match, R, t, strict=True))
 
 
-def _nearest(tree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray,
-             chosen: NDArray) -> NDArray:
+def _nearest(
+    tree: cKDTree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray, chosen: NDArray
+) -> NDArray:
     """Return the point (B, m) of each chosen target under each motion, -1 where none is in its gate.
 
     The gate is widened by what the motion itself, fitted to the current match, leaves uncertain at that target.

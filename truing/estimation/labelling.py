@@ -45,10 +45,10 @@ class LabellingStatus(StrEnum):
 _REMEDIES = {
     LabellingStatus.OK: "Nothing to do.",
     LabellingStatus.AMBIGUOUS: "The targets look the same in several attitudes: name them in the points table, or "
-                               "add a target that breaks the symmetry.",
+    "add a target that breaks the symmetry.",
     LabellingStatus.TOO_FEW: "Labelling by geometry needs three surveyed targets of the body and three points.",
     LabellingStatus.NO_MATCH: "No part of the cloud has the survey's shape: check units, mirrored axes, the declared "
-                              "noise, and that the survey is of this body.",
+    "noise, and that the survey is of this body.",
 }
 
 
@@ -86,8 +86,14 @@ class Labelling:
         return self.status.remedy
 
 
-def label_points(points: ArrayLike, survey: ArrayLike, sigma: float, names: Sequence[str] | None = None, *,
-                 survey_sigma: ArrayLike | None = None) -> Labelling:
+def label_points(
+    points: ArrayLike,
+    survey: ArrayLike,
+    sigma: float,
+    names: Sequence[str] | None = None,
+    *,
+    survey_sigma: ArrayLike | None = None,
+) -> Labelling:
     """Return the labels of points (N, 3) against a survey (M, 3), in m, any rigid motion lying between them.
 
     sigma is the standard deviation of a coordinate of a point, ``survey_sigma`` (scalar or (M,), absent: sigma) that
@@ -99,9 +105,14 @@ def label_points(points: ArrayLike, survey: ArrayLike, sigma: float, names: Sequ
     return label_bodies(points, {"": survey}, sigma, named, survey_sigma=sigmas)[""]
 
 
-def label_bodies(points: ArrayLike, surveys: Mapping[str, ArrayLike], sigma: float,
-                 names: Mapping[str, Sequence[str]] | None = None, *,
-                 survey_sigma: Mapping[str, ArrayLike] | None = None) -> dict[str, Labelling]:
+def label_bodies(
+    points: ArrayLike,
+    surveys: Mapping[str, ArrayLike],
+    sigma: float,
+    names: Mapping[str, Sequence[str]] | None = None,
+    *,
+    survey_sigma: Mapping[str, ArrayLike] | None = None,
+) -> dict[str, Labelling]:
     """Return a labelling per body of points (N, 3), each body moving on its own and no point belonging to two.
 
     surveys: body to (M, 3) in that body's frame; names: body to the names of its targets, for the rivals' sake.
@@ -109,8 +120,10 @@ def label_bodies(points: ArrayLike, surveys: Mapping[str, ArrayLike], sigma: flo
     exchanged at little cost (identical bodies, for one) is ambiguous. Otherwise as `label_points`.
     """
     cloud = _checked(points, sigma, None, "points")
-    bodies = {body: _checked(survey, sigma, (survey_sigma or {}).get(body), f"survey {body}".strip())
-              for body, survey in surveys.items()}
+    bodies = {
+        body: _checked(survey, sigma, (survey_sigma or {}).get(body), f"survey {body}".strip())
+        for body, survey in surveys.items()
+    }
     known = {body: _names_of(body, len(survey), names) for body, survey in bodies.items()}
     offers = {body: _offers(cloud, survey) for body, survey in bodies.items()}
     best_total, best = _best_choice(list(offers.values()), len(cloud))
@@ -194,11 +207,14 @@ def _forced(offers: Mapping[str, list[Hypothesis]], at: int, hypothesis: Hypothe
 def _owners(chosen: list[Hypothesis | None], bodies: list[str], n_points: int) -> NDArray:
     """Return the body (N,) that explains each point best, None for a point that none does."""
     gains = np.array([np.zeros(n_points) if h is None else h.gain for h in chosen])
-    return np.where(gains.max(0) > 0, np.array(bodies, object)[gains.argmax(0)], None)
+    owners = np.array(bodies, object)[gains.argmax(0)]
+    owners[gains.max(0) <= 0] = None
+    return owners
 
 
-def _labelling(cloud: Constellation, survey: Constellation, best: Hypothesis, match: NDArray,
-               rivals: list[Rival]) -> Labelling:
+def _labelling(
+    cloud: Constellation, survey: Constellation, best: Hypothesis, match: NDArray, rivals: list[Rival]
+) -> Labelling:
     n_consistent = int(np.count_nonzero(match >= 0))
     accidents = exp(min(log_expected_accidents(cloud, survey, max(n_consistent, 3)), 700.0))
     if n_consistent < 3 or accidents > ACCIDENTS_LIMIT:
@@ -210,12 +226,26 @@ def _labelling(cloud: Constellation, survey: Constellation, best: Hypothesis, ma
         labels = np.where(rival.assignment == labels, labels, -1)
     status = LabellingStatus.AMBIGUOUS if near else LabellingStatus.OK
     odds = rivals[0].log_odds if rivals else np.inf
-    return Labelling(labels, np.setdiff1d(np.arange(len(survey)), labels), status, tuple(rivals), n_consistent,
-                     accidents, odds, best.rms, None if near else _homogeneous(best))
+    return Labelling(
+        labels,
+        np.setdiff1d(np.arange(len(survey)), labels),
+        status,
+        tuple(rivals),
+        n_consistent,
+        accidents,
+        odds,
+        best.rms,
+        None if near else _homogeneous(best),
+    )
 
 
-def _refused(cloud: Constellation, survey: Constellation, status: LabellingStatus, n_consistent: int = 0,
-             accidents: float = np.inf) -> Labelling:
+def _refused(
+    cloud: Constellation,
+    survey: Constellation,
+    status: LabellingStatus,
+    n_consistent: int = 0,
+    accidents: float = np.inf,
+) -> Labelling:
     nobody = np.full(len(cloud), -1)
     return Labelling(nobody, np.arange(len(survey)), status, (), n_consistent, accidents, 0.0, 0.0, None)
 

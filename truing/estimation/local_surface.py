@@ -63,7 +63,7 @@ class Heights:
 
 def fit_patches(points: NDArray, tree: cKDTree, anchors: NDArray) -> Patches:
     """Return paraboloids at the anchors (A,), indices of points (M, 3); tree is the cKDTree of the points."""
-    chunks = [_fit_chunk(points, tree, anchors[s:s + _CHUNK]) for s in range(0, max(len(anchors), 1), _CHUNK)]
+    chunks = [_fit_chunk(points, tree, anchors[s : s + _CHUNK]) for s in range(0, max(len(anchors), 1), _CHUNK)]
     return Patches(*(np.concatenate(column) for column in zip(*chunks, strict=True)))
 
 

@@ -55,7 +55,7 @@ _REMEDIES = {
     ScanStatus.DEGENERATE: "The surface slides along itself: scan features that resist it, or put targets on the body.",
     ScanStatus.AMBIGUOUS: "The surface looks the same in several attitudes: scan a feature that breaks the symmetry.",
     ScanStatus.NO_MATCH: "The scan fits the reference nowhere: check units, the body, and that they overlap by "
-                         "a third.",
+    "a third.",
     ScanStatus.NOT_CONVERGED: "The fit did not settle: check for outliers and for parts that moved.",
 }
 
@@ -184,18 +184,29 @@ def _pose(fit: SurfaceFit) -> NDArray:
     return T
 
 
-def _concluded(scene: Scene, fit: SurfaceFit, rivals: list[NDArray], scan_centre: NDArray,
-               surface_centre: NDArray) -> ScanFit:
+def _concluded(
+    scene: Scene, fit: SurfaceFit, rivals: list[NDArray], scan_centre: NDArray, surface_centre: NDArray
+) -> ScanFit:
     status = _status(fit, rivals)
     unobservable = tuple(_named(fit, surface_centre, scene.size)) if status == ScanStatus.DEGENERATE else ()
     moved = np.array([_from_centroids(T, scan_centre, surface_centre) for T in rivals]).reshape(-1, 4, 4)
-    numbers = (None, None)
-    if status == ScanStatus.OK:
+    T, covariance = None, None
+    if status == ScanStatus.OK and fit.covariance is not None:
         shift = np.eye(6)
         shift[:3, 3:] = skew(fit.R @ surface_centre)
-        numbers = (_from_centroids(_pose(fit), scan_centre, surface_centre), shift @ fit.covariance @ shift.T)
-    return ScanFit(*numbers, status, unobservable, moved, float(np.mean(fit.used)), fit.rms,
-                   max(fit.noise_ratio, 1.0), int(np.count_nonzero(fit.used)), len(fit.used))
+        T, covariance = _from_centroids(_pose(fit), scan_centre, surface_centre), shift @ fit.covariance @ shift.T
+    return ScanFit(
+        T,
+        covariance,
+        status,
+        unobservable,
+        moved,
+        float(np.mean(fit.used)),
+        fit.rms,
+        max(fit.noise_ratio, 1.0),
+        int(np.count_nonzero(fit.used)),
+        len(fit.used),
+    )
 
 
 def _status(fit: SurfaceFit, rivals: list[NDArray]) -> ScanStatus:

@@ -122,8 +122,20 @@ def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: boo
         inverse = np.linalg.inv(J.T @ J)
         ratio = _noise_ratio(scene.scan[used], J, height, middle)
         covariance = max(ratio, 1.0) ** 2 * inverse @ middle @ inverse
-    return SurfaceFit(R, t, covariance, free, used, view.cost, heights.over | heights.beside, rms,
-                      view.scatter, ratio, converged, steps)
+    return SurfaceFit(
+        R,
+        t,
+        covariance,
+        free,
+        used,
+        view.cost,
+        heights.over | heights.beside,
+        rms,
+        view.scatter,
+        ratio,
+        converged,
+        steps,
+    )
 
 
 def _middle(scene: Scene, view: _View) -> NDArray:
