@@ -75,7 +75,10 @@ _CONFIGURATIONS = (
 
 _POSES = (
     Column(
-        "method", "text", "the estimator", choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan")
+        "method",
+        "text",
+        "the estimator; model where the extended model predicts",
+        choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan", "model"),
     ),
     Column("default", "flag", "whether this row feeds the following stages"),
     *(_real(f"p{a}_mm", "mm", f"{a} of the body's origin in the parent frame", nullable=True) for a in "xyz"),
