@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,14 @@ from truing.estimation.rigid import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
-from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known, PointModel
+from truing.simulation.point_model import (
+    FREE_DIRECTION,
+    FREE_LENGTH_M,
+    Conditions,
+    Known,
+    PointModel,
+    nominal_leg_frames,
+)
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
 
@@ -53,15 +60,23 @@ class _Bodies:
     seen: NDArray  # (B, K)
 
 
+@dataclass(frozen=True)
+class _Prior:
+    """One standard deviation of the geometry (m, rad) and of a reading (m)."""
+
+    geometry: dict[str, float]
+    reading: float
+
+
 def nominal_legs(section: LeggedMechanism) -> Legs:
     """The mechanism that campaign.toml describes, in m."""
     legs = section.legs
-    directions = None if any(leg.u is None for leg in legs) else [leg.u for leg in legs]
+    directions = [leg.u for leg in legs if leg.u is not None]
     return mechanism(
         section.type,
         np.array([leg.a_mm for leg in legs]) * 1e-3,
         np.array([leg.b_mm for leg in legs]) * 1e-3,
-        directions,
+        directions if len(directions) == len(legs) else None,
         np.array([leg.length_mm for leg in legs]) * 1e-3,
         np.array([leg.rho0_mm for leg in legs]) * 1e-3,
     )
@@ -79,7 +94,8 @@ def geometry_sigmas(section: LeggedMechanism) -> dict[str, float]:
 
 def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
-    legs = nominal_legs(settings.mechanism)
+    section = cast("LeggedMechanism", settings.mechanism)
+    legs = nominal_legs(section)
     poses = pose_ids(tables["configurations"])
     bodies = _bodies(tables, poses, legs.count, settings)
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
@@ -91,7 +107,8 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     fitted, held = usable & (role != "verification"), usable & (role == "verification")
     if fitted.sum() < 3:
         raise ValueError(f"needs at least 3 poses with readings and a base, found {int(fitted.sum())}")
-    model, bodies, dropped = _model(legs, bodies, conditions, frames, fitted, settings)
+    prior = _Prior(geometry_sigmas(section), settings.noise.actuator_mm * 1e-3)
+    model, bodies, dropped = _model(legs, bodies, conditions, frames, fitted, prior)
     words = [f"{int((~usable).sum())} poses without readings or base"] if not usable.all() else []
     return Gathered(
         model.at(chosen(conditions, fitted)),
@@ -181,59 +198,40 @@ def _poses(bodies: _Bodies, conditions: Conditions, frames: Frames, rows: NDArra
 
 
 def _model(
-    legs: Legs, bodies: _Bodies, conditions: Conditions, frames: Frames, fitted: NDArray, settings: Campaign
+    legs: Legs, bodies: _Bodies, conditions: Conditions, frames: Frames, fitted: NDArray, prior: _Prior
 ) -> tuple[PointModel, _Bodies, list[str]]:
     """Return the plain model; legs whose targets do not fix them are left out, with the reason."""
     seats = _leg_motions(legs, bodies, frames, fitted)
-    known = Known(
-        geometry_sigmas(settings.mechanism),
-        bodies.shape,
-        shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov),
-        settings.noise.actuator_mm * 1e-3,
-        np.arange(0),
-        np.tile(np.eye(3), (legs.count, 1, 1)),
-        np.zeros((legs.count, 3)),
-    )
-    plain = PointModel(legs, bodies.targets, known, conditions)
-    ridden = [] if legs.closure.name != "6-pus" else [leg for leg, motion in enumerate(seats) if motion is not None]
     carrying = {int(leg) for leg in bodies.targets.leg[bodies.targets.body == LEG]}
-    dropped = [f"targets of leg{leg + 1} (fewer than three seen together off a line)" for leg in carrying - set(ridden)]
-    kept = (bodies.targets.body != LEG) | np.isin(bodies.targets.leg, ridden)
-    bodies = _subset(bodies, kept)
-    rotation, seat = known.seat_rotation.copy(), known.seat.copy()
+    ridden = [leg for leg in seats if legs.closure.name == "6-pus"]
+    dropped = [f"targets of leg{leg + 1} (fewer than three seen together off a line)" for leg in carrying - set(seats)]
+    dropped += ["targets on legs, which are not one rigid body each"] if len(seats) > len(ridden) else []
+    bodies = _subset(bodies, (bodies.targets.body != LEG) | np.isin(bodies.targets.leg, ridden))
+    rotation, seat = np.tile(np.eye(3), (legs.count, 1, 1)), np.zeros((legs.count, 3))
     for leg in ridden:
         pose, R, t = seats[leg]
-        frame = plain.at(chosen(conditions, np.array([pose]))).plain_frames()
+        frame = nominal_leg_frames(legs, conditions.readings[pose][None])
         rotation[leg] = frame.rotation[0, leg].T @ R
         seat[leg] = frame.rotation[0, leg].T @ (t - frame.origin[0, leg])
-    known = Known(
-        known.geometry,
-        bodies.shape,
-        shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov),
-        known.reading_sigma,
-        np.array(ridden, int),
-        rotation,
-        seat,
-    )
+    survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
+    known = Known(prior.geometry, bodies.shape, survey, prior.reading, np.array(ridden, int), rotation, seat)
     return PointModel(legs, bodies.targets, known, conditions), bodies, dropped
 
 
 def _leg_motions(
     legs: Legs, bodies: _Bodies, frames: Frames, fitted: NDArray
-) -> list[tuple[int, NDArray, NDArray] | None]:
-    """Return for every leg its best measured pose and the motion from its survey to the base there; None without."""
+) -> dict[int, tuple[int, NDArray, NDArray]]:
+    """Return, by leg, its best measured pose and the motion from its survey to the base there."""
     in_base = (bodies.points - np.nan_to_num(frames.t)[:, None]) @ frames.R
-    found: list[tuple[int, NDArray, NDArray] | None] = []
+    found = {}
     for leg in range(legs.count):
         own = (bodies.targets.body == LEG) & (bodies.targets.leg == leg)
         if own.sum() < 3:
-            found.append(None)
             continue
-        weight = (bodies.seen[:, own] & fitted[:, None]).astype(float)
-        fit = umeyama(bodies.shape[own], in_base[:, own], weight)
-        score = np.where(fit.ok, np.nan_to_num(fit.rms) - fit.n_used, np.inf)
-        best = int(np.argmin(score))
-        found.append((best, fit.R[best], fit.t[best]) if np.isfinite(score[best]) else None)
+        fit = umeyama(bodies.shape[own], in_base[:, own], (bodies.seen[:, own] & fitted[:, None]).astype(float))
+        best = int(np.argmax(np.where(fit.ok, fit.n_used - np.nan_to_num(fit.rms), -1.0)))
+        if fit.ok[best]:
+            found[leg] = best, fit.R[best], fit.t[best]
     return found
 
 

@@ -38,6 +38,7 @@ _NOISE_NOTED = 1.1
 _POSE_NOISE_TOLERATED = 3.0
 _MISSING_WARN, _MISSING_FAIL = 0.1, 0.3
 _GROSS_WARN, _GROSS_FAIL = 0.05, 0.15
+_SPREAD_IN_SIGMA = 5.0  # below it the roll about the line is known to some 5 degrees at best
 _NEARLY_PLANAR = 0.01
 _LEVERAGE = 0.9
 
@@ -112,12 +113,12 @@ def geometry(body: BodyView) -> Iterator[Check]:
     shape = body_shape(points)
     across, thick = shape.extents[1] / shape.extents[0], shape.extents[2] / shape.extents[0]
     sigma = float(np.median(body.sigma))
-    in_line = shape.extents[1] < 20.0 * sigma
+    in_line = shape.extents[1] < _SPREAD_IN_SIGMA * sigma
     yield Check(
         "geometry-line",
         body.name,
         float(shape.extents[1] * 1e3),
-        20.0 * sigma * 1e3,
+        _SPREAD_IN_SIGMA * sigma * 1e3,
         "mm",
         FAIL if in_line else PASS,
         f"{body.name}: targets spread {shape.extents[0] * 1e3:.1f} x {shape.extents[1] * 1e3:.1f} x "

@@ -1,0 +1,29 @@
+"""``python -m tests.real``: run every campaign on real measurements and write docs/real-data.md."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.real.campaigns import data_folder, run
+from tests.real.facts import FACTS
+from tests.real.page import PAGE, render
+
+
+def main() -> int:
+    if not data_folder().is_dir():
+        print(f"no real measurements in {data_folder()}; TRUING_REAL_DATA names their folder", file=sys.stderr)
+        return 4
+    with tempfile.TemporaryDirectory() as folder:
+        facts = {}
+        for name, compute in FACTS.items():
+            print(name)
+            facts[name] = compute(run(name, Path(folder)))
+    PAGE.write_text(render(facts), encoding="utf-8")
+    print(PAGE)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

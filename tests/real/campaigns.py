@@ -1,0 +1,51 @@
+"""The campaigns on real measurements: where they lie, and how one is run through the command line."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+HERE = Path(__file__).resolve().parent
+PROJECT = HERE.parents[1]
+DEFAULT_DATA = "../../../../shared/data"  # as the campaigns reach it from their own folder
+NAMES = tuple(sorted(path.parent.name for path in HERE.glob("*/campaign.toml")))
+
+
+def data_folder() -> Path:
+    """Where the real measurements lie: TRUING_REAL_DATA, by default beside the project."""
+    return Path(os.environ.get("TRUING_REAL_DATA", PROJECT.parent / "shared" / "data")).resolve()
+
+
+def prepare(name: str, folder: Path) -> Path:
+    """A copy of a campaign's own files whose paths lead to the data, wherever they lie."""
+    copy = folder / name
+    shutil.copytree(HERE / name, copy)
+    text = (copy / "campaign.toml").read_text(encoding="utf-8")
+    (copy / "campaign.toml").write_text(text.replace(DEFAULT_DATA, data_folder().as_posix()), encoding="utf-8")
+    return copy
+
+
+def run(name: str, folder: Path) -> dict[str, pd.DataFrame]:
+    """Run a campaign from its raw files to its report, and read every table that it left."""
+    out = folder / "runs" / name
+    command = [
+        sys.executable,
+        "-m",
+        "pipeline",
+        "run",
+        str(prepare(name, folder)),
+        "--out",
+        str(out),
+        "--qa=warn",
+        "--quiet",
+    ]
+    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{name} ended with {done.returncode}:\n{done.stderr}")
+    assert (out / "report.html").is_file()
+    return {path.stem: pd.read_parquet(path) for path in out.glob("*.parquet")}

@@ -1,0 +1,68 @@
+"""Real measurements through the whole line: what is known of them comes out, and the page says the same."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.real.campaigns import run
+from tests.real.facts import FACTS
+from tests.real.page import PAGE, render
+
+
+@pytest.fixture(scope="session")
+def facts(real_data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("real")
+    return {name: compute(run(name, folder)) for name, compute in FACTS.items()}
+
+
+def test_tracker_dropouts_and_wrong_targets_are_found_and_nothing_else(facts):
+    irb = facts["irb120-faro"]
+    assert irb["dropouts"] == 13
+    assert set(irb["rejected"]) == {"base_3"}
+    assert len(irb["rejected"]["base_3"]) == 5
+    assert irb["tool"]["median"] == pytest.approx(3.2, abs=0.3)
+    assert irb["base"]["median"] == pytest.approx(2.2, abs=0.3)
+
+
+def test_the_trackers_base_drifts_by_its_known_size(facts):
+    irb = facts["irb120-faro"]
+    assert irb["drift"]["base_1"] == pytest.approx(54, abs=8)
+    assert irb["drift_check"] == pytest.approx(60, abs=12)
+
+
+def test_elevation_steps_are_recovered(facts):
+    lat = facts["so-lat-elevation"]
+    assert lat["total"] == pytest.approx(89.95, abs=0.01)
+    assert 4.98 < lat["steps"]["least"] <= lat["steps"]["most"] < 5.02
+    assert (12, 38) <= (lat["rms_first"]["least"], lat["rms_first"]["most"]) <= (14, 40)
+    assert facts["so-lat-mirror"]["total"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_deformation_follows_elevation(facts):
+    for name in ("so-lat-elevation", "so-lat-mirror"):
+        assert facts[name]["significant"] > 0
+        assert facts[name]["rms_linear"] < 0.85 * facts[name]["rms_none"]
+
+
+def test_the_wheelchair_is_the_body_that_deforms(facts):
+    full = facts["mocap-full"]
+    assert max(full, key=lambda body: full[body]["median"]) == "Wheelchair"
+    assert full["Wheelchair"]["median"] == pytest.approx(340, rel=0.15)
+    assert facts["mocap-static"]["ArmR"]["median"] == pytest.approx(13, abs=2)
+
+
+def test_a_loaded_pier_has_the_known_stiffness(facts):
+    lbcb = facts["lbcb-pier"]
+    assert lbcb["steps"] == 2470
+    assert abs(lbcb["kxx_kip_per_in"]) == pytest.approx(414, rel=0.03)
+
+
+def test_bundles_of_half_a_year_are_matched(facts):
+    vstars = facts["so-lat-vstars"]
+    assert vstars["determined"] == vstars["sets"] == 26
+    first_day = [rms for pose, rms in vstars["rms_mm"].items() if pose.startswith("20250221")]
+    assert max(first_day) < 0.2
+
+
+def test_the_page_says_what_the_data_say(facts):
+    assert PAGE.read_text(encoding="utf-8") == render(facts), "run `python -m tests.real` and look at what changed"
