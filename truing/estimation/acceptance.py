@@ -28,16 +28,34 @@ _SCREENINGS = 3
 class CausalModel(Protocol):
     """A model of points that can take up causes; causes are anything with a ``key``, an ``id`` and ``follows``."""
 
-    local_size: int
-    unpredicted: NDArray  # (H,) local unknowns that the model does not claim to predict
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns H."""
 
-    def with_causes(self, causes: Sequence[Any]) -> CausalModel: ...
-    def at(self, conditions: Any) -> CausalModel: ...
-    def predict(self, shared: NDArray, local: NDArray) -> Any: ...
-    def signature(self, cause: Any, shared: NDArray, local: NDArray) -> NDArray: ...
-    def widened(self, shared: NDArray, model: CausalModel) -> NDArray: ...
-    def parameter_count(self, cause: Any) -> int: ...
-    def is_named(self, cause: Any) -> bool: ...
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the model does not claim to predict."""
+
+    def with_causes(self, causes: Sequence[Any]) -> Any:
+        """Return the model with these causes among its unknowns."""
+
+    def at(self, conditions: Any) -> Any:
+        """Return the model at other poses."""
+
+    def predict(self, shared: NDArray, local: NDArray) -> Any:
+        """Return points and derivatives, as `point_fit.Model` does."""
+
+    def signature(self, cause: Any, shared: NDArray, local: NDArray) -> NDArray:
+        """Return how the points follow a cause's parameters, per plausible scale."""
+
+    def widened(self, shared: NDArray, model: Any) -> NDArray:
+        """Return shared unknowns of this model as those of another."""
+
+    def parameter_count(self, cause: Any) -> int:
+        """Return the number of a cause's parameters."""
+
+    def is_named(self, cause: Any) -> bool:
+        """Return whether a cause has a name of its own."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +76,7 @@ class Stand:
     """A model fitted to the calibration poses, with what it leaves there and on held-out poses."""
 
     causes: tuple[Any, ...]
-    model: CausalModel
+    model: Any  # a CausalModel
     fit: PointFit
     error: PredictionError
     held_out: PredictionError | None

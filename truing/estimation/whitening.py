@@ -41,7 +41,7 @@ class Whitened:
     @cached_property
     def _triangle(self) -> NDArray:
         """Return the triangular factor (G + 1, G + 1) of rows and residual: all that a step needs."""
-        return np.linalg.qr(np.column_stack([self.rows, self.residual]), mode="r")
+        return np.asarray(np.linalg.qr(np.column_stack([self.rows, self.residual]), mode="r"))
 
     @cached_property
     def _inverse(self) -> NDArray:

@@ -21,8 +21,8 @@ class Facts:
     parameters: Mapping[str, Mapping[str, Any]]
     p_value: float
     candidates: int
-    rms_before: float
-    rms_after: float
+    rms_before: float | None
+    rms_after: float | None
     held_out: tuple[float | None, float | None]
     floor: float
     reason: str  # indistinguishable: from which cause; rejected: "held-out" or "contained"
@@ -68,6 +68,8 @@ def _rejected(facts: Facts) -> str:
 
 
 def _improvement(facts: Facts) -> str:
+    if facts.rms_before is None or facts.rms_after is None:
+        return ""
     said = f"Predictions from the readings miss by {facts.rms_after:.2f} um rms with it, {facts.rms_before:.2f} without"
     before, after = facts.held_out
     if before is not None and after is not None:

@@ -48,8 +48,16 @@ class Cause:
     id: str
     kind: str = "linear"
     step: Step
-    says: str  # what nature does, in words that fit "The data show that ..."
-    confirm: str  # what to measure to confirm it
+
+    @property
+    def says(self) -> str:
+        """Return what nature does, in words that fit "The data show that ..."."""
+        raise NotImplementedError
+
+    @property
+    def confirm(self) -> str:
+        """Return what to measure to confirm it."""
+        raise NotImplementedError
 
     @property
     def key(self) -> str:
@@ -98,10 +106,10 @@ class State:
     legs: Legs
     rho: NDArray  # (B, L)
     delta_bz: NDArray  # (B, L)
-    p: NDArray | None = None  # (B, 3)
-    R: NDArray | None = None  # (B, 3, 3)
-    converged: NDArray | None = None  # (B,)
-    indicated: NDArray | None = None  # (B, L)
+    p: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (B, 3)
+    R: NDArray = field(default_factory=lambda: np.empty((0, 3, 3)))  # (B, 3, 3)
+    converged: NDArray = field(default_factory=lambda: np.empty(0, bool))  # (B,)
+    indicated: NDArray = field(default_factory=lambda: np.empty((0, 0)))  # (B, L)
     covariates: Mapping[str, NDArray] = field(default_factory=dict)  # (B,) or (B, L), in the units of their columns
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class Legs:
         """Return the number of legs L."""
         return self.b.shape[-2]
 
-    def replace(self, **arrays: NDArray) -> Legs:
+    def replace(self, **arrays: Any) -> Legs:
         """Return a copy with some arrays exchanged."""
         return replace(self, **arrays)
 

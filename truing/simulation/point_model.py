@@ -85,9 +85,7 @@ class PointModel:
     @cached_property
     def upright(self) -> NDArray:
         """Return the legs' directions (L, 3) in the nominal reference configuration."""
-        rho0 = self.nominal.rho0[None]
-        home = forward(self.nominal, rho0)
-        return unit(leg_vectors(self.nominal, home.p, home.R, rho0))[0]
+        return upright_directions(self.nominal)
 
     @cached_property
     def layout(self) -> dict[str, slice]:
@@ -142,7 +140,7 @@ class PointModel:
     def legs(self, shared: NDArray) -> Legs:
         """Return the geometry that shared unknowns (G,) stand for."""
         count, legs = self.nominal.count, self.nominal
-        moved = {
+        moved: dict[str, NDArray] = {
             name: getattr(legs, name) + self._part(shared, name).reshape(count, -1) * self.known.geometry[name]
             for name in ("a", "b")
             if name in self.layout
@@ -176,12 +174,6 @@ class PointModel:
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
         roll[:, self.known.ridden] = local[:, self.local_size - len(self.known.ridden) :] * FREE_ANGLE_RAD
         return leg_frames(state, self.upright, roll)
-
-    def plain_frames(self) -> LegFrames:
-        """Return the frames of the legs as the nominal mechanism has them at the readings."""
-        return leg_frames(
-            simulate(self.nominal, self.conditions.readings), self.upright, np.zeros_like(self.conditions.readings)
-        )
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, base frame."""
@@ -349,3 +341,15 @@ class PointModel:
             for axis in range(3):
                 derivative[np.arange(len(own)), axis, first + 3 * ridden + axis] = sigma
         return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(factor, derivative.reshape(3 * len(own), -1))
+
+
+def upright_directions(legs: Legs) -> NDArray:
+    """Return the legs' directions (L, 3) in their reference configuration."""
+    rho0 = legs.rho0[None]
+    home = forward(legs, rho0)
+    return unit(leg_vectors(legs, home.p, home.R, rho0))[0]
+
+
+def nominal_leg_frames(legs: Legs, readings: NDArray) -> LegFrames:
+    """Return the frames of the legs as the plain mechanism has them at readings (B, L), m."""
+    return leg_frames(simulate(legs, readings), upright_directions(legs), np.zeros_like(readings))
