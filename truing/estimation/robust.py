@@ -32,7 +32,7 @@ _FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it end
 _TRIPLE_BLOCK = 23  # points whose triples compete: 1771
 _PAIRS_AT_ONCE = 400_000
 # From so many on, compiled code wins although it has to be loaded first (0.6 s).
-_MANY_POINTS, _MANY_PAIRS = 1_000_000, 10_000_000
+_MANY_POINTS, _MANY_PAIRS = 500_000, 4_000_000
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,203 @@
+"""Rigid fits and robust fits beside other libraries: python -m benchmarks.pose [--repeats 9].
+
+Batches of 100,000 poses of 20 points and of 40 poses of 100, with one thread and with two, on pinned processors. Ours
+carry weights, covariances and all checks; the others fit, no more. A row whose fits are not all within 1e-6 of the
+least sum of squares prints no ratio; a library that is not installed prints "unmeasured". Libraries that fit one pose
+per call are timed on the first 1000. The robust part counts how often 20 and 200 points with gross errors of
+millimetres in 5 um noise end within noise of the truth, and how the errors compare with those of a fit to the true
+points (the oracle).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.pose_peers import FITS, Fit, teaser
+from benchmarks.timing import interleaved, pin, run_pinned, spread
+
+SIGMA = 5e-6  # m
+_FEW = 1000  # poses of a batch that libraries without batches are timed on
+_SIZES = ((100_000, 20), (40, 100))
+_CELLS = ((20, 0.0), (20, 0.5), (20, 0.8), (200, 0.0), (200, 0.5), (200, 0.8), (200, 0.95))
+
+
+def clouds(
+    poses: int, points: int, wrong: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return source, target (B, N, 3) in m, which points are true (B, N), and the motions R (B, 3, 3), t (B, 3)."""
+    rng = np.random.default_rng(seed)
+    source = rng.uniform(-0.15, 0.15, (poses, points, 3))
+    Q = np.linalg.qr(rng.normal(size=(poses, 3, 3)))[0]
+    R = Q * np.sign(np.linalg.det(Q))[:, None, None]
+    t = rng.uniform(-1.0, 1.0, (poses, 3))
+    target = source @ np.swapaxes(R, 1, 2) + t[:, None] + SIGMA * rng.normal(size=source.shape)
+    gross = rng.permuted(np.tile(np.arange(points) < round(wrong * points), (poses, 1)), axis=1)
+    return source, target + gross[..., None] * 3e-3 * rng.normal(size=source.shape), ~gross, R, t
+
+
+def cost(R: np.ndarray, t: np.ndarray, source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the sums of squared distances (B,) in m^2."""
+    return np.sum((target - source @ np.swapaxes(R, 1, 2) - t[:, None]) ** 2, axis=(1, 2))
+
+
+def ours(threads: int) -> dict[str, Fit]:
+    """Return our fits: as called by everybody, and the plain and the compiled form behind it."""
+    from truing.estimation.batched_kernel import solve
+    from truing.estimation.rigid import RigidFit, check_correspondences, solve_weighted, umeyama
+
+    def weighted(fit: Callable[..., RigidFit]) -> Fit:
+        def fits(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            result = fit(source, target, np.ones(source.shape[:2]), sigma=SIGMA)
+            return result.R, result.t
+
+        return fits
+
+    def plain(*arrays: np.ndarray, sigma: float) -> RigidFit:
+        return solve_weighted(*check_correspondences(*arrays), sigma=sigma)
+
+    def compiled(*arrays: np.ndarray, sigma: float) -> RigidFit:
+        return solve(*arrays, sigma=sigma, threads=threads)
+
+    forms = {"truing umeyama": umeyama, "truing compiled": compiled, "truing plain NumPy": plain}
+    return {name: weighted(form) for name, form in forms.items()}
+
+
+def stream(source: np.ndarray, target: np.ndarray, threads: int) -> None:
+    """Read both clouds and one weight per point, in as many threads."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    arrays = [part for a in (source, target, source[..., 0].copy()) for part in np.array_split(a.ravel(), threads)]
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(np.max, arrays))
+
+
+def available(factories: dict[str, Callable[[], Fit]]) -> dict[str, Fit]:
+    """Return the fits whose libraries load here; the others are named as unmeasured."""
+    fits = {}
+    for name, factory in factories.items():
+        try:
+            fits[name] = factory()
+        except ImportError as error:
+            print(f"{name:28} unmeasured ({str(error).splitlines()[0][:60]})")
+    return fits
+
+
+def compare_fits(poses: int, points: int, threads: int, repeats: int) -> None:
+    """Print rates and, where the least squares are reached, ratios to ours of all fits of one size of batch."""
+    print(f"\n{poses:,} poses x {points} points, {threads} thread(s): poses per second, minimum median maximum")
+    source, target, *_ = clouds(poses, points, 0.0, 1)
+    mine, others = ours(threads), available(FITS)
+    least = np.minimum.reduce([cost(*fit(source, target), source, target) for fit in mine.values()])
+    count = {name: poses if name in mine or "batched" in name else min(poses, _FEW) for name in (*mine, *others)}
+    tasks: dict[str, Callable[[], object]] = {
+        name: lambda fit=fit, n=count[name]: fit(source[:n], target[:n])
+        for name, fit in (*mine.items(), *others.items())
+    }
+    tasks["reading the same bytes"] = lambda: stream(source, target, threads)
+    seconds = interleaved(tasks, repeats)
+    rates = {name: count.get(name, poses) / s for name, s in seconds.items()}
+    for name, rate in rates.items():
+        print(f"{name:28} {spread(rate)}  {verdict(name, mine | others, rates, source, target, least)}", flush=True)
+
+
+def verdict(
+    name: str,
+    fits: dict[str, Fit],
+    rates: dict[str, np.ndarray],
+    source: np.ndarray,
+    target: np.ndarray,
+    least: np.ndarray,
+) -> str:
+    """Return how many times faster ours is, repeat by repeat, or why there is no such number."""
+    if name not in fits or name == "truing umeyama":
+        return ""
+    n = min(len(source), _FEW)
+    excess = np.max(cost(*fits[name](source[:n], target[:n]), source[:n], target[:n]) / least[:n] - 1)
+    if not excess <= 1e-6:
+        return f"no ratio: misses the least sum of squares by up to {excess:.1e}"
+    ratio = rates["truing umeyama"] / rates[name]
+    return f"umeyama is {np.median(ratio):.2f} times as fast ({ratio.min():.2f} to {ratio.max():.2f})"
+
+
+def robust_fits() -> dict[str, Fit]:
+    """Return robust fits of poses: ours with a refit on the consensus, TEASER++ alone and with a refit of ours."""
+    from truing.estimation.rigid import umeyama
+    from truing.estimation.robust import consensus
+
+    def truing(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        fit = umeyama(source, target, consensus(source, target, None, SIGMA)[0], sigma=SIGMA)
+        return fit.R, fit.t
+
+    fits = {"truing consensus + refit": truing}
+    bound = 4.5 * SIGMA
+    other = available({"TEASER++": lambda: teaser(bound)})
+
+    def refitted(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        R, t = other["TEASER++"](source, target)
+        near = np.sum((target - source @ np.swapaxes(R, 1, 2) - t[:, None]) ** 2, axis=-1) <= bound**2
+        fit = umeyama(source, target, near, sigma=SIGMA)
+        return fit.R, fit.t
+
+    return fits | other | ({"TEASER++ + refit": refitted} if other else {})
+
+
+def compare_robust(points: int, wrong: float, repeats: int) -> None:
+    """Print how often robust fits succeed, their rotation errors over the oracle's, and their rates; one thread."""
+    from scipy.special import chdtri
+
+    from truing.estimation.rigid import umeyama
+
+    trials = 50_000 if points <= 20 else 4_000
+    print(
+        f"\n{points} points, {wrong:.0%} gross errors, 1 thread: success, rotation error over the oracle's, fits per second"
+    )
+    source, target, true, R, t = clouds(trials, points, wrong, 2)
+    oracle = umeyama(source, target, true, sigma=SIGMA)
+    fits = robust_fits()
+    count = {name: trials if name.startswith("truing") else min(trials, _FEW) for name in fits}
+    tasks: dict[str, Callable[[], object]] = {
+        name: lambda fit=fit, n=count[name]: fit(source[:n], target[:n]) for name, fit in fits.items()
+    }
+    seconds = interleaved(tasks, repeats)
+    for name, fit in fits.items():
+        n = count[name]
+        error = pose_error(*fit(source[:n], target[:n]), R[:n], t[:n])
+        size = np.einsum("bi,bij,bj->b", error, np.linalg.inv(oracle.covariance[:n]), error)
+        success = size <= chdtri(6, 1e-6)
+        best = pose_error(oracle.R[:n], oracle.t[:n], R[:n], t[:n])
+        ratio = np.sqrt(np.mean(error[success, 3:] ** 2) / np.mean(best[success, 3:] ** 2))
+        print(f"{name:28} {success.mean():8.2%} of {n:,} {ratio:7.3f} {spread(n / seconds[name])}", flush=True)
+
+
+def pose_error(R: np.ndarray, t: np.ndarray, R_true: np.ndarray, t_true: np.ndarray) -> np.ndarray:
+    """Return errors (B, 6) in the order of the covariance; NaN, which is no success, where there is no fit."""
+    from truing.estimation.rotation import log_so3
+
+    turn = np.where(np.isfinite(R), R, np.eye(3)) @ np.swapaxes(R_true, 1, 2)
+    lost = np.isnan(t)
+    return np.concatenate([t - t_true, np.where(lost, np.nan, log_so3(turn))], axis=1)
+
+
+def main() -> None:
+    """Measure all of it, one process per number of threads."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--repeats", type=int, default=9)
+    arguments.add_argument("--threads", type=int, default=0, help="measure in this process, with so many threads")
+    given = arguments.parse_args()
+    if not given.threads:
+        for threads in (1, 2):
+            run_pinned("benchmarks.pose", ["--repeats", str(given.repeats)], threads)
+        return
+    pin(given.threads)
+    for poses, points in _SIZES:
+        compare_fits(poses, points, given.threads, given.repeats)
+    if given.threads == 1:
+        for points, wrong in _CELLS:
+            compare_robust(points, wrong, given.repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Timing that stays honest beside neighbours: pinned processes, interleaved repeats, minimum, median and maximum."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def run_pinned(module: str, arguments: list[str], threads: int) -> None:
+    """Run a module in a process of its own that has so many processors, and so many threads in every library."""
+    environment = {**os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(threads))}
+    command = [sys.executable, "-m", module, *arguments, "--threads", str(threads)]
+    subprocess.run(command, env=environment, check=True)
+
+
+def pin(threads: int) -> None:
+    """Keep this process on its last processors, as many as threads; nothing where the system cannot."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-threads:])
+
+
+def interleaved(tasks: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
+    """Return seconds (repeats,) of every task, one repeat of all after the other, after one unmeasured call each."""
+    for task in tasks.values():
+        task()
+    seconds = {name: np.empty(repeats) for name in tasks}
+    for k in range(repeats):
+        for name, task in tasks.items():
+            start = time.perf_counter()
+            task()
+            seconds[name][k] = time.perf_counter() - start
+    return seconds
+
+
+def spread(rates: np.ndarray) -> str:
+    """Return 'minimum median maximum' of rates per second, with a common unit."""
+    unit, name = (1e6, "M") if np.median(rates) >= 1e6 else (1e3, "k")
+    low, middle, high = np.min(rates) / unit, np.median(rates) / unit, np.max(rates) / unit
+    return f"{low:9.2f} {middle:9.2f} {high:9.2f} {name}/s"
