@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ import pytest
 from schemas.campaign import read_campaign
 from stages import ingest
 from tests.blind.generator import disguise
-from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.folder import write_campaign
-from tests.blind.generator.layout import Layout, Surroundings
+from tests.blind.generator.layout import DataFaults, Layout, Surroundings
 from tests.blind.generator.schedule import published_moves
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
@@ -47,3 +48,23 @@ def test_ingest_sees_through_the_disguise(plain: Path, tmp_path: Path, name: str
     assert found.keys() == expected.keys()
     # The digits that were written: 1e-5 mm at best, 1e-6 mm in metres, 2.5e-7 mm in inches.
     assert_close([found[key] for key in expected], list(expected.values()), atol=1.01e-6, what="coordinates, mm")
+
+
+def test_points_without_names_get_their_own_back(tmp_path: Path) -> None:
+    """No name is wrong; without one stay gross errors, and bodies of which fewer than four good points were seen."""
+    layout = replace(LAYOUT, faults=DataFaults(missing_share=0.05, gross_share=0.01, gross_mm=(5.0, 20.0)))
+    campaign = draw_campaign(layout, published_moves()[:8], [], np.random.default_rng(3))
+    named = write_campaign(campaign, tmp_path / "named", 3)
+    expected = observed(named)
+    found = observed(disguise.unlabelled(named, tmp_path / "unnamed", np.random.default_rng(4)))
+    assert found.keys() <= expected.keys()
+    assert_close(list(found.values()), [expected[key] for key in found], atol=1e-9, what="coordinates, mm")
+    assert expected.keys() - found.keys() <= _excused(campaign)
+
+
+def _excused(campaign: Campaign) -> set[tuple[object, ...]]:
+    marks, record = campaign.marks, campaign.record
+    good, bodies = record.seen & ~record.gross, np.array(marks.body)
+    few = np.stack([good[:, bodies == body].sum(axis=1) < 4 for body in marks.body], axis=1)
+    poses, columns = np.nonzero(record.gross | few)
+    return {(campaign.schedule.pose[n], marks.body[k], marks.name[k]) for n, k in zip(poses, columns, strict=True)}
