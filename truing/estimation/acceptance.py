@@ -158,7 +158,7 @@ class Acceptance:
     ) -> None:
         self._model, self._calibration, self._held_out = model, calibration, held_out
         self._settings, self._progress = settings, progress
-        self.gross = 0  # points of the fitted poses taken out as gross errors
+        self.gross = 0  # points taken out as gross errors
 
     @property
     def _level(self) -> float:
@@ -197,17 +197,19 @@ class Acceptance:
         return sorted(verdicts, key=_rank), rounds[-1].stand
 
     def _screened(self, stand: Stand) -> bool:
-        """Take out what is grossly wrong against a fitted model; return whether there was anything among the fitted."""
+        """Take out what is grossly wrong against a fitted model, held out or not; return whether there was anything."""
         measured = self._calibration.measured
         rows = stand.fit.whitened.rest[: measured.seen.size * 3 + stand.fit.whitened.problem.local_value.size]
         rest = rows.reshape(len(measured.seen), -1)[:, : 3 * measured.seen.shape[1]]
         wrong = gross_errors(rest.reshape(*measured.seen.shape, 3), measured.seen)
         self._calibration = self._calibration.without(wrong)
+        count = int(wrong.sum())
         if self._held_out is not None and stand.held_out is not None:
-            held = self._held_out.measured
-            self._held_out = self._held_out.without(gross_errors(stand.held_out.whitened, held.seen))
-        self.gross += int(wrong.sum())
-        return bool(wrong.any())
+            unseen = gross_errors(stand.held_out.whitened, self._held_out.measured.seen)
+            self._held_out = self._held_out.without(unseen)
+            count += int(unseen.sum())
+        self.gross += count
+        return count > 0
 
     def _stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
         """Return the model with some causes, fitted from an earlier one."""
