@@ -13,15 +13,15 @@ from tests.real.page import PAGE, render
 
 def main() -> int:
     if not data_folder().is_dir():
-        print(f"no real measurements in {data_folder()}; TRUING_REAL_DATA names their folder", file=sys.stderr)
+        sys.stderr.write(f"no real measurements in {data_folder()}; TRUING_REAL_DATA names their folder\n")
         return 4
     with tempfile.TemporaryDirectory() as folder:
         facts = {}
         for name, compute in FACTS.items():
-            print(name)
+            sys.stdout.write(f"{name}\n")
             facts[name] = compute(run(name, Path(folder)))
     PAGE.write_text(render(facts), encoding="utf-8")
-    print(PAGE)
+    sys.stdout.write(f"{PAGE}\n")
     return 0
 
 
