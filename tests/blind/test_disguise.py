@@ -50,13 +50,15 @@ def test_ingest_sees_through_the_disguise(plain: Path, tmp_path: Path, name: str
     assert_close([found[key] for key in expected], list(expected.values()), atol=1.01e-6, what="coordinates, mm")
 
 
-def test_points_without_names_get_their_own_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize("bodies_known", [True, False])
+def test_points_without_names_get_their_own_back(tmp_path: Path, bodies_known: bool) -> None:
     """No name is wrong; without one stay gross errors, and bodies of which fewer than four good points were seen."""
     layout = replace(LAYOUT, faults=DataFaults(missing_share=0.05, gross_share=0.01, gross_mm=(5.0, 20.0)))
     campaign = draw_campaign(layout, published_moves()[:8], [], np.random.default_rng(3))
     named = write_campaign(campaign, tmp_path / "named", 3)
     expected = observed(named)
-    found = observed(disguise.unlabelled(named, tmp_path / "unnamed", np.random.default_rng(4)))
+    rng = np.random.default_rng(4)
+    found = observed(disguise.unlabelled(named, tmp_path / "unnamed", rng, bodies_known=bodies_known))
     assert found.keys() <= expected.keys()
     assert_close(list(found.values()), [expected[key] for key in found], atol=1e-9, what="coordinates, mm")
     assert expected.keys() - found.keys() <= _excused(campaign)

@@ -141,8 +141,8 @@ def dense_scans(
             write_ply(out / "scans" / f"pose_{pose}_{body}.ply", scan + sigma_mm * rng.normal(size=scan.shape))
     _write_text(out / "configurations.csv", (source / "configurations.csv").read_text(encoding="utf-8").splitlines())
     sections = [
-        '[files.points]\npath = "scans/pose_*.ply"\nfrom_name = \'pose_(?P<pose>\\d+)_(?P<body>[a-z]+)\'\nunit = "mm"',
-        '[files.targets]\npath = "scans/reference_*.ply"\nfrom_name = \'reference_(?P<body>[a-z]+)\'\nunit = "mm"',
+        '[files.scans]\npath = "scans/pose_*.ply"\nfrom_name = \'pose_(?P<pose>\\d+)_(?P<body>[a-z]+)\'\nunit = "mm"',
+        '[files.surfaces]\npath = "scans/reference_*.ply"\nfrom_name = \'reference_(?P<body>[a-z]+)\'\nunit = "mm"',
     ]
     return _with_mapping(source, out, sections)
 
