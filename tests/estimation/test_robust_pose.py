@@ -146,6 +146,30 @@ def test_noise_declared_too_low_is_found_and_costs_no_point(factor):
     assert fit.ok.all()
 
 
+def test_a_flexing_body_of_three_points_keeps_its_poses_and_still_loses_gross_errors():
+    """Scatter with long tails: every tenth pose flexes five times as much as the others."""
+    rng = np.random.default_rng(62)
+    x, y, _, _, _ = campaign(rng, 400, 3)
+    flexing = rng.uniform(size=400) < 0.1
+    y[flexing] += 5 * SIGMA * rng.normal(size=(flexing.sum(), 3, 3))
+    y[7, 1] += 5e-3
+    fit, kept, ratio = robust_poses(x, y, np.zeros((3, 3, 3)), isotropic(400, 3), np.ones((400, 3), bool))
+    assert 1.2 < ratio < 6.0
+    assert fit.ok.mean() > 0.97
+    assert not fit.ok[7]
+    assert list(kept[7]) == [True, False, True]
+
+
+def test_gross_errors_in_every_tenth_pose_of_three_points_do_not_widen_the_noise():
+    rng = np.random.default_rng(63)
+    x, y, _, _, _ = campaign(rng, 400, 3)
+    wrong = np.flatnonzero(rng.uniform(size=400) < 0.1)
+    y[wrong, 0] += 3e-3 * rng.normal(size=(len(wrong), 3))
+    fit, _, ratio = robust_poses(x, y, np.zeros((3, 3, 3)), isotropic(400, 3), np.ones((400, 3), bool))
+    assert ratio == 1.0
+    assert not fit.ok[wrong].any() or fit.ok[wrong].mean() < 0.05
+
+
 def test_many_gross_errors_are_not_taken_for_noise():
     x, y, _, _, bad = campaign(np.random.default_rng(59), 40, 20, 14)
     _, kept, ratio = robust_poses(x, y, np.zeros((20, 3, 3)), isotropic(40, 20), np.ones((40, 20), bool))

@@ -20,7 +20,8 @@ from truing.estimation.rotation import exp_so3, skew
 MAX_ITERATIONS = 50
 MAX_VARIANCE_ROUNDS = 100
 _SETTLED = 1e-10
-_VARIANCE_SETTLED = 1e-3
+# Relative change of a target's standard deviation, noise included, that costs no efficiency worth a round.
+_VARIANCE_SETTLED = 1e-2
 _SHAPE_ROUNDS = 200
 _SHAPE_SETTLED = 1e-7
 
@@ -97,13 +98,13 @@ def generalised_procrustes(
         return _nothing(problem, posed)
     free = not problem.surveyed.any()
     tau = np.zeros(problem.y.shape[1])
+    noise = np.sqrt(np.trace(problem.cov[problem.seen].mean(axis=0)) / 3)
     total = 0
     for _ in range(MAX_VARIANCE_ROUNDS):
         state, normal, covariance, steps, settled = _solve(problem, state, tau, known, free)
         total += steps
         renewed = _deformation(problem, state, normal, covariance) if deforming else tau
-        typical = np.sqrt(np.trace(problem.cov[problem.seen].mean(0)) / 3)
-        done = bool(np.max(np.abs(renewed - tau)) < _VARIANCE_SETTLED * typical)
+        done = bool(np.all(np.abs(renewed - tau) < _VARIANCE_SETTLED * np.hypot(noise, np.maximum(tau, renewed))))
         if done or not settled:
             break
         tau = renewed

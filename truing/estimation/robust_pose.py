@@ -20,6 +20,9 @@ _ROUNDS = 10
 _WORTH_ANOTHER_ROUND = 1.2
 _FEWEST_POSES = 6
 _POSES_AT_ONCE = 5000
+# Share of poses that gross errors may leave without agreement, and the noise ratios tried where there are more.
+_WITHOUT_AGREEMENT = 0.02
+_WIDER = 1.5 ** np.arange(1, 7)
 # Median of the absolute value of a standard normal number.
 _MEDIAN_ABSOLUTE = 0.6744897501960817
 
@@ -105,24 +108,62 @@ def robust_poses(
     by that scatter. The covariances stay those of the declared noise.
     """
     sigma = _largest_sigma(cov_source, cov_target, mask)
-    keep = np.zeros_like(mask) if keep is None else keep
+    given = (source, target, cov_source, cov_target, mask, np.zeros_like(mask) if keep is None else keep)
     ratio = 1.0
     for _ in range(_ROUNDS):
-        parts = [
-            robust_pose(source, target[b], cov_source, cov_target[b], mask[b], keep=keep[b], noise_ratio=ratio)
-            for b in pose_blocks(len(mask))
-        ]
-        fit, kept = join_fits([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        fit, kept = _in_blocks(*given, ratio)
         renewed = _noise_ratio(fit, kept, source, target, sigma, mask)
         if renewed < _WORTH_ANOTHER_ROUND * ratio:
             break
         ratio = renewed
-    return fit, kept, ratio
+    wider = _ratio_that_most_poses_need(fit, *given, ratio)
+    return (fit, kept, ratio) if wider == ratio else (*_in_blocks(*given, wider), wider)
 
 
-def pose_blocks(count: int) -> list[slice]:
-    """Return slices of so many poses that their intermediate matrices stay small, one at least."""
-    return [slice(first, first + _POSES_AT_ONCE) for first in range(0, max(count, 1), _POSES_AT_ONCE)]
+def _in_blocks(
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    keep: NDArray,
+    ratio: float,
+) -> tuple[RigidFit, NDArray]:
+    """Return `robust_pose` of so many poses at a time that their intermediate matrices stay small."""
+    parts = []
+    for first in range(0, max(len(mask), 1), _POSES_AT_ONCE):
+        b = slice(first, first + _POSES_AT_ONCE)
+        here = (source, target[b], cov_source, cov_target[b], mask[b])
+        parts.append(robust_pose(*here, keep=keep[b], noise_ratio=ratio))
+    return join_fits([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _ratio_that_most_poses_need(
+    fit: RigidFit,
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    keep: NDArray,
+    ratio: float,
+) -> float:
+    """Return a larger noise ratio where that, and no more than that, lets nearly all poses have an agreement.
+
+    Bodies that flex scatter with longer tails than noise does, which three or four targets cannot tell from gross
+    errors, pose by pose; gross errors stay gross, so that no moderate ratio helps and the given one stays.
+    """
+    without = np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)])
+    allowed = _WITHOUT_AGREEMENT * (mask.sum(-1) >= 3).sum()
+    if without.sum() <= allowed:
+        return ratio
+    for wider in ratio * _WIDER:
+        again, _ = _in_blocks(
+            source, target[without], cov_source, cov_target[without], mask[without], keep[without], wider
+        )
+        if np.sum(~again.ok) <= allowed:
+            return float(wider)
+    return ratio
 
 
 def _noise_ratio(
