@@ -312,7 +312,7 @@ def _fault(file: str, detail: Any) -> Fault:
 def _suggestion(location: tuple[int | str, ...]) -> str:
     section: Any = Campaign
     for part in location[:-1]:
-        section = _TYPES.get(part) or _step(section, part)
+        section = _TYPES.get(str(part)) or _step(section, part)
     known = list(section.model_fields)
     close = difflib.get_close_matches(str(location[-1]), known, n=1)
     return f"a known key; did you mean {close[0]}?" if close else f"a known key, one of: {', '.join(known)}"

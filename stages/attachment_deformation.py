@@ -35,8 +35,6 @@ from truing.estimation.response_structure import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Leg
-
 Array = NDArray[np.float64]
 
 
@@ -57,10 +55,10 @@ class Shifts:
     modulo_plane: bool
 
 
-def attachment_deformation(tables: Mapping[str, pa.Table], legs: Sequence[Leg]) -> Outcome:
+def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[float]) -> Outcome:
     """Shifts of the attachments, their linear and matrix models, and what these say (telescope report, eq. 1-4)."""
-    poses, drive, heldout = _drives(tables["configurations"], tables["residuals"], legs)
-    shifts = _shifts(tables, poses, len(legs))
+    poses, drive, heldout = _drives(tables["configurations"], tables["residuals"], rest_mm)
+    shifts = _shifts(tables, poses, len(rest_mm))
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
     good = np.isfinite(shifts.shift) & _consistent_attachments(drive, shifts, fitted)
@@ -99,14 +97,14 @@ def _leg_by_leg(drive: Array, shift: Array, noise: Array) -> ResponseFit:
 
 
 def _drives(
-    configurations: pa.Table, residuals: pa.Table, legs: Sequence[Leg]
+    configurations: pa.Table, residuals: pa.Table, rest_mm: Sequence[float]
 ) -> tuple[tuple[int | str, ...], Array, NDArray[np.bool_]]:
     """Poses with residuals, actuator displacements (B, L) in m, and which poses are held out."""
     measured = set(pose_ids(residuals))
     poses = configurations.column("pose").to_pylist()
     rows = np.array([i for i, pose in enumerate(poses) if pose in measured], dtype=np.int64)
-    reading = np.column_stack([number_column(configurations, f"rho{i + 1}_mm") for i in range(len(legs))])
-    drive = (reading[rows] - np.array([leg.rho0_mm for leg in legs])) * 1e-3
+    reading = np.column_stack([number_column(configurations, f"rho{i + 1}_mm") for i in range(len(rest_mm))])
+    drive = (reading[rows] - np.asarray(rest_mm)) * 1e-3
     role = np.array(configurations.column("role").to_pylist(), dtype=object)[rows]
     return tuple(poses[i] for i in rows), drive, role == "verification"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
@@ -11,7 +11,7 @@ from stages.declaration import Outcome, Progress, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from schemas.campaign import Campaign, LeggedMechanism
 
 DECLARATION = Stage(
     name="deformation",
@@ -45,7 +45,13 @@ def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
     if "configurations" not in tables or not len(attached):
         return not_evaluated("no platform target sits at an attachment (column leg of targets.csv)")
-    return attachment_deformation(tables, settings.mechanism.legs)
+    return attachment_deformation(tables, _rest_readings_mm(settings))
+
+
+def _rest_readings_mm(settings: Campaign) -> tuple[float, ...]:
+    """Actuator readings of the reference configuration, leg by leg."""
+    legs = cast("LeggedMechanism", settings.mechanism).legs
+    return tuple(leg.rho0_mm for leg in legs)
 
 
 def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:

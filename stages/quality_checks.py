@@ -199,10 +199,12 @@ def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterato
     kept = seen & ~isolated(body.residuals, own, seen)
     step = find_steps(body.residuals, own, kept)
     moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
-    moved = [t for t in moved if not _is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])]
-    if not moved:
+    shifted = [
+        t for t in moved if not _is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
+    ]
+    if not shifted:
         yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, f"{body.name}: no target has moved on its body.")
-    for t in moved:
+    for t in shifted:
         d = step.size[t] * 1e3
         size = float(np.linalg.norm(d))
         yield Check(

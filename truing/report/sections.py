@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -248,7 +248,7 @@ def poses(tables: Tables) -> Section | None:
     return Section("poses", "Poses", lead, shown, (listing,))
 
 
-def _pose_row(r: object) -> tuple[str, ...]:
+def _pose_row(r: Any) -> tuple[str, ...]:
     def many(names: str, first: int, factor: float) -> str:
         cells = []
         for k, name in enumerate(names.split()):
