@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,9 @@ from truing.estimation.coarse_registration import coarse_poses, same_pose
 from truing.estimation.local_surface import NEIGHBOURS, fit_patches
 from truing.estimation.rotation import skew
 from truing.estimation.scan_fit import Scene, SurfaceFit, fit_surface
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 # Points of the scan that enter: beyond them the reference's noise, not the scan's, is what limits a pose.
 MAX_POINTS = 200_000
@@ -31,6 +35,8 @@ MOST_SIZE_RATIO = 10.0
 _LEAST_POINTS = 10 * NEIGHBOURS
 _TRIAL_POINTS, _TRIAL_STEPS = 3_000, 15
 _FAR_POINTS = 20_000
+# Patches of a reference so dense that they are smaller than this many sigma have noise for normals: it is thinned.
+_LEAST_RADIUS = 40.0
 
 
 class ScanStatus(StrEnum):
@@ -135,24 +141,33 @@ def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[Scene,
     scan_centre, surface_centre = scan.mean(0), surface.mean(0)
     inside, outside = surface - surface_centre, scan - scan_centre
     tree = cKDTree(inside)
-    noise = (sigma, sigma) if sigma else (_scatter(inside, tree), _scatter(outside, cKDTree(outside)))
+    found, radius = _scatter(inside, tree)
+    noise = (sigma, sigma) if sigma else (found, _scatter(outside, cKDTree(outside))[0])
+    kept = int(len(inside) * min(1.0, (radius / (_LEAST_RADIUS * noise[0])) ** 2))
+    if kept < len(inside):
+        inside = inside[_sample(len(inside), max(kept, _TRIAL_POINTS))]
+        tree = cKDTree(inside)
     return Scene(inside, tree, outside, *noise), scan_centre, surface_centre
+
+
+def _sample(n_points: int, n: int) -> NDArray:
+    """Return at most n of the indices of n_points, ascending, the same at every call."""
+    return np.sort(np.random.default_rng(0).permutation(n_points)[:n])
 
 
 def _radius(centred: NDArray) -> float:
     return float(np.median(np.linalg.norm(centred, axis=1)))
 
 
-def _scatter(points: NDArray, tree: object) -> float:
-    """Return the standard deviation in m of points along the normals of their own surface, never below rounding."""
-    anchors = np.random.default_rng(0).permutation(len(points))[:_FAR_POINTS]
+def _scatter(points: NDArray, tree: cKDTree) -> tuple[float, float]:
+    """Return the standard deviation of points about their own surface, never below rounding, and a patch radius; m."""
+    patches = fit_patches(points, tree, _sample(len(points), _FAR_POINTS))
     rounding = 1e-12 * float(np.abs(points).max())
-    return max(float(np.sqrt(fit_patches(points, tree, anchors).noise_variance)), rounding)
+    return max(float(np.sqrt(patches.noise_variance)), rounding), float(np.median(patches.radius))
 
 
 def _thinned(scene: Scene, n: int) -> Scene:
-    chosen = np.sort(np.random.default_rng(0).permutation(len(scene.scan))[:n])
-    return replace(scene, scan=scene.scan[chosen])
+    return replace(scene, scan=scene.scan[_sample(len(scene.scan), n)])
 
 
 def _refined(scene: Scene, start: SurfaceFit) -> SurfaceFit:
