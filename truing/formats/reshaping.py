@@ -23,7 +23,10 @@ def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
     """A batch with a column for every number that the cells of some columns hold together."""
     if not plan.entry.arrays or not batch.rows:
         return batch
+    import pyarrow as pa
+
     columns, faults = dict(batch.columns), list(batch.faults)
+    whole = np.ones(batch.rows, dtype=bool)
     for name, first, names in plan.arrays():
         position = plan.all_names.index(name)
         if position not in columns:
@@ -31,12 +34,13 @@ def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
         cells = columns[position].cast("string")
         found = [_NUMBER.findall(cell or "") for cell in cells.to_pylist()]
         wrong = np.array([len(numbers) != len(names) for numbers in found], dtype=bool)
-        if wrong.any():
-            faults.append(CellFaults.where(wrong, batch.records, cells, name, f"{len(names)} numbers in the cell"))
-            found = [numbers if len(numbers) == len(names) else ["nan"] * len(names) for numbers in found]
+        faults.append(CellFaults.where(wrong, batch.records, cells, name, f"{len(names)} numbers in the cell"))
+        whole &= ~wrong
         for offset in range(len(names)):
-            columns[first + offset] = strings([numbers[offset] for numbers in found])
-    return RawBatch(columns, batch.records, tuple(faults))
+            columns[first + offset] = strings([numbers[offset] if len(numbers) > offset else "" for numbers in found])
+    if not whole.all():
+        columns = {key: values.filter(pa.array(whole)) for key, values in columns.items()}
+    return RawBatch(columns, batch.records[whole], tuple(faults))
 
 
 def widen(plan: Plan, batch: RawBatch) -> RawBatch:
