@@ -62,7 +62,7 @@ def open_campaign(place: Path) -> CampaignFolder:
     file = place if place.suffix == ".toml" and place.is_file() else place / FILE
     try:
         text = file.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, NotADirectoryError):
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
         raise CampaignFaults([Fault(str(file), _expected_instead(place))]) from None
     except UnicodeDecodeError as error:
         found = str(error.object[error.start : error.end])
@@ -97,7 +97,7 @@ def identity_faults(campaign: CampaignFolder) -> list[Fault]:
     if not isinstance(name, str) or not is_safe_name(name):
         expected = "a name that can be a folder's: no / \\ : * ? \" < > | and no dot or blank at its ends"
         faults.append(Fault(str(campaign.file), expected, column="campaign.name", value=_shown(name)))
-    if kind not in ORDER:
+    if not isinstance(kind, str) or kind not in ORDER:
         expected = f"one of {', '.join(ORDER)}"
         faults.append(Fault(str(campaign.file), expected, column="campaign.kind", value=_shown(kind)))
     return faults

@@ -28,7 +28,7 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
         return action()
     except CampaignFaults as error:
         for line in dict.fromkeys(map(str, error.faults)):
-            voice.warn(line)
+            voice.warn(" ".join(line.split("\n")))
         return ExitCode.UNUSABLE_CAMPAIGN
     except EnvironmentProblem as error:
         voice.warn(f"{error}; {_KEPT}")

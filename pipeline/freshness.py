@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 # The settings reach a stage through the one, its tables through the other: both shape what it leaves.
 _COMMON_SOURCE = ("schemas.campaign", "schemas.artifacts")
 _SHOWN_REASONS = 3
+# What an artifact has to carry to speak for its stage where the ledger is gone.
+_SPOKEN = {"digest", "left", "failed_checks"}
 
 
 class State(StrEnum):
@@ -101,13 +104,11 @@ class Evidence:
 
         for name in map(bare, stage.leaves):
             carried = read_provenance(self.run_folder, self.artifacts[name])
-            if carried is not None and carried.get("stage") == stage.name:
+            if carried is not None and carried.get("stage") == stage.name and carried.keys() >= _SPOKEN:
                 return self._entry_from(carried)
         return None
 
     def _entry_from(self, carried: Mapping[str, str]) -> Entry:
-        import json
-
         from pipeline.artifacts import read_provenance
 
         digests = {}

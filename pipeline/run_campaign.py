@@ -110,6 +110,8 @@ def run_campaigns(places: list[Path], out: Path | None, wish: Wish, *, quiet: bo
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         taken.add(folder)
         _refuse_raw_files(campaign, folder)
+        if len(places) > 1:
+            voice.say(f"{campaign.name} ({place})")
         return run_campaign(campaign, folder, wish, voice)
 
     return end_all([partial(action, place) for place in places], voice)
