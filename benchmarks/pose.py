@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
@@ -61,17 +63,23 @@ def ours(threads: int) -> dict[str, Fit]:
     def compiled(*arrays: np.ndarray, sigma: float) -> RigidFit:
         return solve(*arrays, sigma=sigma, threads=threads)
 
-    forms = {"truing umeyama": umeyama, "truing compiled": compiled, "truing plain NumPy": plain}
+    forms: dict[str, Callable[..., RigidFit]] = {
+        "truing umeyama": umeyama,
+        "truing compiled": compiled,
+        "truing plain NumPy": plain,
+    }
     return {name: weighted(form) for name, form in forms.items()}
 
 
-def stream(source: np.ndarray, target: np.ndarray, threads: int) -> None:
-    """Read both clouds and one weight per point, in as many threads."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    arrays = [part for a in (source, target, source[..., 0].copy()) for part in np.array_split(a.ravel(), threads)]
+def stream(arrays: list[np.ndarray], threads: int) -> None:
+    """Read arrays once, in as many threads."""
+    parts = [part for a in arrays for part in np.array_split(a.ravel(), threads)]
+    if threads == 1:
+        for part in parts:
+            part.max()
+        return
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(np.max, arrays))
+        list(pool.map(np.max, parts))
 
 
 def available(factories: dict[str, Callable[[], Fit]]) -> dict[str, Fit]:
@@ -93,10 +101,9 @@ def compare_fits(poses: int, points: int, threads: int, repeats: int) -> None:
     least = np.minimum.reduce([cost(*fit(source, target), source, target) for fit in mine.values()])
     count = {name: poses if name in mine or "batched" in name else min(poses, _FEW) for name in (*mine, *others)}
     tasks: dict[str, Callable[[], object]] = {
-        name: lambda fit=fit, n=count[name]: fit(source[:n], target[:n])
-        for name, fit in (*mine.items(), *others.items())
+        name: partial(fit, source[: count[name]], target[: count[name]]) for name, fit in (mine | others).items()
     }
-    tasks["reading the same bytes"] = lambda: stream(source, target, threads)
+    tasks["reading the same bytes"] = partial(stream, [source, target, np.ones((poses, points))], threads)
     seconds = interleaved(tasks, repeats)
     rates = {name: count.get(name, poses) / s for name, s in seconds.items()}
     for name, rate in rates.items():
@@ -152,14 +159,14 @@ def compare_robust(points: int, wrong: float, repeats: int) -> None:
 
     trials = 50_000 if points <= 20 else 4_000
     print(
-        f"\n{points} points, {wrong:.0%} gross errors, 1 thread: success, rotation error over the oracle's, fits per second"
+        f"\n{points} points, {wrong:.0%} gross errors, 1 thread: success, error of rotation / oracle, fits per second"
     )
     source, target, true, R, t = clouds(trials, points, wrong, 2)
     oracle = umeyama(source, target, true, sigma=SIGMA)
     fits = robust_fits()
     count = {name: trials if name.startswith("truing") else min(trials, _FEW) for name in fits}
     tasks: dict[str, Callable[[], object]] = {
-        name: lambda fit=fit, n=count[name]: fit(source[:n], target[:n]) for name, fit in fits.items()
+        name: partial(fit, source[: count[name]], target[: count[name]]) for name, fit in fits.items()
     }
     seconds = interleaved(tasks, repeats)
     for name, fit in fits.items():

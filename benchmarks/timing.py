@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+_SHORTEST = 0.02  # s
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
@@ -27,16 +28,22 @@ def pin(threads: int) -> None:
 
 
 def interleaved(tasks: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
-    """Return seconds (repeats,) of every task, one repeat of all after the other, after one unmeasured call each."""
+    """Return seconds (repeats,) per call of every task, one repeat of all after the other.
+
+    Each is called once unmeasured, and within a repeat as often as fills 20 ms.
+    """
     for task in tasks.values():
         task()
-    seconds = {name: np.empty(repeats) for name in tasks}
-    for k in range(repeats):
-        for name, task in tasks.items():
-            start = time.perf_counter()
-            task()
-            seconds[name][k] = time.perf_counter() - start
-    return seconds
+    calls = {name: 1 + int(_SHORTEST / _seconds(task, 1)) for name, task in tasks.items()}
+    runs = [{name: _seconds(task, calls[name]) / calls[name] for name, task in tasks.items()} for _ in range(repeats)]
+    return {name: np.array([run[name] for run in runs]) for name in tasks}
+
+
+def _seconds(task: Callable[[], object], calls: int) -> float:
+    start = time.perf_counter()
+    for _ in range(calls):
+        task()
+    return time.perf_counter() - start
 
 
 def spread(rates: np.ndarray) -> str:

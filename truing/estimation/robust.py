@@ -30,7 +30,7 @@ ANCHORS = 4
 FLOOR = 1e-6
 _FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it ends
 _TRIPLE_BLOCK = 23  # points whose triples compete: 1771
-_PAIRS_AT_ONCE = 400_000
+_PAIRS_AT_ONCE, _TRIPLES_AT_ONCE = 400_000, 400_000
 # From so many on, compiled code wins although it has to be loaded first (0.6 s).
 _MANY_POINTS, _MANY_PAIRS = 500_000, 4_000_000
 
@@ -229,16 +229,16 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
         seeds[rows] &= ~found
         seeds[rows, seed] = False
         best.offer(rows, found, cost)
-        for k in np.flatnonzero(_unsettled(proposed, found, fewest[rows])):
-            row = rows[k : k + 1]
-            found, cost = _among_triples(clouds[row], proposed[k], degree[row[0]], fewest[row], tools)
-            best.offer(row, found, cost)
-            spent = found[0] if found.any() else proposed[k]
-            seeds[row] &= ~spent
-            graph[row, spent] = 0.0
-            graph[row, :, spent] = 0.0
-            degree[row] = graph[row].sum(-1)
-    few = np.flatnonzero(best.size == 0)
+        split = np.flatnonzero(_unsettled(proposed, found, fewest[rows]))
+        if len(split):
+            part, members = rows[split], proposed[split]
+            found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
+            best.offer(part, found, cost)
+            left: NDArray = np.where(found.any(-1)[:, None], ~found, ~members)
+            seeds[part] &= left
+            graph[part] *= left[:, :, None] & left[:, None]
+            degree[part] = graph[part].sum(-1)
+    few = np.flatnonzero(~best.kept.any(-1))
     best.kept[few] = _only_few(clouds[few], tools)
     won = np.where(best.rival, str(FitStatus.AMBIGUOUS), str(FitStatus.OK))
     return best.kept & ~best.rival[:, None], np.where(best.size > 0, won, str(FitStatus.NO_CONSENSUS))
@@ -294,28 +294,44 @@ def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
 def _among_triples(
     clouds: Clouds, members: NDArray, degree: NDArray, fewest: NDArray, tools: Tools
 ) -> tuple[NDArray, NDArray]:
-    """Return the largest set (1, N) that one of the motions of triples of members (N,) leads to, and its cost (1,)."""
-    index = np.flatnonzero(members)
-    index = index[np.argsort(-degree[index], kind="stable")]
-    blocks = -(-len(index) // _TRIPLE_BLOCK)
-    starts = np.stack([_best_triple(clouds, index, index[k::blocks]) for k in range(blocks)])
-    found, cost = _settle(clouds[np.zeros(blocks, int)], starts, np.repeat(fewest, blocks), tools)
-    best = np.lexsort((cost, -found.sum(-1)))[:1]
-    return found[best], cost[best]
+    """Return the largest sets (B, N) that the motions of triples of members (B, N) lead to, and their costs (B,)."""
+    order = np.argsort(np.where(members, -degree, np.inf), axis=-1, kind="stable")
+    most = int(members.sum(-1).max())
+    blocks = -(-most // _TRIPLE_BLOCK)
+    found, cost = np.zeros_like(members), np.full(len(members), np.inf)
+    for k in range(blocks):
+        start = _near_best_triple(clouds, members, order[:, k:most:blocks])
+        settled, spent = _settle(clouds, start, fewest, tools)
+        more, size = settled.sum(-1), found.sum(-1)
+        better = (more > size) | (more == size) & (spent < cost)
+        found[better], cost[better] = settled[better], spent[better]
+    return found, cost
 
 
-def _best_triple(clouds: Clouds, index: NDArray, block: NDArray) -> NDArray:
-    """Return the points (N,) near the motion of that triple of a block which brings most of index near."""
-    triples = block[np.array(list(combinations(range(len(block)), 3)), int).reshape(-1, 3)]
-    x, y, variance = clouds.x[0], clouds.y[0], clouds.sigma[0, index] ** 2
-    fit = solve_weighted(x[triples], y[triples], np.ones(triples.shape))
-    square = np.sum((y[index] - fit.apply(x[index])) ** 2, axis=-1) / variance
-    near = 4 * clouds.limit[0]  # a triple's own error comes on top
-    cost = np.where(fit.ok, np.sum(np.minimum(square, near), axis=-1), np.inf)
-    out = np.zeros(len(x), bool)
-    if len(cost) and np.isfinite(cost.min()):
-        out[index] = square[cost.argmin()] <= near
+def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArray:
+    """Return the members (B, N) near the motion of that triple in a block (B, K) of points which brings most near."""
+    triples = np.array(list(combinations(range(block.shape[1]), 3)), int).reshape(-1, 3)
+    out = np.zeros_like(members)
+    step = max(1, _TRIPLES_AT_ONCE // max(1, len(triples) * members.shape[1]))
+    for first in range(0, len(members) if len(triples) else 0, step):
+        rows = slice(first, first + step)
+        out[rows] = _near_one_of(clouds[rows], members[rows], block[rows][:, triples])
     return out
+
+
+def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
+    """Return the members (B, N) near the motion of the best of triples (B, T, 3); none where all leave it free."""
+    rows = np.arange(len(members))
+    index = (rows[:, None, None], triples)
+    x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
+    fit = solve_weighted(x.reshape(-1, 3, 3), y.reshape(-1, 3, 3), w.reshape(-1, 3).astype(float))
+    R, t = fit.R.reshape(*triples.shape, 3), fit.t.reshape(*triples.shape)
+    moved = clouds.x[:, None] @ np.swapaxes(R, -1, -2) + t[:, :, None]
+    square = np.sum((clouds.y[:, None] - moved) ** 2, axis=-1) / np.square(clouds.sigma)[:, None]
+    near = 4 * clouds.limit[:, None, None]  # a triple's own error comes on top
+    cost = np.sum(np.minimum(square, near), axis=-1, where=members[:, None])
+    best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
+    return members & (square[rows, best] <= near[:, 0])
 
 
 def _only_few(clouds: Clouds, tools: Tools) -> NDArray:
