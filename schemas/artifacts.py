@@ -149,6 +149,7 @@ def _bound_faults(file: str, column: Column, name: str, values: pa.ChunkedArray 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _CORRELATION = ("corr_xy", "corr_xz", "corr_yz")
+_PLACE = ("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad")
 _COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
@@ -170,6 +171,25 @@ ARTIFACTS: dict[str, Artifact] = {
             ("body", "target", *_POINT, *_SIGMA, "leg"),
             optional=_CORRELATION,
             key=("body", "target"),
+        ),
+        Artifact(
+            "scans",
+            "scans.parquet",
+            "where a dense scan of a body's surface lays the body, in the frame of the measurement",
+            (
+                "pose",
+                "body",
+                *_PLACE,
+                *_COVARIANCE,
+                "rms_mm",
+                "n_used",
+                "n_rejected",
+                "overlap",
+                "noise_ratio",
+                "status",
+                "message",
+            ),
+            key=("pose", "body"),
         ),
         Artifact(
             "configurations",

@@ -91,8 +91,10 @@ _POSES = (
         for j in range(i, 6)
     ),
     _real("rms_mm", "mm", "root mean square of the residuals of the targets kept", minimum=0.0, nullable=True),
-    Column("n_used", "integer", "targets that entered the fit", minimum=0),
-    Column("n_rejected", "integer", "targets that were seen but kept out as gross errors or by a person", minimum=0),
+    Column("n_used", "integer", "targets, or points of a scan, that entered the fit", minimum=0),
+    Column("n_rejected", "integer", "targets, or points of a scan, kept out as gross errors or by a person", minimum=0),
+    _real("overlap", "", "share of a scan's points that lie on the reference surface", minimum=0.0, maximum=1.0),
+    _real("noise_ratio", "", "by which the standard deviations were enlarged for what noise leaves open", minimum=1.0),
 )
 
 _RESIDUALS = (

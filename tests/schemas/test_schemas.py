@@ -1,0 +1,104 @@
+"""The definitions hold together: columns are used, names agree with units, the page says what is enforced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from schemas.artifacts import ARTIFACTS
+from schemas.campaign import read_campaign
+from schemas.columns import COLUMNS, find_column
+from schemas.faults import CampaignFaults, Fault
+from schemas.page import artifacts_page
+
+TABLES = [artifact for artifact in ARTIFACTS.values() if artifact.is_table]
+SUFFIXES = {"_mm": "mm", "_um": "um", "_rad": "rad", "_s": "s", "_c": "degC", "_n": "N", "_nm": "N m"}
+
+
+def test_every_column_is_used_by_some_table():
+    used = {name for artifact in TABLES for name in (*artifact.columns, *artifact.optional, *artifact.families)}
+    assert used == set(COLUMNS)
+
+
+@pytest.mark.parametrize("column", COLUMNS.values(), ids=lambda column: column.name)
+def test_name_and_unit_agree(column):
+    name = column.name if not column.family else "rho1_mm"
+    promised = next((unit for suffix, unit in SUFFIXES.items() if name.endswith(suffix)), None)
+    assert promised in (None, column.unit)
+    assert column.meaning
+
+
+@pytest.mark.parametrize("artifact", TABLES, ids=lambda artifact: artifact.name)
+def test_an_empty_table_of_every_artifact_keeps_its_schema(artifact):
+    for identifier in ("int64", "string"):
+        assert not artifact.faults(artifact.empty(identifier))
+
+
+def test_departures_are_named():
+    table = pa.table(
+        {"pose": [1, 2], "leg": [0, 2], "delta_rho_mm": [0.1, float("inf")], "sigma_um": [1.0, None], "more": [1, 2]}
+    )
+    faults = [str(fault) for fault in ARTIFACTS["deformation"].faults(table)]
+    assert any("a column delta_bz_um" in fault for fault in faults)
+    assert any("column leg: found '0'; expected at least 1" in fault for fault in faults)
+    assert any("delta_rho_mm: found 'inf'; expected finite numbers" in fault for fault in faults)
+    assert any("sigma_um: found 'empty'" in fault for fault in faults)
+    assert any("column more: expected no such column" in fault for fault in faults)
+
+
+def test_text_is_held_to_its_choices():
+    artifact = ARTIFACTS["configurations"]
+    table = pa.table({"pose": [1], "role": ["calibratoin"], "time_s": [0.0], "rho1_mm": [10.0], "humidity": [40.0]})
+    assert [str(f) for f in artifact.faults(table)] == [
+        "configurations.parquet, column role: found 'calibratoin'; expected one of calibration, verification, reference"
+    ]
+
+
+def test_numbered_columns_are_found_by_their_family():
+    assert find_column("rho12_mm") is COLUMNS["rho"]
+    assert find_column("rho0_mm") is None
+
+
+def test_page_is_what_is_enforced():
+    page = Path(__file__).resolve().parents[2] / "docs" / "artifacts.md"
+    assert page.read_text(encoding="utf-8") == artifacts_page(), "run `python -m schemas`"
+
+
+LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [
+        ({"nois": {}}, "column nois: expected a known key; did you mean noise?"),
+        ({"noise": {"point_m": 1}}, "column noise.point_m: expected a known key; did you mean point_mm?"),
+        ({"noise": {"point_mm": float("nan")}}, "column noise.point_mm: found 'nan'; expected a finite number"),
+        ({"mechanism": {"type": "6-pus", "legs": [LEG] * 5}}, "expected six legs for a 6-pus, not 5"),
+        ({"mechanism": {"type": "ups", "legs": [LEG] * 2}}, "expected at least three legs for a ups, not 2"),
+        ({"mechanism": {"type": "ups", "legs": [{**LEG, "u": [0, 0, 2]}] * 3}}, "u must have unit length"),
+        ({"mechanism": {"tolerance": {"a_mm": 1}}}, "column mechanism.tolerance: expected a known key"),
+        ({"files": {"points": {"path": "x", "seperator": ";"}}}, "did you mean separator?"),
+        ({"exclude": [{"target": "P1", "by": "me"}]}, "column exclude.1.reason: expected this key to be present"),
+        ({"format": 2}, "column format: found '2'; expected 1"),
+    ],
+)
+def test_faults_of_campaign_toml_are_named(section, expected):
+    document = {"campaign": {"name": "c", "kind": "photogrammetry"}, **section}
+    with pytest.raises(CampaignFaults) as caught:
+        read_campaign(document)
+    assert any(expected in str(fault) for fault in caught.value.faults), [str(f) for f in caught.value.faults]
+
+
+def test_all_faults_come_at_once():
+    with pytest.raises(CampaignFaults) as caught:
+        read_campaign({"campaign": {"nam": "x"}, "nois": {}, "noise": {"point_mm": -1}})
+    assert len(caught.value.faults) == 5
+
+
+def test_a_fault_says_where_what_and_how_often():
+    fault = Fault("points.csv", "a finite number in mm", row=17, column="x_mm", value="1,5", more=3)
+    assert str(fault) == (
+        "points.csv, row 17, column x_mm: found '1,5'; expected a finite number in mm (and 3 more like it)"
+    )
