@@ -1,0 +1,110 @@
+"""A proposal for a raw file reads that file: no fault, and the numbers that were written."""
+
+from __future__ import annotations
+
+import gzip
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.formats.reading import read, written
+from tests.tolerance import assert_close
+from truing.formats.sniff import sniff_file
+
+ROWS = [(1, "P1", 1234.5, -0.25, 12.0), (1, "P2", -1.0, 2.0, 0.001), (2, "P1", 2345.625, 0.0, -7.5)]
+HEADERS = {
+    "en": ("pose", "body", "target", "x_mm", "y_mm", "z_mm"),
+    "de": ("Messung", "Körper", "Punktnummer", "X [mm]", "Y [mm]", "Z [mm]"),
+    "fr": ("Frame", "body", "cible", "x", "y", "z"),
+}
+
+
+def text(separator, decimal, thousands, end, names):
+    lines = [separator.join(names)]
+    for pose, target, *xyz in ROWS:
+        numbers = [f"{v:,.4f}".translate(str.maketrans({",": thousands, ".": decimal})) for v in xyz]
+        lines.append(separator.join([str(pose), "plate", target, *numbers]))
+    return end.join(lines) + end
+
+
+@given(
+    st.sampled_from([",", ";", "\t", "|"]),
+    st.sampled_from([(".", ""), (",", ""), (".", ","), (",", "."), (".", "'"), (",", " ")]),
+    st.sampled_from(["\n", "\r\n"]),
+    st.sampled_from(["utf-8", "utf-8-sig", "cp1252", "utf-16"]),
+    st.sampled_from(sorted(HEADERS)),
+    st.integers(0, 2),
+)
+def test_what_is_proposed_reads_the_file(tmp_path_factory, separator, notation, end, encoding, language, preamble):
+    decimal, thousands = notation
+    if separator in notation:
+        separator = ";"
+    folder = tmp_path_factory.mktemp("sniff")
+    content = f"a report of some laboratory{end}" * preamble
+    content += text(separator, decimal, thousands, end, HEADERS[language])
+    path = written(folder, "export.csv", content, encoding)
+    guess = sniff_file(path)
+    assert guess.table == "points"
+    found = read(folder, entries={"path": "export.csv", **guess.mapping})
+    assert found.faults == ()
+    assert found.columns["target"] == [row[1] for row in ROWS]
+    for name, place in (("x_mm", 2), ("y_mm", 3), ("z_mm", 4)):
+        assert_close(found.columns[name], [row[place] for row in ROWS], atol=0.0, what=name)
+
+
+def test_units_in_headers_become_units_of_the_mapping(tmp_path):
+    path = written(tmp_path, "e.csv", "pose;target;X [m];Y [m];Z [m]\n1;P;1,5;2,5;0,25\n")
+    guess = sniff_file(path)
+    found = read(tmp_path, entries={"path": "e.csv", **guess.mapping, "constants": {"body": "b"}})
+    assert found.columns["x_mm"] == [1500.0]
+
+
+def test_the_contracts_own_files_need_no_mapping(tmp_path):
+    path = written(tmp_path, "configurations.csv", "pose,role,time_s,rho1_mm\n1,calibration,0,10\n")
+    guess = sniff_file(path)
+    assert (guess.table, guess.mapping, guess.notes) == ("configurations", {}, ())
+
+
+@pytest.mark.parametrize(
+    ("content", "file_format"),
+    [
+        ("CODE1,-1353.2,2028.7,488.3,0.04,0.02,0.02,0\r\nT2,1,2,3,4,5,6,0\r\n", "vstars"),
+        (
+            "Enabled\tFeature\tID\tx\ty\tz\nChecked\tA\t1\t6,997.3\t-1,2\t3\nChecked\tA\t2\t6,997.3\t-1.2\t3\n",
+            "tracker",
+        ),
+    ],
+)
+def test_exports_of_instruments_are_recognised(tmp_path, content, file_format):
+    guess = sniff_file(written(tmp_path, "e.txt", content.replace("-1,2", "-1.2")))
+    assert guess.mapping["format"] == file_format
+    assert guess.notes
+
+
+def test_coordinates_without_header_by_position_and_compressed(tmp_path):
+    (tmp_path / "s.txt.gz").write_bytes(gzip.compress(b"# made today\n  P1 1.5 2.5 3.5\n  P2 4 5 6\n" * 400))
+    guess = sniff_file(tmp_path / "s.txt.gz")
+    assert guess.mapping["comment"] == "#"
+    assert guess.mapping.get("format") == "vstars"
+
+
+@pytest.mark.parametrize("content", [b"", b"\n\n", b"\x00\x01\x02" * 50, b"just a sentence\n", b"\xff\xfe", b"PAR1 no"])
+@pytest.mark.parametrize("name", ["a.csv", "a.parquet", "a.csv.gz", "a.txt"])
+def test_what_holds_no_table_is_said_and_never_raises(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    guess = sniff_file(tmp_path / name)
+    assert guess.table is None
+    assert guess.notes
+
+
+@given(st.binary(max_size=200))
+def test_no_content_makes_it_raise(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("any") / "a.txt"
+    path.write_bytes(content)
+    sniff_file(path)
+
+
+def test_a_truncated_archive_is_said(tmp_path):
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"a,b\n1,2\n" * 9000)[:60])
+    assert "cannot be read" in sniff_file(tmp_path / "a.csv.gz").notes[0]
