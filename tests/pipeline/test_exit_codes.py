@@ -62,6 +62,14 @@ def test_all_faults_at_once_those_of_campaign_toml_and_of_the_raw_files(fake: Fa
         assert list(fake.cwd.iterdir()) == []
 
 
+def test_a_name_that_cannot_be_hides_no_other_fault(fake: FakeProject) -> None:
+    fake.edit(fake.campaign / "points.csv", "4.0", "nan")
+    fake.edit(fake.campaign / "campaign.toml", '"bench"', '"a/b"')
+    done = fake.call("run", str(fake.campaign))
+    assert done.returncode == 2
+    assert [line.split(",")[0].rpartition("/")[2] for line in lines(done.stderr)] == ["campaign.toml", "points.csv"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
