@@ -19,8 +19,9 @@ from truing.estimation.whitening import Linearised, Whitened, whiten
 # Nothing is known of a pose's frame; these keep the equations scaled, and bend it by parts in 1e8.
 _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 _MAX_ITERATIONS = 25
-# A fit has settled when its next step would lower the sum of squares by less than this.
-_SETTLED = 1e-6
+# A fit has settled when its next step would lower the sum of squares by less than this: nothing moves by more than a
+# hundredth of its standard deviation then.
+_SETTLED = 1e-4
 
 
 class Predicted(Protocol):
@@ -91,7 +92,7 @@ def fit_points(model: Model, measured: MeasuredPoints, frames: Frames, shared: N
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(linearise(model, measured, frames, shared, local))
-        if whitened.explained < _SETTLED * max(1.0, whitened.freedom / 1e3):
+        if whitened.explained < _SETTLED:
             return PointFit(shared, local, frames, whitened, FitState.SETTLED, iteration)
         shared_step, local_step = whitened.step()
         shared, local = shared + shared_step, local + local_step[:, 6:]
