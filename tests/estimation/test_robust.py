@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 from tests.estimation.scatter import body, move, pose_error, random_motions, seeds, squared_pulls
 from tests.tolerance import assert_close
@@ -61,14 +61,26 @@ def test_errors_across_a_plane_change_no_distance_and_are_found_all_the_same(sha
 
 @pytest.mark.parametrize("points", [3, 4, 6, 20, 60])
 def test_clean_poses_lose_a_point_as_rarely_as_stated(points):
-    trials = 20_000 if points <= 20 else 4_000
+    trials = 10_000 if points <= 20 else 2_000
     rng = np.random.default_rng(points)
     x, y, *_ = spoiled(rng, trials, points, 0)
     kept, _ = consensus(x, y, None, SIGMA)
     lost = np.count_nonzero(~kept.all(-1))
     assert lost <= binom.ppf(1 - 1e-4, trials, FALSE_ALARM)
-    if points == 20:  # of many points each has nearly its full share of the probability
-        assert lost >= binom.ppf(1e-4, trials, 0.5 * FALSE_ALARM)
+
+
+@pytest.mark.parametrize("points", [4, 7, 30])
+def test_studentised_residuals_are_chi_square_for_members_and_for_points_left_out(points):
+    trials = 40_000 // points
+    x, y, mask, *_ = spoiled(np.random.default_rng(14), trials, points, 0)
+    members = np.broadcast_to(np.arange(points) > 0, mask.shape)
+    clouds = robust.Clouds(np.broadcast_to(x, y.shape), y, mask, np.full(mask.shape, SIGMA), np.ones(trials))
+    studentised, _ = robust.squared_residuals(clouds, members)
+    for share in (0.5, 0.05):
+        low, high = binom.ppf([1e-4, 1 - 1e-4], trials, share)
+        # three members leave each other less than three degrees of freedom
+        for k in (0, points // 2, points - 1) if points > 4 else (0,):
+            assert low <= np.count_nonzero(studentised[:, k] > chi2.isf(share, 3)) <= high
 
 
 def test_the_fit_to_what_is_kept_is_as_good_as_the_fit_to_the_true_points():

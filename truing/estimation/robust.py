@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from truing.estimation.rigid import FitStatus, check_correspondences, solve_weighted
 
 # Probability that a pose without gross errors loses any of its points.
-FALSE_ALARM = 1e-3
+FALSE_ALARM = 1e-4
 # So many points must agree, or all but one of fewer: three of many agree by chance too easily.
 FEWEST = 4
-# Standard deviations that the distance within a pair may change by: one true pair in 150 000 is lost.
-PAIR_LIMIT = 4.5
+# Standard deviations that the distance within a pair may change by: one true pair in two million is lost.
+PAIR_LIMIT = 5.0
 ANCHORS = 4
 # Share of a point's noise that its residual keeps where it alone holds the pose in some direction.
 FLOOR = 1e-6
@@ -234,7 +234,7 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
             part, members = rows[split], proposed[split]
             found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
             best.offer(part, found, cost)
-            left: NDArray = np.where(found.any(-1)[:, None], ~found, ~members)
+            left: NDArray = np.where(np.any(found, axis=-1, keepdims=True), ~found, ~members)
             seeds[part] &= left
             graph[part] *= left[:, :, None] & left[:, None]
             degree[part] = graph[part].sum(-1)
