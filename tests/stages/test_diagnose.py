@@ -21,7 +21,7 @@ from stages.predict import predict
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import ActuatorGain, Effect, LinearDeformation
 from tests.blind.generator.folder import truth_path, write_campaign
-from tests.blind.generator.layout import DataFaults, Layout, Targets
+from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
@@ -55,10 +55,15 @@ def _diagnosed(folder: Path) -> Diagnosed:
     )
 
 
-def _drawn(home: Path, effects: list[Effect], seed: int, targets: Targets | None = None) -> Diagnosed:
+def _drawn(
+    home: Path, effects: list[Effect], seed: int, targets: Targets | None = None, noise: Noise | None = None
+) -> Diagnosed:
     rng = np.random.default_rng(seed)
     layout = Layout(
-        name="small", faults=DataFaults(0.02, 0.01), targets=targets or Targets(base=8, platform=7, per_leg=3)
+        name="small",
+        faults=DataFaults(0.02, 0.01),
+        targets=targets or Targets(base=8, platform=7, per_leg=3),
+        noise=noise or Noise(),
     )
     campaign = draw_campaign(layout, [at_rest(), *random_moves(22, 6, rng)], effects, rng)
     return _diagnosed(write_campaign(campaign, home / "campaign", seed))
@@ -110,7 +115,7 @@ def test_the_linear_deformation_is_named_and_sized(linear: Diagnosed) -> None:
 
 def test_an_explanation_says_what_how_large_and_how_sure(linear: Diagnosed) -> None:
     said = linear.rows[0]["explanation"]
-    for word in ("attachment", "kappa_1 = 0.01", "±", "um rms", "held-out", "p ="):
+    for word in ("attachment", "kappa_1 = 0.01", "±", "um rms", "held-out", "probability"):
         assert word in said, said
     assert linear.rows[0]["next_measurement"]
     assert "platform-deformation-linear" in linear.figure
@@ -142,6 +147,14 @@ def test_what_no_cause_explains_is_called_so_and_not_by_another_s_name(tmp_path:
     assert "no cause of the catalogue" in row["explanation"]
     model = tomllib.loads(gained.model)
     assert model["effects"][0]["cause"] == "unexplained"
+
+
+def test_noise_far_above_the_declared_is_said_to_be_so(tmp_path: Path) -> None:
+    noisy = _drawn(tmp_path, [], 45, noise=Noise(point_mm=0.008, survey_mm=0.008, declared_point_mm=0.005))
+    assert noisy.found() == ["unexplained"]
+    ratio = json.loads(noisy.rows[0]["parameters"])["noise_ratio"]
+    # The actuators' noise, which is as declared, keeps the whole a little below 8 / 5.
+    assert_between(ratio["value"], 1.45, 1.65, what="noise ratio")
 
 
 def test_with_too_few_targets_away_from_the_attachments_shifts_are_known_modulo_a_plane(tmp_path: Path) -> None:

@@ -41,7 +41,8 @@ def _found(facts: Facts) -> str:
     unnamed = ", and no cause of the catalogue explains it" if facts.unnamed else ""
     return (
         f"The data show that {facts.says}{unnamed}: {_sizes(facts)}. {_improvement(facts)} "
-        f"By chance this happens with p = {facts.p_value:.2g}, all {facts.candidates} candidates counted."
+        f"By chance this happens with a probability of at most {facts.p_value:.2g}, "
+        f"all {facts.candidates} candidates counted."
     )
 
 
@@ -95,3 +96,13 @@ def _significance(value: Mapping[str, Any]) -> float:
 def _size(name: str, value: Mapping[str, Any]) -> str:
     unit = "" if value["unit"] == "1" else str(value["unit"])
     return f"{name} = {with_uncertainty(float(value['value'] or 0.0), value['sigma'], unit)}"
+
+
+def noise_explanation(ratio: float, sigma: float, rms: float | None, floor: float) -> str:
+    """Return what is to be said of noise that is larger than declared; rms and floor in um."""
+    missed = f" Predictions miss by {rms:.2f} um rms where it would leave {floor:.2f} um." if rms is not None else ""
+    return (
+        f"What is left is {with_uncertainty(ratio, sigma)} times as large as the declared noise, more than can be "
+        f"put down to how well that is known: the instrument is noisier than declared, or something moves the points "
+        f"that nothing in the catalogue explains.{missed}"
+    )
