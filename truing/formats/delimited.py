@@ -84,11 +84,13 @@ def split_record(record: bytes, separator: str, quote: str) -> list[str]:
     text = record.decode(errors="replace").strip("\r\n")
     if separator == "whitespace":
         return text.split()
-    quoting = csv.QUOTE_MINIMAL if quote else csv.QUOTE_NONE
-    fields = next(
-        csv.reader(io.StringIO(text, newline=""), delimiter=separator, quotechar=quote or None, quoting=quoting), []
+    rows = csv.reader(
+        io.StringIO(text, newline=""),
+        delimiter=separator,
+        quotechar=quote or None,
+        quoting=csv.QUOTE_MINIMAL if quote else csv.QUOTE_NONE,
     )
-    return [field.strip() for field in fields]
+    return [field.strip() for field in next(rows, [])]
 
 
 def column_names(heading: bytes, separator: str, entry: FileMapping) -> tuple[str, ...]:

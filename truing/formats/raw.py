@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class RawBatch:
     """Some records of a raw file: columns by position (from 0; by name where reshaping made them), the record
     that each row stands in, what is wrong."""
 
-    columns: Mapping[int | str, pa.Array]
+    columns: Mapping[Any, pa.Array]
     records: Records
     faults: tuple[CellFaults, ...] = ()
 

@@ -140,7 +140,8 @@ def line_numbers(
     stream: IO[bytes], entry: FileMapping, lines: Lines, has_header: bool, records: Sequence[int]
 ) -> list[int]:
     """The lines (from 1) at which records (from 0, ascending) begin; the file is read again for that."""
-    wanted, found = iter(records), []
+    wanted = iter(records)
+    found: list[int] = []
     next_wanted = next(wanted, None)
     line_number, record = 1, -1
     passed = entry.skip_lines
