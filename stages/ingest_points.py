@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,6 +48,11 @@ class Expected:
     point_mm: float | None
     geometry: Geometry
     survey: pa.Table | None
+
+    def without(self, scanned: frozenset[str]) -> Expected:
+        """The same where some bodies are known from scans of their surface, and need no targets."""
+        always = tuple(body for body in self.always if body not in scanned)
+        return replace(self, always=always, reference=None if self.reference in scanned else self.reference)
 
 
 @dataclass
@@ -157,7 +162,7 @@ class Points:
         if unknown.any():
             faults = CellFaults.where(unknown, batch.records, batch.columns["pose"], "pose", "a pose of configurations")
             self.log.cells(file.raw.name, faults, file.locate)
-        sampled = pose < _SAMPLED_POSES
+        sampled = pose < min(_SAMPLED_POSES, len(self.expected.poses))
         if sampled.any():
             xyz = np.column_stack([np.asarray(batch.columns[name])[sampled] for name in COORDINATES])
             self.sample.append((pose[sampled], label[sampled], xyz))

@@ -21,7 +21,7 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-POSES = Shape("points", ("pose",))
+POSES = (Shape("points", ("pose",)), Shape("scans", ("pose",)))
 """Points of which only the pose is looked at."""
 
 
@@ -38,15 +38,12 @@ class SmallTable:
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
 
 
-def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
-    """One row per pose; without a table of configurations, where no mechanism asks for one, in order of appearance."""
+def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable:
+    """One row per pose; without a table of configurations in order of appearance, which a mechanism does not allow."""
     found = gather(source, CONFIGURATIONS, log, "pose")
     if found is None:
-        if source.entries("configurations"):
-            return None
-        if legs_of(settings):
+        if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
-            return None
         return SmallTable(_in_order_of_appearance(source))
     _once(found, log, ("pose",))
     _check_times(found, log, required=bool(legs_of(settings)))
@@ -81,11 +78,12 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     import pyarrow as pa
 
     poses, any_text = Names(), False
-    for _, batch in read_table(source, POSES, FaultLog(), poses_as_text=as_text):
-        column = batch.columns["pose"]
-        any_text |= bool(pa.types.is_dictionary(column.type))
-        for pose in column.unique().to_pylist():
-            poses.number(pose)
+    for shape in POSES:
+        for _, batch in read_table(source, shape, FaultLog(), poses_as_text=as_text):
+            column = batch.columns["pose"]
+            any_text |= bool(pa.types.is_dictionary(column.type))
+            for pose in column.unique().to_pylist():
+                poses.number(pose)
     return poses.values, any_text
 
 
@@ -107,7 +105,6 @@ def _check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
         if required:
             log.add(Fault(found.first_file, "a column time_s; it orders the poses", column="time_s"))
         return
-    found.fault(log, _absent(found, "time_s"), "time_s", "a time for every row")
     found.fault(log, _repeated(_numbers(found, "time_s")), "time_s", "a time of its own for every row")
 
 
@@ -122,10 +119,6 @@ def _numbers(found: Gathered, name: str) -> NDArray[np.float64]:
     return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
 
 
-def _absent(found: Gathered, name: str) -> NDArray[np.bool_]:
-    return np.asarray(found.table.column(name).is_null().combine_chunks())
-
-
 def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
     legs = legs_of(settings)
     if not legs:
@@ -137,8 +130,6 @@ def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
         name = f"rho{leg}_mm"
         if name not in found.table.column_names:
             log.add(Fault(file, f"a column {name}, the reading of leg {leg}", column=name))
-        else:
-            found.fault(log, _absent(found, name), name, "a reading for every pose")
 
 
 def _check_drives(found: Gathered, log: FaultLog, drives: tuple[str, ...]) -> None:
@@ -215,7 +206,6 @@ def _check_run_times(found: Gathered, log: FaultLog) -> None:
     again = np.zeros(len(times), dtype=bool)
     for run in dict.fromkeys(runs.tolist()):
         again[runs == run] = _repeated(times[runs == run])
-    found.fault(log, np.isnan(times), "time_s", "a time for every step")
     found.fault(log, again, "time_s", "a time of its own for every step of a run")
 
 
@@ -247,4 +237,5 @@ def _as_artifact(name: str, table: pa.Table) -> pa.Table:
         table = table.append_column(column, pa.nulls(len(table), artifact.arrow_schema().field(column).type))
     names = [*artifact.columns, *(column for column in table.column_names if column not in artifact.columns)]
     text = any(key in names and pa.types.is_string(table.schema.field(key).type) for key in ("pose", "run"))
-    return table.select(names).cast(artifact.arrow_schema("string" if text else "int64", tuple(names)))
+    schema = artifact.arrow_schema("string" if text else "int64", tuple(names))
+    return table.select(names).cast(pa.schema([field.with_nullable(True) for field in schema]))

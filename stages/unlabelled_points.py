@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ATTACHMENT_MM = 0.033
+_ATTACHMENT_MM = 0.03
 """How far, one standard deviation, a target at an attachment may sit from its survey because the platform deforms."""
+
+_GIVES_WAY = 5e-5
+"""How far, in parts of a body's size, its targets may sit from their survey: 10 K of aluminium over half of it."""
 
 _SHOWN_RIVALS = 3
 
@@ -44,11 +47,19 @@ def surveyed_bodies(survey: pa.Table, point_mm: float) -> dict[str, SurveyedBody
     target = np.asarray(survey.column("target").to_pylist(), dtype=object)
     points = np.column_stack([np.asarray(survey.column(name).to_pylist(), dtype=float) for name in COORDINATES])
     at_leg = np.array([leg is not None for leg in survey.column("leg").to_pylist()], dtype=bool)
-    sigma = np.where(at_leg, np.hypot(point_mm, _ATTACHMENT_MM), point_mm)
     return {
-        name: SurveyedBody(tuple(target[body == name]), points[body == name], sigma[body == name])
+        name: SurveyedBody(
+            tuple(target[body == name]),
+            points[body == name],
+            _sigma(points[body == name], at_leg[body == name], point_mm),
+        )
         for name in dict.fromkeys(body.tolist())
     }
+
+
+def _sigma(points: Array, at_leg: NDArray[np.bool_], point_mm: float) -> Array:
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return np.sqrt(point_mm**2 + (_GIVES_WAY * size) ** 2 + np.where(at_leg, _ATTACHMENT_MM, 0.0) ** 2)
 
 
 @dataclass
@@ -91,6 +102,8 @@ class Unlabelled:
             survey_sigma={name: 1e-3 * known.sigma_mm for name, known in survey.items()},
         )
         for name, labelling in found.items():
+            if labelling.status is LabellingStatus.TOO_FEW:
+                continue
             if labelling.status is not LabellingStatus.OK:
                 self.refused[name] = _refusal(labelling)
                 self.left_out[(f"pose {pose}, {name}", self.refused[name])] += 0

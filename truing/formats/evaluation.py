@@ -99,6 +99,11 @@ class _Work:
     missing: dict[str, Mask] = field(default_factory=dict)
 
     @cached_property
+    def broken(self) -> Mask:
+        """Points of which a coordinate is a fault."""
+        return np.zeros(self.batch.rows, dtype=bool)
+
+    @cached_property
     def notation(self) -> Notation:
         """How the file's numbers are written."""
         entry = self.plan.entry
@@ -226,6 +231,8 @@ class _Work:
             values = pc.add(pc.multiply(pc.add(values, float(shift)), factor), offset)
         plain = np.asarray(values.fill_null(0.0) if values.null_count else values)
         self._outside(~np.isfinite(plain), values, name, "a finite number")
+        if name in COORDINATES:
+            self.broken |= ~np.isfinite(plain)
         if column.minimum is not None:
             self._outside(plain < column.minimum, values, name, f"at least {column.minimum:g} {column.unit}".rstrip())
         if column.maximum is not None:
@@ -246,17 +253,22 @@ class _Work:
             return pa.array((self.batch.records + origin.first).astype(float))
         raw = self._raw(name)
         if pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type):
-            values, blank = raw.cast(pa.float64()), np.asarray(raw.is_null())
+            values, blank = raw.cast(pa.float64()), np.array(raw.is_null())
+            broken = np.zeros(len(raw), dtype=bool)
         else:
-            values, blank = self._parsed(name, raw)
+            values, blank, broken = self._parsed(name, raw)
         values = self._without_missing(values)
         if name in COORDINATES:
+            blank &= "" not in self.notation.missing
             self.missing[name] = np.asarray(values.is_null())
-        if not column.nullable and "" not in self.notation.missing and blank.any():
-            self._fault(blank, None, name, "a number; an empty cell has to be declared by missing", "")
+            self.broken |= blank | broken
+            self._absent(blank, name, "a number; an empty cell has to be declared by missing")
+        elif not column.nullable:
+            self._absent(np.asarray(values.is_null()) & ~broken, name, "a number in every row")
         return values
 
-    def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask]:
+    def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask, Mask]:
+        """Numbers, where a cell is empty, and where one holds something else."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -265,7 +277,11 @@ class _Work:
         if bad.any():
             first = texts[int(np.flatnonzero(bad)[0])].as_py()
             self._fault(bad, texts, name, self.notation.advice(first))
-        return values, np.asarray(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), ""))
+        return values, np.array(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), "")), bad
+
+    def _absent(self, wrong: Mask, name: str, expected: str) -> None:
+        if wrong.any():
+            self._fault(wrong, None, name, expected, "")
 
     def _without_missing(self, values: pa.Array) -> pa.Array:
         import pyarrow as pa
@@ -329,9 +345,9 @@ class _Work:
         for triple in self.notation.missing_triples:
             raw = [self._raw_numbers(name) for name in COORDINATES]
             gone |= np.logical_and.reduce([values == value for values, value in zip(raw, triple, strict=True)])
-        said = ", ".join(repr(text) for text in self.plan.entry.missing) or "no number"
-        self._leave_out(gone, f"a coordinate means missing ({said})")
-        return ~gone
+        said = ", ".join(repr(text) for text in self.plan.entry.missing)
+        self._leave_out(gone & ~self.broken, f"a coordinate means missing ({said})")
+        return ~(gone | self.broken)
 
     def _raw_numbers(self, name: str) -> NDArray[np.float64]:
         import pyarrow as pa

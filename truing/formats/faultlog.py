@@ -70,8 +70,10 @@ class FaultLog:
         self._locate.update(other._locate)
 
     def add(self, fault: Fault) -> None:
-        """A fault that concerns no row, or whose row is known."""
-        self._plain.setdefault((fault.file, fault.column, fault.expected), []).append(fault)
+        """A fault that concerns no row, or whose row is known; saying the same again adds nothing."""
+        same_kind = self._plain.setdefault((fault.file, fault.column, fault.expected), [])
+        if fault not in same_kind:
+            same_kind.append(fault)
 
     def cells(self, file: str, faults: CellFaults, locate: Callable[[Sequence[int]], Sequence[int]]) -> None:
         """Faults in the records of a file; ``locate`` turns records into the rows that an editor counts."""

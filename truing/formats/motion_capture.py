@@ -36,8 +36,10 @@ def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def _open_c3d(path: Path):  # type: ignore[no-untyped-def]
-    import ezc3d
-
+    try:
+        import ezc3d
+    except ModuleNotFoundError:
+        raise Unusable("TRC or text here: C3D needs ezc3d, which this platform has no wheel of") from None
     try:
         return ezc3d.c3d(str(path))
     except Exception as error:  # ezc3d lets the exceptions of its C++ through under several types

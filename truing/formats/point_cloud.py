@@ -26,7 +26,10 @@ def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def _attributes(path: Path) -> dict[str, NDArray]:
-    open3d = load_open3d()
+    try:
+        open3d = load_open3d()
+    except ImportError as error:
+        raise Unusable(f"XYZ or text here: {error}") from None
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         try:
             cloud = open3d.t.io.read_point_cloud(str(path))

@@ -62,6 +62,7 @@ class PointLedger:
         self._order = np.argsort(plain, kind="stable")
         self._sorted = plain[self._order]
         self._spool = Spool(("pose", "label"), folder)
+        self._any_unknown = False
         self._named = 0
         self._codes: NDArray[np.int32] = np.zeros((0, 2), np.int32)
         self._columns: tuple[pa.Array, pa.Array] = (strings([]), strings([]))
@@ -78,6 +79,7 @@ class PointLedger:
         pose = self._pose_numbers(batch.columns["pose"])
         label = self._label_numbers(batch.columns["body"], batch.columns["target"])
         if batch.rows:
+            self._any_unknown |= int(pose.max()) == len(self.poses)
             is_run = bool(np.all(np.diff(batch.records) == 1))
             self._starts.append(self.rows)
             self._origins.append((file, int(batch.records[0]) if is_run else batch.records))
@@ -148,7 +150,7 @@ class PointLedger:
     def seen(self) -> NDArray[np.bool_]:
         """Whether a pose has any point of a body: (poses, bodies), bodies in the order of :meth:`bodies`."""
         body = self.label_bodies()
-        found = np.zeros(((len(self.poses) + 1), len(self.bodies())), dtype=bool)
+        found = np.zeros((len(self.poses) + 1, len(self.bodies())), dtype=bool)
         for start, stop in self.steps():
             found[self._spool.read("pose", start, stop), body[self._spool.read("label", start, stop)]] = True
         return found
@@ -163,11 +165,11 @@ class PointLedger:
         return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)  # type: ignore[misc]
 
     def duplicates(self) -> Iterator[NDArray[np.int64]]:
-        """Rows whose pose, body and target stood in a row before: exact, in memory that does not grow with the rows."""
+        """Rows of known poses whose pose, body and target stood in a row before: exactly, in bounded memory."""
         width = max(len(self.labels.values), 1)
         slab = max(_CELLS // width, 1)
-        for first in range(0, (len(self.poses) + 1), slab):
-            yield from self._duplicates_within(first, min(first + slab, (len(self.poses) + 1)), width)
+        for first in range(0, len(self.poses), slab):
+            yield from self._duplicates_within(first, min(first + slab, len(self.poses)), width)
 
     def _duplicates_within(self, first: int, last: int, width: int) -> Iterator[NDArray[np.int64]]:
         cells = np.zeros((last - first) * width, dtype=bool)
@@ -191,7 +193,7 @@ class PointLedger:
             pose = self._spool.read("pose", start, stop)
             label = self._spool.read("label", start, stop)
             row = np.arange(start, stop)
-            if first > 0 or last < (len(self.poses) + 1):
+            if self._any_unknown or last - first < len(self.poses):
                 within = (pose >= first) & (pose < last)
                 pose, label, row = pose[within], label[within], row[within]
             yield row, (pose.astype(np.int64) - first) * width + label

@@ -65,6 +65,8 @@ def _carried_unit(name: str) -> str:
 
 POINTS = Shape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
 TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
+SCANS = Shape("scans", ("pose", "body", *_POINT))
+SURFACES = Shape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)
 DISPLACEMENT = Shape(
     "displacement", ("run", "step", "time_s", *_MOTION), (*_WRENCH, "load_axis", "load", "role"), covariates=True

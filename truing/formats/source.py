@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mapping import FileMapping
 
-TABLES = ("points", "targets", "configurations", "displacement", "interferometer", "signals")
+TABLES = ("points", "targets", "configurations", "scans", "surfaces", "displacement", "interferometer", "signals")
 
 
 @dataclass(frozen=True)

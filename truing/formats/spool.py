@@ -1,8 +1,9 @@
-"""Columns of whole numbers on disk: more rows than memory should hold, read back in any order, gone when closed."""
+"""Columns of whole numbers on disk: more rows than memory should hold, read back in any order, then gone."""
 
 from __future__ import annotations
 
 import tempfile
+import weakref
 from pathlib import Path
 from typing import IO
 
@@ -16,6 +17,7 @@ class Spool:
     def __init__(self, names: tuple[str, ...], folder: Path | None = None) -> None:
         self.rows = 0
         self._files: dict[str, IO[bytes]] = {name: _temporary(name, folder) for name in names}
+        self._closed = weakref.finalize(self, _close, tuple(self._files.values()))
 
     def append(self, **columns: NDArray[np.int32]) -> None:
         """Add rows: every column, all of the same length."""
@@ -34,9 +36,13 @@ class Spool:
 
     def close(self) -> None:
         """Give the disk space back."""
-        for file in self._files.values():
-            file.close()
+        self._closed()
 
 
 def _temporary(name: str, folder: Path | None) -> IO[bytes]:
     return tempfile.TemporaryFile(prefix=f".{name}-", suffix=".part", dir=folder, buffering=0)
+
+
+def _close(files: tuple[IO[bytes], ...]) -> None:
+    for file in files:
+        file.close()
