@@ -138,13 +138,14 @@ def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tu
 
 
 def _schema(artifact: Artifact, found: pa.Schema) -> pa.Schema:
-    """The artifact's columns in order, then what else was found, each nullable only where the schema says so."""
+    """The artifact's columns in its order, then covariates as found, each nullable only where the schema says so."""
     import pyarrow as pa
 
     missing = [name for name in artifact.columns if name not in found.names]
     if missing:
         raise SchemaBreach(f"{artifact.file}: columns {', '.join(missing)} are missing")
-    names = [*artifact.columns, *(name for name in found.names if name not in artifact.columns)]
+    known = [*artifact.columns, *(name for name in artifact.optional if name in found.names)]
+    names = [*known, *(name for name in found.names if name not in known)]
     return pa.schema([pa.field(name, found.field(name).type, _column(artifact, name).nullable) for name in names])
 
 
