@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.common_shape import common_shape
 from truing.estimation.covariance import apply_rotation, symmetric
 from truing.estimation.rigid import FitStatus, RigidFit, masked_fit, umeyama
 from truing.estimation.rotation import exp_so3, skew
@@ -22,8 +23,6 @@ MAX_VARIANCE_ROUNDS = 100
 _SETTLED = 1e-10
 # Relative change of a target's standard deviation, noise included, that costs no efficiency worth a round.
 _VARIANCE_SETTLED = 1e-2
-_SHAPE_ROUNDS = 200
-_SHAPE_SETTLED = 1e-7
 
 
 @dataclass(frozen=True)
@@ -84,16 +83,18 @@ def generalised_procrustes(
     survey: NDArray | None = None,
     survey_cov: NDArray | None = None,
     *,
+    shape: NDArray | None = None,
     deforming: bool = True,
 ) -> ProcrustesFit:
     """Return the joint least-squares estimate of poses and shape, with the covariance of both.
 
     points (B, N, 3) in m, cov (B, N, 3, 3) in m^2, mask (B, N); survey (N, 3) with survey_cov (N, 3, 3), NaN rows for
-    targets without; without survey the frame is that of `common_shape`. ``deforming``: estimate the variance of each
-    target's own movement, which takes weight from targets that deform. Gross errors are to be masked beforehand.
+    targets without. Without survey the frame is that of ``shape`` (N, 3), a first approximation, NaN rows for targets
+    to be left out; by default that of `common_shape`. ``deforming``: estimate the variance of each target's own
+    movement, which takes weight from targets that deform. Gross errors are to be masked beforehand.
     Raises ValueError for shapes that do not match.
     """
-    problem, state, posed, known = _prepare(points, cov, mask, survey, survey_cov)
+    problem, state, posed, known = _prepare(points, cov, mask, survey, survey_cov, shape)
     if not posed.any():
         return _nothing(problem, posed)
     free = not problem.surveyed.any()
@@ -112,38 +113,13 @@ def generalised_procrustes(
     return _result(problem, state, normal, covariance, tau, posed, known, status, total)
 
 
-def common_shape(points: NDArray, mask: NDArray, start: int | None = None) -> tuple[NDArray, NDArray]:
-    """Return a body's shape (N, 3), in m, and which targets are in it (N,), from its poses alone.
-
-    points (B, N, 3), mask (B, N). The shape seen in the pose ``start`` (by default that with most targets) grows by
-    the poses that share three targets with it; each target is the median over its poses, which a few gross errors do
-    not move. Axes of that pose's measurement frame, origin at the mean of its targets.
-    """
-    first = int(np.argmax(mask.sum(axis=1))) if start is None else start
-    known = mask[first].copy()
-    if not known.any():
-        return np.zeros_like(points[first]), known
-    shape = np.where(known[:, None], points[first] - points[first][known].mean(axis=0), 0.0)
-    for _ in range(_SHAPE_ROUNDS):
-        fit = umeyama(shape, points, (mask & known).astype(np.float64))
-        seen = mask & fit.ok[:, None]
-        if not seen.any():
-            return shape, known
-        back = np.where(seen[..., None], (points - fit.t[:, None]) @ fit.R, np.nan)
-        reached = seen.any(axis=0)
-        renewed = np.zeros_like(shape)
-        renewed[reached] = np.nanmedian(back[:, reached], axis=0)
-        renewed[reached] = umeyama(renewed, shape, reached & known).apply(renewed)[0, reached]
-        change = np.max(np.abs(renewed - shape)[reached & known])
-        grown = not np.array_equal(reached, known)
-        shape, known = renewed, reached
-        if not grown and change < _SHAPE_SETTLED * np.max(np.abs(shape)):
-            break
-    return shape, known
-
-
 def _prepare(
-    points: NDArray, cov: NDArray, mask: NDArray, survey: NDArray | None, survey_cov: NDArray | None
+    points: NDArray,
+    cov: NDArray,
+    mask: NDArray,
+    survey: NDArray | None,
+    survey_cov: NDArray | None,
+    shape: NDArray | None,
 ) -> tuple[_Problem, _State, NDArray, NDArray]:
     """Return the problem reduced to what hangs together, a start, and which poses (B,) and targets (N,) take part."""
     mask = np.asarray(mask, bool)
@@ -153,17 +129,36 @@ def _prepare(
     if survey is None or survey_cov is None:
         surveyed = np.zeros(count, bool)
         survey, survey_cov = np.zeros((count, 3)), np.zeros((count, 3, 3))
-        shape, known = common_shape(np.where(mask[..., None], points, 0.0), mask)
+        shape = common_shape(points, mask, _typical_sigma(cov, mask)) if shape is None else shape
+        known = np.isfinite(shape).all(axis=-1)
+        shape = np.where(known[:, None], shape, 0.0)
     else:
         surveyed = np.isfinite(survey).all(axis=-1)
         survey, survey_cov = np.nan_to_num(survey), np.nan_to_num(survey_cov)
         shape, known = _extended(survey, surveyed, points, mask)
-    fit = umeyama(shape, np.where(mask[..., None], points, 0.0), (mask & known).astype(np.float64))
-    seen = mask & known & fit.ok[:, None]
+    mask = mask & known & _connected(mask & known, surveyed)[:, None]
+    fit = umeyama(shape, np.where(mask[..., None], points, 0.0), mask)
+    seen = mask & fit.ok[:, None]
+    known = known & (seen.any(axis=0) | surveyed)
     R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))
     state = _State(R, np.where(fit.ok[:, None], fit.t, 0.0), shape)
     y, C = np.where(seen[..., None], points, 0.0), np.where(seen[..., None, None], cov, np.eye(3))
     return _Problem(y, C, seen, survey, survey_cov, surveyed), state, fit.ok, known
+
+
+def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
+    """Return the poses (B,) that hang together by three common targets each, from the survey or the richest pose on."""
+    reached = surveyed if surveyed.any() else seen[int(np.argmax(seen.sum(axis=1)))]
+    while True:
+        poses = (seen & reached).sum(axis=1) >= 3
+        grown = reached | (seen & poses[:, None]).any(axis=0)
+        if np.array_equal(grown, reached):
+            return poses
+        reached = grown
+
+
+def _typical_sigma(cov: NDArray, mask: NDArray) -> float:
+    return float(np.sqrt(np.median(np.trace(cov[mask], axis1=-2, axis2=-1)) / 3)) if mask.any() else 0.0
 
 
 def _extended(survey: NDArray, surveyed: NDArray, points: NDArray, mask: NDArray) -> tuple[NDArray, NDArray]:

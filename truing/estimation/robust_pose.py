@@ -154,7 +154,7 @@ def _ratio_that_most_poses_need(
     errors, pose by pose; gross errors stay gross, so that no moderate ratio helps and the given one stays.
     """
     without = np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)])
-    allowed = _WITHOUT_AGREEMENT * (mask.sum(-1) >= 3).sum()
+    allowed = max(1.0, _WITHOUT_AGREEMENT * (mask.sum(-1) >= 3).sum())
     if without.sum() <= allowed:
         return ratio
     for wider in ratio * _WIDER:
