@@ -66,6 +66,7 @@ class _Prior:
 
     geometry: dict[str, float]
     reading: float
+    open: tuple[str, ...]  # of a, b, u, l: those that campaign.toml gives no tolerance for
 
 
 def nominal_legs(section: LeggedMechanism) -> Legs:
@@ -82,14 +83,15 @@ def nominal_legs(section: LeggedMechanism) -> Legs:
     )
 
 
-def geometry_sigmas(section: LeggedMechanism) -> dict[str, float]:
-    """Prior standard deviations of a, b, u, l in m and rad; wide open where campaign.toml gives no tolerance."""
+def _prior(section: LeggedMechanism, reading_mm: float) -> _Prior:
+    """What campaign.toml knows beforehand; wide open where it gives no tolerance."""
     tolerance = section.tolerance
-    lengths = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
-    sigmas = {name: FREE_LENGTH_M if value is None else value * 1e-3 for name, value in lengths.items()}
+    given = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
+    sigmas = {name: FREE_LENGTH_M if value is None else value * 1e-3 for name, value in given.items()}
     if section.type == "6-pus":
+        given["u"] = tolerance.u
         sigmas["u"] = FREE_DIRECTION if tolerance.u is None else tolerance.u
-    return sigmas
+    return _Prior(sigmas, reading_mm * 1e-3, tuple(name for name, value in given.items() if value is None))
 
 
 def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
@@ -107,7 +109,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     fitted, held = usable & (role != "verification"), usable & (role == "verification")
     if fitted.sum() < 3:
         raise ValueError(f"needs at least 3 poses with readings and a base, found {int(fitted.sum())}")
-    prior = _Prior(geometry_sigmas(section), settings.noise.actuator_mm * 1e-3)
+    prior = _prior(section, settings.noise.actuator_mm)
     model, bodies, dropped = _model(legs, bodies, conditions, frames, fitted, prior)
     words = [f"{int((~usable).sum())} poses without readings or base"] if not usable.all() else []
     return Gathered(
@@ -214,7 +216,9 @@ def _model(
         rotation[leg] = frame.rotation[0, leg].T @ R
         seat[leg] = frame.rotation[0, leg].T @ (t - frame.origin[0, leg])
     survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
-    known = Known(prior.geometry, bodies.shape, survey, prior.reading, np.array(ridden, int), rotation, seat)
+    known = Known(
+        prior.geometry, bodies.shape, survey, prior.reading, np.array(ridden, int), rotation, seat, prior.open
+    )
     return PointModel(legs, bodies.targets, known, conditions), bodies, dropped
 
 

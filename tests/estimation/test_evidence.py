@@ -29,6 +29,8 @@ def _template(seed: int = 0) -> Linearised:
         np.zeros(0),
         np.zeros((0, SHARED)),
         np.ones((POSES, ROWS), bool),
+        np.ones(LOCAL, bool),
+        np.ones(SHARED, bool),
     )
 
 

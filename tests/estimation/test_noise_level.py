@@ -17,7 +17,17 @@ def _fitted(level: float, seed: int) -> Whitened:
     # Unknowns of which little is known beforehand, so that their priors add nothing to the level.
     by_local, by_shared = 1e3 * rng.normal(size=(poses, rows, local)), 1e3 * rng.normal(size=(poses, rows, shared))
     none = np.zeros((poses, local)), np.zeros(shared), np.zeros(0), np.zeros((0, shared))
-    return whiten(Linearised(noise, by_local, by_shared, *none, np.ones((poses, rows), bool)))
+    return whiten(
+        Linearised(
+            noise,
+            by_local,
+            by_shared,
+            *none,
+            np.ones((poses, rows), bool),
+            np.zeros(local, bool),
+            np.zeros(shared, bool),
+        )
+    )
 
 
 @pytest.mark.parametrize("level", [0.8, 1.0, 1.3])

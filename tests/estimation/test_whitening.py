@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -25,6 +27,8 @@ def draw(seed: int, missing: bool = False) -> Linearised:
         extra_residual=rng.normal(size=EXTRA),
         extra_by_shared=rng.normal(size=(EXTRA, SHARED)),
         present=present,
+        local_known=np.ones(LOCAL, bool),
+        shared_known=np.ones(SHARED, bool),
     )
 
 
@@ -67,6 +71,13 @@ def test_rest_leverage_and_freedom_are_those_of_the_dense_problem(missing: bool)
     assert_close(found.freedom, len(right) - missed - np.trace(hat), atol=1e-10, what="freedom")
 
 
+def test_a_prior_that_is_no_knowledge_counts_as_no_observation() -> None:
+    problem = draw(7)
+    wide = replace(problem, by_local=problem.by_local * 1e4, local_known=np.zeros(LOCAL, bool))
+    measured = POSES * ROWS + EXTRA + SHARED
+    assert_close(whiten(wide).freedom, measured - SHARED - POSES * LOCAL, atol=1e-4, what="freedom")
+
+
 def test_columns_without_shared_are_orthogonal_to_everything_that_was_fitted() -> None:
     problem = draw(3)
     found = whiten(problem)
@@ -96,6 +107,8 @@ def test_the_rest_of_pure_noise_has_the_variance_of_noise() -> None:
                 template.extra_by_shared @ shared + rng.normal(size=EXTRA),
                 template.extra_by_shared,
                 template.present,
+                template.local_known,
+                template.shared_known,
             )
         )
         ratios.append(found.rest @ found.rest / found.freedom)

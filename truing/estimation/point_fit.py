@@ -32,6 +32,8 @@ class Predicted(Protocol):
     by_local: NDArray  # (B, K, 3, H)
     survey_residual: NDArray  # (E,)
     survey_by_shared: NDArray  # (E, G)
+    shared_known: NDArray  # (G,) whose prior is knowledge
+    local_known: NDArray  # (H,)
 
 
 class Model(Protocol):
@@ -118,6 +120,8 @@ def linearise(model: Model, measured: MeasuredPoints, frames: Frames, shared: ND
         extra_residual=found.survey_residual,
         extra_by_shared=found.survey_by_shared,
         present=np.repeat(measured.seen, 3, axis=1),
+        local_known=np.concatenate([np.zeros(6, bool), found.local_known]),
+        shared_known=found.shared_known,
     )
 
 

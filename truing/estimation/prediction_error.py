@@ -69,8 +69,7 @@ def noise_floor(fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, r
     whitened, problem = fit.whitened, fit.whitened.problem
     poses, count = problem.residual.shape
     noise = rng.standard_normal((poses, count, _FLOOR_DRAWS)) * problem.present[..., None]
-    prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS))
-    prior[:, :6] = 0.0
+    prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS)) * problem.local_known[:, None]
     error = _shared_error(whitened, noise, prior, rng)
     left = noise - problem.by_shared @ error
     actuators = np.concatenate([np.zeros(6, bool), ~unpredicted])
@@ -85,6 +84,7 @@ def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.ra
     """Return the errors (G, D) of the shared unknowns that noise (B, M, D) and prior noise (B, H, D) lead to."""
     own = whitened.without_local(np.concatenate([noise, prior], 1)).reshape(-1, noise.shape[-1])
     others = rng.standard_normal((len(whitened.rows) - len(own), noise.shape[-1]))
+    others *= whitened.present[len(own) :, None]
     return whitened.fitted(np.concatenate([own, others]))
 
 

@@ -26,6 +26,8 @@ class Linearised:
     extra_residual: NDArray  # (E,) rows that concern no pose
     extra_by_shared: NDArray  # (E, G)
     present: NDArray  # (B, M) which rows were measured
+    local_known: NDArray  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
+    shared_known: NDArray  # (G,)
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,11 @@ class Whitened:
 
     @cached_property
     def present(self) -> NDArray:
-        """Return which rows (N,) are there at all."""
-        pose_rows = np.concatenate([self.problem.present, np.ones(self.problem.local_value.shape, bool)], 1)
-        return np.concatenate([pose_rows.ravel(), np.ones(len(self.rows) - pose_rows.size, bool)])
+        """Return which rows (N,) say something: what was measured, and priors that are knowledge."""
+        priors = np.broadcast_to(self.problem.local_known, self.problem.local_value.shape)
+        pose_rows = np.concatenate([self.problem.present, priors], 1).ravel()
+        extra = np.ones(len(self.problem.extra_residual), bool)
+        return np.concatenate([pose_rows, extra, self.problem.shared_known])
 
     @cached_property
     def freedom(self) -> float:

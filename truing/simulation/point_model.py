@@ -44,6 +44,8 @@ class Prediction:
     by_local: NDArray  # (B, K, 3, H) m
     survey_residual: NDArray  # (E,) whitened, measured - predicted
     survey_by_shared: NDArray  # (E, G) whitened
+    shared_known: NDArray  # (G,) whose prior is knowledge, and not merely wide
+    local_known: NDArray  # (H,)
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class Known:
     ridden: NDArray
     seat_rotation: NDArray
     seat: NDArray
+    open_geometry: tuple[str, ...] = ()  # of a, b, u, l: those without tolerance, whose sigma is merely wide
 
 
 @dataclass(frozen=True)
@@ -195,7 +198,9 @@ class PointModel:
         self._fill_shape(by_shared, shared, state, frames)
         self._fill_rolls(by_local, shape, frames)
         points = positions(state, self.targets, shape, frames)
-        return Prediction(points, by_shared, by_local, *self._survey_rows(shared))
+        return Prediction(
+            points, by_shared, by_local, *self._survey_rows(shared), self._shared_known, ~self.unpredicted
+        )
 
     def signature(self, cause: Cause, shared: NDArray, local: NDArray) -> NDArray:
         """Return how the points (B, K, 3, P), m, follow a cause's parameters, per plausible scale of each."""
@@ -232,6 +237,13 @@ class PointModel:
         for cause in self.causes:
             shared[self.layout[cause.key]] = effects[cause.key] / self.effect_sigma(cause)
         return shared
+
+    @property
+    def _shared_known(self) -> NDArray:
+        known = np.ones(self.shared_size, bool)
+        for name in ("seat", *self.known.open_geometry, *(cause.key for cause in self.causes)):
+            known[self.layout[name]] = False
+        return known
 
     def _part(self, shared: NDArray, name: str) -> NDArray:
         return shared[self.layout[name]]
