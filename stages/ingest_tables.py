@@ -77,7 +77,8 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     """Poses in order of appearance, and whether any is text; what is wrong is said when the points are read."""
     import pyarrow as pa
 
-    poses, any_text = Names(), False
+    poses: Names[object] = Names()
+    any_text = False
     for shape in POSES:
         for _, batch in read_table(source, shape, FaultLog(), poses_as_text=as_text):
             column = batch.columns["pose"]

@@ -326,14 +326,6 @@ class _Work:
             self._leave_out(gone, f"{name} is not like {pattern}")
             keep &= ~gone
         return keep
-        patterns = (*self.plan.entry.select.items(), *self.plan.entry.split.items())
-        for name, pattern in patterns:
-            texts = self.texts(name)
-            fits = [re.fullmatch(pattern, text or "") is not None for text in texts.dictionary.to_pylist()]
-            gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
-            self._leave_out(gone, f"{name} is not like {pattern}")
-            keep &= ~gone
-        return keep
 
     def present(self) -> Mask:
         """Which points are there: those of which no coordinate is missing, by itself or as one of three."""

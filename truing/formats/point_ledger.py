@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,34 +18,28 @@ from truing.formats.spool import Spool
 if TYPE_CHECKING:
     import pyarrow as pa
 
+T = TypeVar("T")
+
 STEP = 1 << 18
 """Rows that are looked at at a time."""
 
 _CELLS = 1 << 27
 
 
-class Names:
+class Names(Generic[T]):
     """Names in order of appearance, and their numbers."""
 
     def __init__(self) -> None:
-        self.values: list[object] = []
-        self._numbers: dict[object, int] = {}
+        self.values: list[T] = []
+        self._numbers: dict[T, int] = {}
 
-    def number(self, value: object) -> int:
+    def number(self, value: T) -> int:
         """The number of a name, given to it now if it is new."""
         found = self._numbers.get(value)
         if found is None:
             found = self._numbers[value] = len(self.values)
             self.values.append(value)
         return found
-
-    def numbers_of(self, values: list[object]) -> NDArray[np.int32]:
-        """The numbers of several names."""
-        return np.fromiter((self.number(value) for value in values), dtype=np.int32, count=len(values))
-
-    def find(self, value: object) -> int | None:
-        """The number of a name that has one."""
-        return self._numbers.get(value)
 
 
 class PointLedger:
@@ -57,7 +51,8 @@ class PointLedger:
     def __init__(self, poses: pa.Array, folder: Path | None = None) -> None:
         import pyarrow as pa
 
-        self.poses, self.labels = poses, Names()  # labels are (body, target)
+        self.poses = poses
+        self.labels: Names[tuple[str, str]] = Names()  # body and target
         plain = np.asarray(poses) if pa.types.is_int64(poses.type) and len(poses) else np.zeros(1, np.int64)
         self._order = np.argsort(plain, kind="stable")
         self._sorted = plain[self._order]
@@ -115,8 +110,9 @@ class PointLedger:
         import pyarrow as pa
 
         if self._named != len(self.labels.values):
-            bodies, targets = Names(), Names()
-            pairs = [(bodies.number(body), targets.number(target)) for body, target in self.labels.values]  # type: ignore[misc]
+            bodies: Names[str] = Names()
+            targets: Names[str] = Names()
+            pairs = [(bodies.number(body), targets.number(target)) for body, target in self.labels.values]
             self._codes = np.array(pairs, dtype=np.int32).reshape(-1, 2)
             self._columns = (strings(bodies.values), strings(targets.values))
             self._named = len(self.labels.values)
@@ -132,7 +128,7 @@ class PointLedger:
     def name_of(self, row: int) -> tuple[object, str, str]:
         """Pose, body and target of a row."""
         pose = self.poses[int(self._spool.read("pose", row, row + 1)[0])].as_py()
-        body, target = self.labels.values[int(self._spool.read("label", row, row + 1)[0])]  # type: ignore[misc]
+        body, target = self.labels.values[int(self._spool.read("label", row, row + 1)[0])]
         return pose, body, target
 
     def steps(self) -> Iterator[tuple[int, int]]:
@@ -157,12 +153,12 @@ class PointLedger:
 
     def bodies(self) -> tuple[str, ...]:
         """The bodies, in order of appearance."""
-        return tuple(dict.fromkeys(body for body, _ in self.labels.values))  # type: ignore[misc]
+        return tuple(dict.fromkeys(body for body, _ in self.labels.values))
 
     def label_bodies(self) -> NDArray[np.int32]:
         """The body, as a number, of every label."""
         bodies = {body: number for number, body in enumerate(self.bodies())}
-        return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)  # type: ignore[misc]
+        return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)
 
     def duplicates(self) -> Iterator[NDArray[np.int64]]:
         """Rows of known poses whose pose, body and target stood in a row before: exactly, in bounded memory."""
