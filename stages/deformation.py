@@ -60,6 +60,8 @@ def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     drives = settings.campaign.drives
     if not drives or "configurations" not in tables:
         return not_evaluated("no mechanism, and no drives named in [campaign]")
+    if "observations" not in tables or not tables["observations"].num_rows:
+        return not_evaluated("no targets, whose movement within their body could be seen")
     return target_deformation(tables, drives)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -17,6 +17,7 @@ from truing.formats.source import TABLES, CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.dense_scans import DenseScans
     from stages.ingest_points import Points
     from stages.ingest_tables import SmallTable
     from stages.point_sizes import Geometry
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="ingest",
     reads=(),
-    leaves=("survey?", "configurations?", "observations?", "displacement?", "exclusions"),
+    leaves=("survey?", "configurations?", "scans?", "observations?", "displacement?", "exclusions"),
     settings=(
         "campaign.kind",
         "campaign.drives",
@@ -72,22 +73,29 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 
 
 def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, log: FaultLog) -> Outcome:
+    from stages.dense_scans import identifier_of, read_scans
     from stages.ingest_points import Points
     from stages.ingest_tables import read_configurations, read_survey
 
     configurations = read_configurations(source, settings, log)
     survey = read_survey(source, settings, log)
-    if not source.entries("points"):
+    if not source.entries("points") and not source.entries("scans"):
         log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
         log.throw()
     expected = _expected(settings, configurations, survey)
-    points = Points(source, log, expected, progress)
+    scans = read_scans(source, expected.poses, log, progress)
+    artifacts: dict[str, pa.Table | pa.RecordBatchReader] = {} if survey is None else {"survey": survey.table}
+    artifacts |= {} if configurations is None else {"configurations": configurations.table}
+    artifacts |= {} if scans is None else {"scans": scans.table(expected.poses)}
+    small = [table for table in (configurations, survey, scans) if table is not None]
+    if scans is not None and not source.entries("points"):
+        log.throw()
+        artifacts["observations"] = ARTIFACTS["observations"].empty(identifier_of(expected.poses))
+        return _scans_alone(scans, artifacts, small)
+    points = Points(source, log, expected if scans is None else expected.without(scans.bodies), progress)
     observations = points.stream()
     if log:
         observations.read_all()  # the rest of the faults, which raise at its end
-    small = [table for table in (configurations, survey) if table is not None]
-    artifacts: dict[str, pa.Table | pa.RecordBatchReader] = {} if survey is None else {"survey": survey.table}
-    artifacts |= {} if configurations is None else {"configurations": configurations.table}
     artifacts |= {"observations": observations, "exclusions": _exclusions_of(points, small)}
     return Outcome(
         artifacts,
@@ -97,22 +105,29 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
     )
 
 
+def _scans_alone(scans: DenseScans, artifacts: dict[str, Any], small: Sequence[SmallTable | DenseScans]) -> Outcome:
+    left_out: Counter[tuple[str, str]] = Counter()
+    for table in small:
+        left_out.update(table.left_out)
+    return Outcome(
+        artifacts | {"exclusions": _exclusions(left_out)},
+        read=f"{scans.points:,} points of {len(scans.rows)} dense scans",
+        left_out=_left_out_words(left_out),
+        figure=scans.figure,
+    )
+
+
 def _late(say: Callable[[], str]) -> str:
     return cast(str, _Late(say))
 
 
-def _expected(settings: Any, configurations: SmallTable | None, survey: SmallTable | None) -> Any:
-    import pyarrow as pa
-
+def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | None) -> Any:
     from stages.ingest_points import Expected
     from stages.ingest_tables import legs_of
 
-    poses = pa.array([], pa.int64())
-    if configurations is not None:
-        poses = configurations.table.column("pose").combine_chunks().unique()
     legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
     return Expected(
-        poses=poses,
+        poses=configurations.table.column("pose").combine_chunks().unique(),
         always=("base", "platform") if legs else (),
         bodies=("base", "platform", *legs) if legs else (),
         reference=settings.reference_body,
@@ -136,14 +151,14 @@ def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
     return Geometry(surveyed, joints if legs else {})
 
 
-def _all_left_out(points: Points, small: list[SmallTable]) -> Counter[tuple[str, str]]:
+def _all_left_out(points: Points, small: Sequence[SmallTable | DenseScans]) -> Counter[tuple[str, str]]:
     total = Counter(points.left_out)
     for table in small:
         total.update(table.left_out)
     return total
 
 
-def _exclusions_of(points: Points, small: list[SmallTable]) -> pa.RecordBatchReader:
+def _exclusions_of(points: Points, small: Sequence[SmallTable | DenseScans]) -> pa.RecordBatchReader:
     import pyarrow as pa
 
     schema = ARTIFACTS["exclusions"].arrow_schema()

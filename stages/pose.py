@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="pose",
-    reads=("observations?", "survey?"),
+    reads=("observations?", "survey?", "scans?"),
     leaves=("poses", "residuals"),
     settings=("bodies", "mechanism.type", "exclude", "keep"),
     summary="rigid-body poses with covariance, and the residuals of every target",
@@ -27,21 +27,23 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit every body in every pose, relative to its survey where there is one, and see it from the reference body."""
-    observations = tables.get("observations")
-    if observations is None or not observations.num_rows:
+    observations, scans = (tables.get(name, ARTIFACTS[name].empty()) for name in ("observations", "scans"))
+    if not observations.num_rows and not scans.num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in DECLARATION.leaves}
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
     from stages.point_arrays import pose_ids
     from stages.pose_tables import poses_table, residuals_table
+    from stages.scan_poses import with_scans
 
-    poses = pose_ids(observations)
-    bodies = _bodies(observations, tables.get("survey"), poses, settings, progress)
+    poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
+    bodies = with_scans(_bodies(observations, tables.get("survey"), poses, settings, progress), scans, poses)
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
         "poses": poses_table(bodies, settings.reference_body, identifier),
         "residuals": residuals_table(bodies, identifier),
     }
-    read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(poses)} poses"
+    sources = f"{observations.num_rows} points" + (f" and {scans.num_rows} dense scans" if scans.num_rows else "")
+    read = f"{sources} of {len(bodies)} bodies in {len(poses)} poses"
     return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies))
 
 

@@ -27,6 +27,8 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
+    if not tables["observations"].num_rows:
+        return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality_bodies import body_views, surroundings
     from stages.quality_checks import FAIL, WARN, all_checks
 

@@ -171,7 +171,9 @@ def _thinned(scene: Scene, n: int) -> Scene:
 
 
 def _refined(scene: Scene, start: SurfaceFit) -> SurfaceFit:
-    """Return the fit of the scan, first thinned, then as a whole up to MAX_POINTS."""
+    """Return the fit of the scan, first thinned, then as a whole up to MAX_POINTS, where it is a fit at all."""
+    if start.scatter > MOST_SCATTER:
+        return start
     fit = fit_surface(_thinned(scene, _FAR_POINTS), start.R, start.t)
     return fit if len(scene.scan) <= _FAR_POINTS else fit_surface(_thinned(scene, MAX_POINTS), fit.R, fit.t)
 

@@ -30,6 +30,7 @@ _FEIGNED = 4.0
 _SHAPE_ERROR = 1e-3
 _BLOCKS_PER_SIDE = 6
 _FEWEST = 12
+_FULL_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,8 @@ def fit_surface(scene: Scene, R: NDArray, t: NDArray, max_steps: int = 40) -> Su
         told, motions = _motions(scene, view, t)
         height = view.heights.height[view.used]
         along = np.where(told > _FEIGNED, motions @ (view.J[view.used].T @ height) / told, 0.0)
+        # Points that change their patch at every step keep it circling: ever shorter steps end in the middle.
+        along *= min(1.0, _FULL_STEPS / (steps + 1))
         converged = bool(told @ along**2 <= 6 * _SETTLED**2 * np.mean(height**2))
         delta = along @ motions
         R, t, steps = exp_so3(delta[3:]) @ R, t + delta[:3], steps + 1
