@@ -21,7 +21,7 @@ def weighted_fit_covariance(arm: NDArray, w: NDArray, noise: NDArray, ok: NDArra
     weighted noise, which is ``A^-1`` where w = 1/noise. Entries not ok (B,) get a meaningless matrix.
     """
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
-    centre = np.einsum("bn,bni->bi", w, arm) / total[:, None]
+    centre = (w[:, None] @ arm)[:, 0] / total[:, None]
     a = arm - centre[:, None]
     size = 7 if with_scale else 6
     normal = np.where(ok[:, None, None], _moments(a, w)[:, :size, :size], np.eye(size))
@@ -73,8 +73,8 @@ def _gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
 
 def _moments(a: NDArray, v: NDArray) -> NDArray:
     """Return ``sum v J' J`` (B, 7, 7) of J = [I, -[a]x, a]: position, rotation, relative scale."""
-    first = np.einsum("bn,bni->bi", v, a)
-    second = np.einsum("bn,bni,bnj->bij", v, a, a)
+    first = (v[:, None] @ a)[:, 0]
+    second = np.swapaxes(v[..., None] * a, -1, -2) @ a
     trace = np.trace(second, axis1=-2, axis2=-1)
     out = np.zeros((len(a), 7, 7))
     out[:, :3, :3] = v.sum(-1)[:, None, None] * np.eye(3)

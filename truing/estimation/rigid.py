@@ -123,11 +123,11 @@ def solve_weighted(
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
     centre_x, centre_y = weighted_centroid(x, w, total), weighted_centroid(y, w, total)
     q, p = x - centre_x[:, None], y - centre_y[:, None]
-    U, s, Vt = np.linalg.svd(np.einsum("bni,bn,bnj->bij", p, w, q))
+    U, s, Vt = np.linalg.svd(np.swapaxes(w[..., None] * p, -1, -2) @ q)
     handed = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
     status = _status(x, y, w, q, p, s, handed)
     R = (U * np.stack([np.ones_like(handed), np.ones_like(handed), handed], -1)[:, None]) @ Vt
-    spread = np.einsum("bn,bni,bni->b", w, q, q)
+    spread = weighted_square(q, w)
     turned = s[:, 0] + s[:, 1] + handed * s[:, 2]
     scale = turned / np.where(spread > 0, spread, 1.0) if with_scale else np.ones(len(R))
     t = centre_y - scale[:, None] * np.einsum("bij,bj->bi", R, centre_x)
@@ -165,7 +165,12 @@ def _masked(cloud: NDArray, w: NDArray, name: str) -> NDArray:
 
 def weighted_centroid(points: NDArray, w: NDArray, total: NDArray) -> NDArray:
     """Return the centroids (B, 3) of points (B, N, 3) for weights w (B, N) of sum total (B,)."""
-    return np.einsum("bn,bni->bi", w, points) / total[:, None]
+    return (w[:, None] @ points)[:, 0] / total[:, None]
+
+
+def weighted_square(points: NDArray, w: NDArray) -> NDArray:
+    """Return ``sum w |p|^2`` (B,) of points (B, N, 3) for weights w (B, N)."""
+    return (w[:, None] @ np.sum(points * points, axis=-1)[..., None])[:, 0, 0]
 
 
 def _status(x: NDArray, y: NDArray, w: NDArray, q: NDArray, p: NDArray, s: NDArray, handed: NDArray) -> NDArray:
@@ -182,8 +187,7 @@ def _status(x: NDArray, y: NDArray, w: NDArray, q: NDArray, p: NDArray, s: NDArr
 
 
 def _coincident(points: NDArray, w: NDArray, centred: NDArray) -> NDArray:
-    spread = np.einsum("bn,bni,bni->b", w, centred, centred)
-    return spread <= _ROUNDING**2 * np.einsum("bn,bni,bni->b", w, points, points)
+    return weighted_square(centred, w) <= _ROUNDING**2 * weighted_square(points, w)
 
 
 def _assemble(
@@ -198,7 +202,7 @@ def _assemble(
     sigma: ArrayLike | None,
 ) -> RigidFit:
     arm = scale[:, None, None] * (x @ np.swapaxes(R, -1, -2))
-    misfit = np.einsum("bn,bni->b", w, (y - arm - t[:, None]) ** 2)
+    misfit = weighted_square(y - arm - t[:, None], w)
     used, ok = np.count_nonzero(w, axis=-1), status == FitStatus.OK
     if sigma is None:
         freedom = np.maximum(3 * used - 6 - with_scale, 1)
