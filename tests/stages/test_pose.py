@@ -34,7 +34,8 @@ def points_table(points, names, poses=None, sigma=SIGMA_MM, seen=None, leg=None)
                     rows.append((poses[b] if poses else None, name, target, *(1e3 * one[k]), (leg or {}).get(target)))
     pose_id, body_name, target, x, y, z, at_leg = zip(*rows, strict=True)
     columns = {"body": body_name, "target": target, "x_mm": x, "y_mm": y, "z_mm": z}
-    columns |= {f"sigma_{a}_mm": pa.array([sigma] * len(rows), pa.float64()) for a in "xyz"}
+    sigmas = sigma if isinstance(sigma, tuple) else (sigma,) * 3
+    columns |= {f"sigma_{a}_mm": pa.array([s] * len(rows), pa.float64()) for a, s in zip("xyz", sigmas, strict=True)}
     columns |= {"pose": pose_id} if poses is not None else {"leg": pa.array(at_leg, pa.int64())}
     return pa.table(columns)
 
@@ -168,12 +169,12 @@ def test_the_covariance_is_that_of_the_frame_which_the_survey_defines():
         shape = body(rng, 8)
         survey = shape + sigma * rng.normal(size=(8, 3))
         R, t = random_motions(rng, 50)
-        points = move(R, t, shape) + sigma * rng.normal(size=(50, 8, 3))
+        points = move(R, t, shape) + sigma * rng.normal(size=(50, 8, 3)) * [1.0, 1.0, 4.0]
         seen = rng.uniform(size=(50, 8)) < 0.8
         seen[:, :4] = True
         names, poses = {"b": list("abcdefgh")}, list(range(50))
         campaign = {
-            "observations": points_table({"b": points}, names, poses, seen={"b": seen}),
+            "observations": points_table({"b": points}, names, poses, (SIGMA_MM, SIGMA_MM, 4 * SIGMA_MM), {"b": seen}),
             "survey": points_table({"b": survey}, names),
         }
         frame = umeyama(survey, shape)
