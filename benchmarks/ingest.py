@@ -104,7 +104,7 @@ def measure(name: str, folder: Path, threads: int) -> tuple[float, float, float,
         if hasattr(os, "sched_setaffinity"):
             command = [sys.executable, "-c", _pinned(threads), *command]
         text = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
-    wall, cpu, peak, rows = text.split()
+    wall, cpu, peak, rows = text.splitlines()[-1].split()
     return float(wall), float(cpu), int(peak) / 1024.0, int(rows)
 
 

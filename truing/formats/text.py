@@ -79,13 +79,16 @@ def record_blocks(chunks: Iterator[bytes], quote: bytes) -> Iterator[bytes]:
     """Blocks that end with a record; a line feed between quotation marks ends none. Raises OpenQuotation."""
     rest = b""
     for chunk in chunks:
-        data = rest + chunk
-        cut = _last_end(data, quote)
-        if len(data) - cut > _LONGEST_RECORD:
-            raise OpenQuotation
+        if quote and (quote in chunk or quote in rest):
+            chunk, rest = rest + chunk, b""
+        cut = _last_end(chunk, quote)
         if cut:
-            yield data[:cut]
-        rest = data[cut:]
+            yield b"".join((rest, memoryview(chunk)[:cut]))
+            rest = chunk[cut:]
+        else:
+            rest += chunk
+        if len(rest) > _LONGEST_RECORD:
+            raise OpenQuotation
     if quote and rest.count(quote) % 2:
         raise OpenQuotation
     if rest:
