@@ -20,6 +20,7 @@ REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "telescope_vecto
 _NOMINAL = REFERENCE["nominal"]
 KAPPA, K = float(_NOMINAL["kappa"]), np.array(_NOMINAL["K"])
 LINEAR, MATRIX = CATALOGUE["platform-deformation-linear"], CATALOGUE["platform-deformation-matrix"]
+SURVEY_M = 5e-6
 GEOMETRY = {"a": 5e-4, "b": 5e-4, "u": 2e-3, "l": 5e-4}  # one sigma, m and rad
 
 
@@ -47,18 +48,18 @@ def sample_targets(per_body: int = 5, per_leg: int = 3) -> Targets:
     return Targets(np.array(body), np.array(leg))
 
 
-def sample_model(
-    rng: np.random.Generator, poses: int, causes: tuple[Any, ...] = (), sigma_m: float = 5e-6
-) -> PointModel:
+def sample_model(rng: np.random.Generator, poses: int, causes: tuple[Any, ...] = (), kind: str = "6-pus") -> PointModel:
     """A model over all kinds of targets, surveyed with anisotropic noise, at random readings."""
     targets = sample_targets()
     count = len(targets.body)
     shape = rng.normal(0.0, 0.1, (count, 3))
     shape[targets.at_attachment] = telescope().b
-    square = rng.normal(size=(count, 3, 3)) * sigma_m
-    survey = shape_unknowns(targets, shape, square @ np.swapaxes(square, 1, 2) + np.eye(3) * sigma_m**2)
+    square = rng.normal(size=(count, 3, 3))
+    covariance = (square @ np.swapaxes(square, 1, 2) + np.eye(3)) * SURVEY_M**2
+    survey = shape_unknowns(targets, shape, covariance)
     seats = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0]
     seats = seats * np.sign(np.linalg.det(seats))[:, None, None]
-    known = Known(GEOMETRY, shape, survey, 1e-6, np.arange(6), seats, rng.normal(0.0, 0.05, (6, 3)))
+    geometry = {name: sigma for name, sigma in GEOMETRY.items() if kind == "6-pus" or name != "u"}
+    known = Known(geometry, shape, survey, 1e-6, np.arange(6), seats, rng.normal(0.0, 0.05, (6, 3)))
     time = np.linspace(0.0, 3600.0, poses)
-    return PointModel(telescope(), targets, known, Conditions(readings(rng, poses), {"time_s": time}), causes)
+    return PointModel(telescope(kind), targets, known, Conditions(readings(rng, poses), {"time_s": time}), causes)

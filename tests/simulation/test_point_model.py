@@ -45,6 +45,17 @@ def test_derivatives_by_shared_unknowns_agree_with_a_complex_step(model: PointMo
         assert _worst(found[..., j], model.points(nudged, local).imag / STEP) < 1e-12, j
 
 
+def test_derivatives_hold_for_legs_of_variable_length_too() -> None:
+    rng = np.random.default_rng(8)
+    hexapod = sample_model(rng, 2, (LINEAR,), kind="ups")
+    shared, local = rng.normal(size=hexapod.shared_size) * 0.1, rng.normal(size=(2, hexapod.local_size))
+    found = hexapod.predict(shared, local).by_shared
+    for name in ("a", "b", "l", LINEAR.key):
+        for j in range(*hexapod.layout[name].indices(len(shared))):
+            nudged = shared + 1j * STEP * (np.arange(len(shared)) == j)
+            assert _worst(found[..., j], hexapod.points(nudged, local).imag / STEP) < 1e-12, (name, j)
+
+
 def test_derivatives_by_local_unknowns_agree_with_a_complex_step(model: PointModel, place: tuple) -> None:
     shared, local = place
     found = model.predict(shared, local).by_local

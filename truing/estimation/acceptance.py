@@ -236,7 +236,7 @@ class Acceptance:
         """Return what a fitted model leaves for each of the causes."""
         if not causes:
             return Round(stand, {})
-        self._progress("scoring " + ", ".join(cause.key for cause in causes))
+        self._progress(f"scoring {len(causes)} candidate causes")
         fit, measured = stand.fit, self._calibration.measured
         signatures = {
             cause.key: project(
