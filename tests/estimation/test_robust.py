@@ -34,7 +34,15 @@ def test_right_wherever_four_points_are_right(points, bad):
     x, y, true, *_ = spoiled(np.random.default_rng(points + bad), trials, points, bad)
     kept, status = consensus(x, y, None, SIGMA)
     assert np.count_nonzero((kept == true).all(-1)) >= 0.99 * trials
-    assert np.count_nonzero(status == FitStatus.OK) >= 0.99 * trials
+    assert np.count_nonzero(status == FitStatus.OK) >= 0.995 * trials
+
+
+def test_four_right_points_are_found_though_chance_joins_wrong_ones_to_some_of_them():
+    x, y, true, *_ = spoiled(np.random.default_rng(15), 10_000, 20, 16)
+    kept, status = consensus(x, y, None, SIGMA)
+    # of 10 000 poses one meets chance agreements that are as good as the truth, or loses a point to FALSE_ALARM
+    assert np.count_nonzero((true & ~kept).any(-1)) <= 4
+    assert np.count_nonzero(status != FitStatus.OK) <= 4
 
 
 @pytest.mark.parametrize("size", [200e-6, 1e-3, 0.1, 10.0])

@@ -234,9 +234,9 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
             part, members = rows[split], proposed[split]
             found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
             best.offer(part, found, cost)
-            left: NDArray = np.where(np.any(found, axis=-1, keepdims=True), ~found, ~members)
-            seeds[part] &= left
-            graph[part] *= left[:, :, None] & left[:, None]
+            # whatever shares three points with the members would have been found: at most two of its seeds go
+            seeds[part] &= ~np.where(np.any(found, axis=-1, keepdims=True), found, members)
+            graph[part] *= ~found[:, :, None] & ~found[:, None]
             degree[part] = graph[part].sum(-1)
     few = np.flatnonzero(~best.kept.any(-1))
     best.kept[few] = _only_few(clouds[few], tools)
@@ -309,7 +309,7 @@ def _among_triples(
 
 
 def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArray:
-    """Return the members (B, N) near the motion of that triple in a block (B, K) of points which brings most near."""
+    """Return the points (B, N) near the motion of that triple of members in a block (B, K) which brings most near."""
     triples = np.array(list(combinations(range(block.shape[1]), 3)), int).reshape(-1, 3)
     out = np.zeros_like(members)
     step = max(1, _TRIPLES_AT_ONCE // max(1, len(triples) * members.shape[1]))
@@ -320,7 +320,7 @@ def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArr
 
 
 def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
-    """Return the members (B, N) near the motion of the best of triples (B, T, 3); none where all leave it free."""
+    """Return the points (B, N) near the motion of the best triple (B, T, 3) of members, none where there is none."""
     rows = np.arange(len(members))
     index = (rows[:, None, None], triples)
     x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
@@ -329,9 +329,9 @@ def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
     moved = clouds.x[:, None] @ np.swapaxes(R, -1, -2) + t[:, :, None]
     square = np.sum((clouds.y[:, None] - moved) ** 2, axis=-1) / np.square(clouds.sigma)[:, None]
     near = 4 * clouds.limit[:, None, None]  # a triple's own error comes on top
-    cost = np.sum(np.minimum(square, near), axis=-1, where=members[:, None])
+    cost = np.sum(np.minimum(square, near), axis=-1, where=clouds.seen[:, None])
     best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
-    return members & (square[rows, best] <= near[:, 0])
+    return clouds.seen & (square[rows, best] <= near[:, 0])
 
 
 def _only_few(clouds: Clouds, tools: Tools) -> NDArray:
