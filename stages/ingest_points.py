@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.point_sizes import Geometry, size_faults
-from stages.unlabelled_points import Unlabelled, rows_of, surveyed_bodies, without_target
+from stages.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
@@ -144,6 +144,9 @@ class Points:
             if batch.rows:
                 yield self._taken(raw, batch)
         self.left_out.update(self.unlabelled.left_out)
+        for pose, count in self.unlabelled.too_many.items():
+            said = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
+            self.log.add(Fault(file, said, value=f"{count} in pose {pose}"))
         for body, why in self.unlabelled.hopeless().items():
             self.log.add(Fault(file, f"points that can be named as targets of body {body}", column="target", value=why))
 
@@ -171,8 +174,15 @@ class Points:
             columns["pose"] = pa.DictionaryArray.from_arrays(pa.array(pose), self.expected.poses)
         columns["body"], columns["target"] = self._ledger.label_columns(label)
         for name in _SIGMAS:
+            self._check_sigma(file, batch, name)
             columns[name] = self._sigma(file, columns.get(name), batch.rows)
         return TableBatch(columns, batch.records)
+
+    def _check_sigma(self, file: FileRows, batch: TableBatch, name: str) -> None:
+        if name in batch.columns:
+            zero = np.asarray(batch.columns[name].fill_null(1.0)) == 0.0
+            faults = CellFaults.where(zero, batch.records, batch.columns[name], name, "a standard deviation above 0")
+            self.log.cells(file.raw.name, faults, file.locate)
 
     def _sigma(self, file: FileRows, given: pa.Array | None, rows: int) -> pa.Array:
         import pyarrow as pa
@@ -240,6 +250,16 @@ class Points:
                 self.log.add(Fault(file, said, column="body"))
             elif body in self.expected.always and not self.unlabelled.parts:
                 self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
+        self._check_names(file)
+
+    def _check_names(self, file: str) -> None:
+        """A body that was surveyed is recognised by the names of its targets."""
+        labels = self._ledger.labels.values
+        for body, surveyed in self.expected.geometry.survey.items():
+            seen = [target for name, target in labels if name == body]
+            if seen and not any(target in surveyed for target in seen):
+                said = f"targets of {body} by the names they have in the survey ({', '.join(list(surveyed)[:3])}, ...)"
+                self.log.add(Fault(file, said, column="target", value=", ".join(seen[:3])))
 
     def _check_every_pose(self, file: str, body: str, without: NDArray[np.bool_]) -> None:
         for pose in np.flatnonzero(without).tolist():

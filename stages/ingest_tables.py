@@ -153,6 +153,10 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
         return None
     _once(found, log, ("body", "target"))
     _check_legs(found, log, len(legs_of(settings)))
+    surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
+    for body in ("base", "platform") if legs_of(settings) else ():
+        if body not in surveyed:
+            log.add(Fault(found.first_file, f"targets of body {body}", column="body"))
     table = found.table
     for name in ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"):
         table = _with_declared(table, name, settings.noise.point_mm)

@@ -29,6 +29,9 @@ _ATTACHMENT_MM = 0.03
 _GIVES_WAY = 5e-5
 """How far, in parts of a body's size, its targets may sit from their survey: 10 K of aluminium over half of it."""
 
+MOST_POINTS = 3000
+"""More points of one pose than anybody names by geometry: above, the file holds a surface."""
+
 _SHOWN_RIVALS = 3
 
 
@@ -70,6 +73,7 @@ class Unlabelled:
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
     refused: dict[str, str] = field(default_factory=dict)
     labelled: set[str] = field(default_factory=set)
+    too_many: dict[str, int] = field(default_factory=dict)
 
     def add(self, file: FileRows, batch: TableBatch) -> None:
         """Hold a batch of points that has no target column."""
@@ -86,6 +90,9 @@ class Unlabelled:
         groups = list(_groups(pose, given))
         for done, (name, of_body, rows) in enumerate(groups):
             progress(done, len(groups), f"naming the points of pose {name}")
+            if len(rows) > MOST_POINTS:
+                self.too_many[name] = len(rows)
+                continue
             wanted = {of_body: survey[of_body]} if of_body in survey else {} if of_body else survey
             self._name(name, wanted, points, rows, point_mm, body, target)
         yield from self._batches(body, target)

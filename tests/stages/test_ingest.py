@@ -227,6 +227,29 @@ def test_a_gross_error_does_not_look_like_a_wrong_unit(folder, factor):
     assert len(tables["observations"]) == 24
 
 
+def test_a_survey_of_other_names_or_without_a_body(folder):
+    folder.targets[1:] = [row.replace(",P", ",Q") for row in folder.targets[1:]]
+    (fault,) = folder.faults()
+    assert "names they have in the survey (Q0, Q1, Q2" in fault.expected
+    folder.targets[1:] = [row for row in survey_rows() if row.startswith("base")]
+    (fault,) = folder.faults()
+    assert (fault.file, fault.expected) == ("targets.csv", "targets of body platform")
+
+
+def test_a_standard_deviation_of_zero(folder):
+    folder.points[0] += ",sigma_x_mm,sigma_y_mm,sigma_z_mm"
+    folder.points[1:] = [f"{row},0.01,0.01,0.01" for row in folder.points[1:]]
+    change(folder, "points", 6, ",0.01,0.01", ",0.0,0.01")
+    (fault,) = folder.faults()
+    assert (fault.row, fault.column, fault.value) == (6, "sigma_x_mm", "0.0")
+
+
+def test_a_dense_surface_is_no_set_of_targets(folder):
+    cloud = np.random.default_rng(2).uniform(-100.0, 100.0, (4000, 3))
+    folder.points = ["pose,body,x_mm,y_mm,z_mm", *("1,base," + ",".join(f"{v:.3f}" for v in p) for p in cloud)]
+    assert any("is the table scans" in fault.expected for fault in folder.faults())
+
+
 def test_missing_files_and_columns(folder):
     folder.configurations = None
     (fault,) = folder.faults()
