@@ -131,15 +131,16 @@ def log_expected_accidents(cloud: Constellation, survey: Constellation, n_consis
 
 
 def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses cannot both hold: they label differently, or one cannot reach the other's points.
+    """Whether two hypotheses label differently, or the other explains a point that is out of the best one's reach.
 
-    Hypotheses that differ by a point at the edge of its gate are the same statement.
+    Hypotheses that differ by a point at the edge of its gate are the same statement, and so are two motions that label
+    the same points alike.
     """
     mine, theirs = best.assignment, other.assignment
     both = (best.match >= 0) & (other.match >= 0)
     if np.any(both & (best.match != other.match)) or np.any((mine >= 0) & (theirs >= 0) & (mine != theirs)):
         return True
-    seen = other.match >= 0
+    seen = (other.match >= 0) & (best.match < 0)
     apart = np.linalg.norm(survey.points[seen] @ best.R.T + best.t - cloud.points[other.match[seen]], axis=1)
     return bool(np.any(apart > 2 * GATE * np.sqrt(cloud.variance[other.match[seen]] + survey.variance[seen])))
 

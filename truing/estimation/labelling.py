@@ -66,8 +66,8 @@ class Rival:
 class Labelling:
     """The labels of N points against a survey of M targets; m.
 
-    Where the status is AMBIGUOUS a point keeps its label only if all near rivals agree on it. Where the
-    body's targets lie on a line, the roll of the motion about it is arbitrary.
+    Where the status is AMBIGUOUS a point keeps its label only if all near rivals agree on it. What is certain is the
+    labels: of a body whose targets lie on a line the roll is arbitrary, of one nearly so its half turn may be.
     """
 
     assignment: NDArray  # (N,) survey index of each point, -1 for one that is not this body's
