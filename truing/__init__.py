@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from truing.estimation.likelihood import maximum_likelihood
     from truing.estimation.line_fit import LineFit, fit_line
     from truing.estimation.procrustes import ProcrustesFit, generalised_procrustes
+    from truing.estimation.registration import ScanFit, ScanStatus, refine_scan, register_scan
     from truing.estimation.response import ResponseFit, fit_response
     from truing.estimation.rigid import FitStatus, RigidFit, umeyama
     from truing.estimation.robust import consensus
@@ -36,6 +37,8 @@ __all__ = [
     "ProcrustesFit",
     "ResponseFit",
     "RigidFit",
+    "ScanFit",
+    "ScanStatus",
     "State",
     "Step",
     "consensus",
@@ -51,6 +54,8 @@ __all__ = [
     "mechanism",
     "predict_poses",
     "read_model",
+    "refine_scan",
+    "register_scan",
     "robust_pose",
     "simulate",
     "skew",
@@ -63,6 +68,7 @@ _ROOMS = {
     "truing.estimation.likelihood": ("maximum_likelihood",),
     "truing.estimation.line_fit": ("LineFit", "fit_line"),
     "truing.estimation.procrustes": ("ProcrustesFit", "generalised_procrustes"),
+    "truing.estimation.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
     "truing.estimation.response": ("ResponseFit", "fit_response"),
     "truing.estimation.rigid": ("FitStatus", "RigidFit", "umeyama"),
     "truing.estimation.robust": ("consensus",),
