@@ -15,13 +15,8 @@ from math import exp, log
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.congruence import (
-    Constellation,
-    Hypothesis,
-    contradict,
-    find_hypotheses,
-    log_expected_accidents,
-)
+from truing.estimation.congruence import Hypothesis, contradict, find_hypotheses
+from truing.estimation.constellation import Constellation, log_expected_accidents
 
 ACCIDENTS_LIMIT = 1e-3
 MARGIN_LOG_ODDS = log(1e6)
