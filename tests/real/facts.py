@@ -92,14 +92,15 @@ def vstars(tables: Tables) -> dict[str, Any]:
     rows = defaults(tables).set_index("pose")
     out = tables["residuals"][tables["residuals"]["rejected"]]
     size = np.sqrt((out[["dx_mm", "dy_mm", "dz_mm"]] ** 2).sum(axis=1))
-    per_pose = {str(p): sorted(part["target"], key=_code) for p, part in out.groupby("pose")}
     far = out.assign(size=size)[size > 10.0]
+    per_pose = {str(p): sorted(part["target"], key=_code) for p, part in far.groupby("pose")}
     return {
         "sets": len(rows),
         "determined": int((rows["status"] == "ok").sum()),
         "codes": int(tables["observations"]["target"].nunique()),
         "rms_mm": {str(p): float(r) for p, r in rows["rms_mm"].items()},
         "used": {str(p): int(n) for p, n in rows["n_used"].items()},
+        "rejected": len(out),
         "moved": per_pose,
         "metres": sorted({str(t) for t in far.loc[far["size"] > 1000.0, "target"]}, key=_code),
     }
@@ -138,6 +139,7 @@ FACTS = {
     "irb120-faro": irb120,
     "so-lat-elevation": elevation,
     "so-lat-mirror": elevation,
+    "so-lat-sameday": vstars,
     "so-lat-vstars": vstars,
     "mocap-static": mocap,
     "mocap-full": mocap,

@@ -13,6 +13,7 @@ _SHORT = {
     "irb120-faro": "irb",
     "so-lat-elevation": "lat",
     "so-lat-mirror": "mirror",
+    "so-lat-sameday": "sameday",
     "so-lat-vstars": "vstars",
     "mocap-static": "static",
     "mocap-full": "full",

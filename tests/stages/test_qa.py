@@ -37,7 +37,7 @@ def test_good_campaigns_do_not_fail(tmp_path):
     layouts = [
         PLAIN,
         replace(PLAIN, faults=DataFaults(missing_share=0.05, gross_share=0.03)),
-        replace(PLAIN, noise=Noise(point_mm=0.0055, declared_point_mm=0.005, axis_ratio=(1.0, 1.0, 2.0))),
+        replace(PLAIN, noise=Noise(point_mm=0.0055, declared_point_mm=0.0071, axis_ratio=(1.0, 1.0, 2.0))),
         replace(PLAIN, noise=Noise(heavy_tails=True), surroundings=Surroundings(shuffled=True)),
     ]
     failed = []
