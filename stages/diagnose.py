@@ -58,14 +58,14 @@ def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Out
     from stages.diagnosis_rows import diagnosis_table
     from stages.pose_conditions import unexplained_causes
     from truing.estimation import acceptance
-    from truing.simulation.causes import CATALOGUE
+    from truing.simulation.causes import catalogue
 
     rule = acceptance.Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
     search = acceptance.Acceptance(
         gathered.model, gathered.calibration, gathered.held_out, rule, lambda what: progress(0, 1, what)
     )
     readings = gathered.calibration.conditions
-    verdicts, final = search.run([*CATALOGUE.values(), *unexplained_causes(readings, gathered.model.nominal.rho0)])
+    verdicts, final = search.run([*catalogue().values(), *unexplained_causes(readings, gathered.model.nominal.rho0)])
     table = diagnosis_table(verdicts, final, gathered.framing, settings.diagnosis.false_alarm)
     return Outcome(
         {"diagnosis": table, "model": _model_text(final, settings)},

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.causes import CATALOGUE
+from truing.simulation.causes import catalogue
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import Conditions, Known, PointModel
@@ -19,7 +19,7 @@ from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "telescope_vectors.json").read_text(encoding="utf-8"))
 _NOMINAL = REFERENCE["nominal"]
 KAPPA, K = float(_NOMINAL["kappa"]), np.array(_NOMINAL["K"])
-LINEAR, MATRIX = CATALOGUE["platform-deformation-linear"], CATALOGUE["platform-deformation-matrix"]
+LINEAR, MATRIX = (catalogue()[f"platform-deformation-{kind}"] for kind in ("linear", "matrix"))
 SURVEY_M = 5e-6
 GEOMETRY = {"a": 5e-4, "b": 5e-4, "u": 2e-3, "l": 5e-4}  # one sigma, m and rad
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.causes import CATALOGUE
+from truing.simulation.causes import catalogue
 from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.chain import Cause, Effect
 from truing.simulation.legs import Legs
@@ -152,7 +152,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
 
 
 def _cause(effect: dict[str, Any]) -> Cause:
-    return Unexplained(**effect["settings"]) if effect["cause"] == Unexplained.id else CATALOGUE[effect["cause"]]
+    return Unexplained(**effect["settings"]) if effect["cause"] == Unexplained.id else catalogue()[effect["cause"]]
 
 
 def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
