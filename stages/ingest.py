@@ -196,7 +196,8 @@ def _left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:
 
 
 def _figure_words(points: Points) -> str:
-    return f"{points.labels:,} targets on {len(points.bodies)} bodies ({', '.join(points.bodies[:12])})"
+    bodies = f"{len(points.bodies)} bod{'y' if len(points.bodies) == 1 else 'ies'}"
+    return f"{points.labels:,} targets of {bodies} ({', '.join(points.bodies[:12])})"
 
 
 def _displacement(source: CampaignFiles, log: FaultLog) -> Outcome:

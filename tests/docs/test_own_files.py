@@ -28,7 +28,7 @@ def test_the_example_gives_its_table(tmp_path, title):
     body = EXAMPLES[title]
     for name, content in re.findall(r"^`(\S+)`\n\n```text\n(.*?)```", body, re.M | re.S):
         written(tmp_path, name, content)
-    ((table, entries),) = tomllib.loads(block("toml", body))["files"].items()
+    table, entries = next(iter(tomllib.loads(block("toml", body))["files"].items()))
     found = read(tmp_path, table, entries)
     assert found.faults == ()
     shown = list(csv.DictReader(io.StringIO(block("csv", body))))

@@ -11,10 +11,10 @@ from schemas.campaign import read_campaign
 from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
-from truing.formats.shapes import CONFIGURATIONS, DISPLACEMENT, POINTS, TARGETS
+from truing.formats.shapes import CONFIGURATIONS, DISPLACEMENT, POINTS, SCANS, SURFACES, TARGETS
 from truing.formats.source import CampaignFiles
 
-SHAPES = {shape.name: shape for shape in (POINTS, TARGETS, CONFIGURATIONS, DISPLACEMENT)}
+SHAPES = {shape.name: shape for shape in (POINTS, TARGETS, CONFIGURATIONS, DISPLACEMENT, SCANS, SURFACES)}
 
 
 @dataclass(frozen=True)

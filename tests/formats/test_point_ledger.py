@@ -75,6 +75,14 @@ def test_texts_in_a_campaign_of_integers_are_unknown_unless_they_are_integers():
     ledger.close()
 
 
+def test_where_no_pose_is_known_all_are_unknown():
+    ledger = PointLedger(pa.array([], pa.int64()))
+    numbers, _ = ledger.add(file("f"), batch([(0, "a", "1"), (0, "a", "1")], 0, False))
+    assert numbers.tolist() == [0, 0]
+    assert list(ledger.duplicates()) == []
+    ledger.close()
+
+
 def test_label_columns_give_the_names_back():
     ledger = PointLedger(pa.array([1]))
     rows = [(1, "a", "1"), (1, "b", "1"), (1, "a", "2")]

@@ -64,10 +64,10 @@ class Folder:
             *(f"{pose},calibration,{60.0 * pose},{pose}.5,10,10,20.5" for pose in POSES),
         ]
 
-    def run(self):
+    def run(self, write=True):
         for name in ("points", "targets", "configurations"):
             lines = getattr(self, name)
-            if lines is not None:
+            if lines is not None and write:
                 (self.path / f"{name}.csv").write_text("\n".join(lines) + "\n")
         campaign = read_campaign(tomllib.loads(self.toml))
         settings = SettingsView(campaign, ingest.DECLARATION.settings)
@@ -113,7 +113,7 @@ def test_a_good_campaign_becomes_its_tables(folder):
     assert set(observations.column("sigma_y_mm").to_pylist()) == {0.005}
     assert str(outcome.read) == "24 points of 3 poses from points.csv"
     assert str(outcome.left_out) == "nothing"
-    assert str(outcome.figure) == "8 targets on 2 bodies (base, platform)"
+    assert str(outcome.figure) == "8 targets of 2 bodies (base, platform)"
     assert tables["configurations"].column("temperature_c").to_pylist() == [20.5] * 3
     assert tables["survey"].column("leg").null_count == 8
 
@@ -315,6 +315,33 @@ def test_drives_have_to_be_columns(folder):
     folder.toml = folder.toml.replace("kind =", 'drives = ["temperature"]\nkind =')
     (fault,) = folder.faults()
     assert "did you mean temperature_c" in fault.expected
+
+
+EDITS = st.tuples(
+    st.sampled_from(["points", "targets", "configurations"]),
+    st.floats(0.0, 1.0),
+    st.sampled_from([b",", b'"', b"\n", b"\xff", b";", b"nan", b"\r\n", b"-", b"1e999", b"\0", b"cut", b"end"]),
+)
+
+
+@given(st.lists(EDITS, min_size=1, max_size=6))
+def test_whatever_happens_to_the_files_it_is_tables_or_faults(tmp_path_factory, edits):
+    folder = Folder(tmp_path_factory.mktemp("edited"))
+    folder.run()
+    for table, place, edit in edits:
+        path = folder.path / f"{table}.csv"
+        content = path.read_bytes()
+        at = int(place * len(content))
+        new = {b"cut": content[:at] + content[at + 9 :], b"end": content[:at]}.get(
+            edit, content[:at] + edit + content[at:]
+        )
+        path.write_bytes(new)
+    said: tuple = ()
+    try:
+        said = tuple(folder.run(write=False)[1]["observations"].column("pose"))
+    except CampaignFaults as caught:
+        said = caught.faults
+    assert said
 
 
 @given(st.permutations(range(1, 25)), st.integers(0, 23))

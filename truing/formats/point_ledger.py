@@ -53,7 +53,7 @@ class PointLedger:
 
         self.poses = poses
         self.labels: Names[tuple[str, str]] = Names()  # body and target
-        plain = np.asarray(poses) if pa.types.is_int64(poses.type) and len(poses) else np.zeros(1, np.int64)
+        plain = np.asarray(poses) if pa.types.is_int64(poses.type) else np.zeros(0, np.int64)
         self._order = np.argsort(plain, kind="stable")
         self._sorted = plain[self._order]
         self._spool = Spool(("pose", "label"), folder)
@@ -91,9 +91,15 @@ class PointLedger:
             return np.asarray(found)[codes(poses)]
         plain = np.asarray(poses)
         starts = np.flatnonzero(np.concatenate((np.ones(min(len(plain), 1), bool), plain[1:] != plain[:-1])))
-        place = np.minimum(np.searchsorted(self._sorted, plain[starts]), len(self._sorted) - 1)
-        number = np.where(self._sorted[place] == plain[starts], self._order[place], len(self._sorted))
-        return np.repeat(number.astype(np.int32), np.diff(np.append(starts, len(plain))))
+        number = self._numbers_of(plain[starts])
+        return np.repeat(number, np.diff(np.append(starts, len(plain))))
+
+    def _numbers_of(self, poses: NDArray[np.int64]) -> NDArray[np.int32]:
+        unknown = len(self.poses)
+        if not unknown:
+            return np.zeros(len(poses), dtype=np.int32)
+        place = np.minimum(np.searchsorted(self._sorted, poses), unknown - 1)
+        return np.where(self._sorted[place] == poses, self._order[place], unknown).astype(np.int32)
 
     def _label_numbers(self, body: pa.DictionaryArray, target: pa.DictionaryArray) -> NDArray[np.int32]:
         bodies, targets = body.dictionary.to_pylist(), target.dictionary.to_pylist()
