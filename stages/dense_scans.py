@@ -33,9 +33,10 @@ _LESS_OVERLAP, _MORE_RMS = 0.8, 1.25
 
 @dataclass
 class DenseScans:
-    """The scans of a campaign as rows of the artifact, and how many points were left out, by (subject, reason)."""
+    """The scans of a campaign as rows of the artifact, the bodies scanned, and points left out by (subject, reason)."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
+    bodies: set[str] = field(default_factory=set)
     points: int = 0
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
 
@@ -44,11 +45,6 @@ class DenseScans:
         import pyarrow as pa
 
         return pa.Table.from_pylist(self.rows, schema=ARTIFACTS["scans"].arrow_schema(identifier_of(poses)))
-
-    @property
-    def bodies(self) -> frozenset[str]:
-        """The bodies that were scanned."""
-        return frozenset(row["body"] for row in self.rows)
 
     @property
     def figure(self) -> str:
@@ -79,6 +75,7 @@ def read_scans(source: CampaignFiles, poses: pa.Array, log: FaultLog, progress: 
     total = len(poses) * max(len(surfaces), 1)
     for file, pose, body, points in _clouds(source, poses, log):
         progress(len(found.rows), total, f"{body} in pose {pose}")
+        found.bodies.add(body)
         if body not in surfaces:
             known = f"there are {', '.join(surfaces)}" if surfaces else "there is none"
             expected = f"a body with a reference surface in [files.surfaces]; {known}"

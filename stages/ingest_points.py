@@ -49,7 +49,7 @@ class Expected:
     geometry: Geometry
     survey: pa.Table | None
 
-    def without(self, scanned: frozenset[str]) -> Expected:
+    def without(self, scanned: set[str]) -> Expected:
         """The same where some bodies are known from scans of their surface, and need no targets."""
         always = tuple(body for body in self.always if body not in scanned)
         return replace(self, always=always, reference=None if self.reference in scanned else self.reference)

@@ -154,7 +154,8 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     _once(found, log, ("body", "target"))
     _check_legs(found, log, len(legs_of(settings)))
     surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
-    for body in ("base", "platform") if legs_of(settings) else ():
+    # A body that is scanned needs no targets; whether the others are there is seen when the points are read.
+    for body in ("base", "platform") if legs_of(settings) and not source.entries("scans") else ():
         if body not in surveyed:
             log.add(Fault(found.first_file, f"targets of body {body}", column="body"))
     table = found.table

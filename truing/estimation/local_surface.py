@@ -43,10 +43,9 @@ class Patches:
         """Variance in m^2 of the cloud along its normal, as the typical patch has it."""
         return float(np.median(self.variance)) / _MEDIAN_OF_VARIANCE
 
-    @property
-    def smooth(self) -> NDArray:
-        """Whether each anchor (A,) lies on a surface that a paraboloid describes."""
-        return self.variance <= _ROUGH * np.median(self.variance)
+    def smooth(self, least: float) -> NDArray:
+        """Whether each anchor (A,) lies on a surface that a paraboloid describes, to a variance that matters, m^2."""
+        return self.variance <= _ROUGH * max(float(np.median(self.variance)), least)
 
 
 @dataclass(frozen=True)
@@ -67,8 +66,11 @@ def fit_patches(points: NDArray, tree: cKDTree, anchors: NDArray) -> Patches:
     return Patches(*(np.concatenate(column) for column in zip(*chunks, strict=True)))
 
 
-def heights_over(patches: Patches, which: NDArray, points: NDArray) -> Heights:
-    """Return points (N, 3) as seen from patch number which (N,) each, in the frame of the patches' cloud."""
+def heights_over(patches: Patches, which: NDArray, points: NDArray, sigma: float) -> Heights:
+    """Return points (N, 3) as seen from patch number which (N,) each, in the frame of the patches' cloud.
+
+    sigma in m is the points' own noise: a patch that is rough by less than that is smooth enough.
+    """
     radius = patches.radius[which]
     u, v, w = np.einsum("ni,nij->jn", points - patches.centre[which], patches.frame[which])
     u, v = u / radius, v / radius
@@ -84,7 +86,7 @@ def heights_over(patches: Patches, which: NDArray, points: NDArray) -> Heights:
     tilt = [np.sum(np.einsum("ni,nik->nk", d, smoother) ** 2, -1) for d in (along_u, along_v)]
     normal = np.einsum("nij,nj->ni", patches.frame[which], slope / secant[:, None])
     away, height = u * u + v * v, (w - np.sum(basis * c, -1)) / secant
-    over = (away <= _OVER**2) & patches.smooth[which]
+    over = (away <= _OVER**2) & patches.smooth(sigma**2)[which]
     return Heights(height, normal, share, (tilt[0] + tilt[1]) / 2, over, away > _BESIDE**2)
 
 

@@ -99,7 +99,7 @@ def _see(scene: Scene, R: NDArray, t: NDArray) -> _View:
     _, nearest = scene.tree.query(inside, workers=workers_for(len(inside)))
     anchors, which = np.unique(nearest, return_inverse=True)
     patches = fit_patches(scene.reference, scene.tree, anchors)
-    heights = heights_over(patches, which, inside)
+    heights = heights_over(patches, which, inside, scene.sigma_scan)
     normal = heights.normal @ R.T
     relative = np.abs(heights.height) / _noise(scene, heights)
     scatter = float(np.median(relative[heights.over])) / 0.6745 if np.any(heights.over) else np.inf
