@@ -19,7 +19,7 @@ from truing.estimation.covariance import weighted_fit_covariance
 _ROUNDING = 1e-13
 # Spread across a line below 1e-6 of that along it counts as none; singular values go with its square.
 _SINGULAR = 1e-12
-# From so many points on, compiled code wins although it has to be loaded first (0.6 s).
+# From so many points on, compiled code wins although it has to be loaded first (0.4 s).
 _WORTH_COMPILED_CODE = 1_000_000
 
 

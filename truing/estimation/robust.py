@@ -31,7 +31,7 @@ FLOOR = 1e-6
 _FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it ends
 _TRIPLE_BLOCK = 23  # points whose triples compete: 1771
 _PAIRS_AT_ONCE, _TRIPLES_AT_ONCE = 400_000, 400_000
-# From so many on, compiled code wins although it has to be loaded first (0.6 s).
+# From so many on, compiled code wins although it has to be loaded first (0.4 s).
 _MANY_POINTS, _MANY_PAIRS = 500_000, 4_000_000
 
 
