@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Acceptance, Campaign
     from stages.quality_bodies import BodyView
-    from stages.quality_checks import Check
+    from stages.quality_check import Check
 
 DECLARATION = Stage(
     name="qa",
@@ -30,7 +30,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if not tables["observations"].num_rows:
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality_bodies import body_views, surroundings
-    from stages.quality_checks import FAIL, WARN, all_checks
+    from stages.quality_check import FAIL, WARN
+    from stages.quality_checks import all_checks
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)

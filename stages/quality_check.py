@@ -1,0 +1,32 @@
+"""One check of a campaign's quality: a value, a limit, a verdict and one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of qa.parquet."""
+
+    check: str
+    subject: str
+    value: float | None
+    limit: float | None
+    unit: str
+    verdict: str
+    message: str
+
+
+def without(what: str, check: str, subject: str, why: str) -> Check:
+    """A check that this campaign gives nothing to judge by; neither a pass nor a failure."""
+    return Check(check, subject, None, None, "", NOT_EVALUATED, f"Not evaluated ({what}): {why}.")
+
+
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """The first names, and how many more there are."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
