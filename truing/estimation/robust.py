@@ -71,7 +71,8 @@ def consensus(
     OK: the points are the largest set that agrees, and at least 4, or 3 of 3 or 4; gross errors may outnumber them.
     AMBIGUOUS: two motions are followed by equally many, none is kept. NO_CONSENSUS: fewer agree; kept are the two
     or three that do, if they are the only ones. The order of points, the frames and the unit of length do not
-    matter. Raises ValueError as `umeyama`, and for a sigma that is not positive.
+    matter. Memory goes with N^2 for one pose at a time, where fewer than half agree. Raises ValueError as `umeyama`,
+    and for a sigma that is not positive.
     """
     x, y, w = check_correspondences(source, target, None if mask is None else np.asarray(mask, bool))
     seen = w > 0
