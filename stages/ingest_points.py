@@ -161,16 +161,17 @@ class Points:
 
         pose, label = self._ledger.add(file, batch)
         self.rows += batch.rows
-        unknown = pose >= len(self.expected.poses)
-        if unknown.any():
-            faults = CellFaults.where(unknown, batch.records, batch.columns["pose"], "pose", "a pose of configurations")
+        known = len(self.expected.poses)
+        if is_unknown := int(pose.max()) >= known:
+            which = "a pose of configurations"
+            faults = CellFaults.where(pose >= known, batch.records, batch.columns["pose"], "pose", which)
             self.log.cells(file.raw.name, faults, file.locate)
-        sampled = pose < min(_SAMPLED_POSES, len(self.expected.poses))
-        if sampled.any():
+        if int(pose.min()) < min(_SAMPLED_POSES, known):
+            sampled = pose < min(_SAMPLED_POSES, known)
             xyz = np.column_stack([np.asarray(batch.columns[name])[sampled] for name in COORDINATES])
             self.sample.append((pose[sampled], label[sampled], xyz))
         columns = dict(batch.columns)
-        if self._poses_are_text and not unknown.any():
+        if self._poses_are_text and not is_unknown:
             columns["pose"] = pa.DictionaryArray.from_arrays(pa.array(pose), self.expected.poses)
         columns["body"], columns["target"] = self._ledger.label_columns(label)
         for name in _SIGMAS:

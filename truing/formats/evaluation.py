@@ -96,18 +96,20 @@ class _Work:
     batch: RawBatch
     faults: list[CellFaults] = field(default_factory=list)
     left_out: Counter[str] = field(default_factory=Counter)
-    missing: dict[str, Mask] = field(default_factory=dict)
-
-    @cached_property
-    def broken(self) -> Mask:
-        """Points of which a coordinate is a fault."""
-        return np.zeros(self.batch.rows, dtype=bool)
+    missing: list[Mask] = field(default_factory=list)
+    broken: list[Mask] = field(default_factory=list)
 
     @cached_property
     def notation(self) -> Notation:
         """How the file's numbers are written."""
         entry = self.plan.entry
         return Notation(entry.decimal, entry.thousands, frozenset(entry.missing))
+
+    @cached_property
+    def _markers(self) -> list[float]:
+        """Numbers that mean missing."""
+        is_nan = any(text.casefold() == "nan" for text in self.notation.missing)
+        return [*self.notation.missing_numbers, *([np.nan] if is_nan else [])]
 
     def column(self, name: str, column: Column) -> pa.Array:
         """One column of the table, in its type and unit."""
@@ -230,9 +232,10 @@ class _Work:
         if (factor, offset, shift) != (1.0, 0.0, 0):
             values = pc.add(pc.multiply(pc.add(values, float(shift)), factor), offset)
         plain = np.asarray(values.fill_null(0.0) if values.null_count else values)
-        self._outside(~np.isfinite(plain), values, name, "a finite number")
-        if name in COORDINATES:
-            self.broken |= ~np.isfinite(plain)
+        finite = np.isfinite(plain)
+        if not finite.all():
+            self._outside(~finite, values, name, "a finite number")
+            self.broken.append(~finite)
         if column.minimum is not None:
             self._outside(plain < column.minimum, values, name, f"at least {column.minimum:g} {column.unit}".rstrip())
         if column.maximum is not None:
@@ -252,6 +255,8 @@ class _Work:
         if isinstance(origin, RowNumber):
             return pa.array((self.batch.records + origin.first).astype(float))
         raw = self._raw(name)
+        if pa.types.is_float64(raw.type) and not raw.null_count and not self._markers:
+            return raw
         if pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type):
             values, blank = raw.cast(pa.float64()), np.array(raw.is_null())
             broken = np.zeros(len(raw), dtype=bool)
@@ -260,8 +265,8 @@ class _Work:
         values = self._without_missing(values)
         if name in COORDINATES:
             blank &= "" not in self.notation.missing
-            self.missing[name] = np.asarray(values.is_null())
-            self.broken |= blank | broken
+            self.missing.append(np.asarray(values.is_null()))
+            self.broken.append(blank | broken)
             self._absent(blank, name, "a number; an empty cell has to be declared by missing")
         elif not column.nullable:
             self._absent(np.asarray(values.is_null()) & ~broken, name, "a number in every row")
@@ -286,13 +291,10 @@ class _Work:
     def _without_missing(self, values: pa.Array) -> pa.Array:
         import pyarrow as pa
 
-        markers = list(self.notation.missing_numbers)
-        if any(text.casefold() == "nan" for text in self.notation.missing):
-            markers.append(np.nan)
-        if not markers:
+        if not self._markers:
             return values
         plain = np.asarray(values.fill_null(np.nan) if values.null_count else values)
-        gone = np.logical_or.reduce([np.isnan(plain) if np.isnan(m) else plain == m for m in markers])
+        gone = np.logical_or.reduce([np.isnan(plain) if np.isnan(m) else plain == m for m in self._markers])
         return pa.array(plain, mask=gone | np.asarray(values.is_null()))
 
     def _whole(self, name: str, values: pa.Array) -> pa.Array:
@@ -329,17 +331,20 @@ class _Work:
 
     def present(self) -> Mask:
         """Which points are there: those of which no coordinate is missing, by itself or as one of three."""
-        gone = np.zeros(self.batch.rows, dtype=bool)
-        if not self.plan.shape.has_coordinates or len(self.missing) < 3:
-            return ~gone
-        for name in COORDINATES:
-            gone |= self.missing[name]
+        everything = np.ones(self.batch.rows, dtype=bool)
+        if not self.plan.shape.has_coordinates or not all(name in self.plan.columns for name in COORDINATES):
+            return everything
+        gone = [*self.missing]
         for triple in self.notation.missing_triples:
             raw = [self._raw_numbers(name) for name in COORDINATES]
-            gone |= np.logical_and.reduce([values == value for values, value in zip(raw, triple, strict=True)])
+            gone.append(np.logical_and.reduce([values == value for values, value in zip(raw, triple, strict=True)]))
+        whole = ~np.logical_or.reduce(self.broken) if self.broken else everything
+        if not gone:
+            return whole
+        there = ~np.logical_or.reduce(gone)
         said = ", ".join(repr(text) for text in self.plan.entry.missing)
-        self._leave_out(gone & ~self.broken, f"a coordinate means missing ({said})")
-        return ~(gone | self.broken)
+        self._leave_out(whole & ~there, f"a coordinate means missing ({said})")
+        return whole & there
 
     def _raw_numbers(self, name: str) -> NDArray[np.float64]:
         import pyarrow as pa
