@@ -19,6 +19,7 @@ DECLARATION = Stage(
         "survey?",
         "configurations?",
         "displacement?",
+        "scans?",
         "exclusions?",
         "qa?",
         "poses?",
@@ -38,10 +39,15 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Render the page."""
+    from stages.measured_shape import target_places
+    from truing.report.head import build_head
     from truing.report.page import render_page
-    from truing.report.sections import build_head, build_sections
+    from truing.report.sections import build_sections
 
     frames = {name: table.to_pandas() for name, table in tables.items()}
+    places = target_places(frames)
+    if places is not None:
+        frames["shape"] = places
     sections = build_sections(frames, {name: _provenance(table) for name, table in tables.items()})
     progress(1, 2, "figures")
     page = render_page(build_head(settings.campaign.name, frames), sections)

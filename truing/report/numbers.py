@@ -3,25 +3,43 @@
 from __future__ import annotations
 
 import math
+import re
+
+# Where a number leaves the range whose digits a reader counts, another unit takes over: from, below, unit, factor.
+_HANDIER = {
+    "mm": (0.0, 0.1, "um", 1e3),
+    "um": (1e4, math.inf, "mm", 1e-3),
+    "urad": (1e4, math.inf, "mrad", 1e-3),
+}
+_SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
 
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
     """``13.2 ± 0.4 um``: two digits of the uncertainty where it begins with 1 or 2, else one (GUM 7.2.6)."""
     if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
         return f"{plain(value)} {unit}".strip()
-    digits = decimals(sigma)
-    return f"{value:.{digits}f} ± {sigma:.{digits}f} {unit}".strip()
+    largest = max(abs(value), sigma)
+    if 1e-4 <= largest < 1e7:
+        return f"{_rounded(value, sigma)} ± {_rounded(sigma, sigma)} {unit}".strip()
+    power = math.floor(math.log10(largest))
+    value, sigma = value / 10.0**power, sigma / 10.0**power
+    return f"({_rounded(value, sigma)} ± {_rounded(sigma, sigma)})e{power:+03d} {unit}".strip()
 
 
-def decimals(sigma: float) -> int:
-    """How many decimals a number with this uncertainty keeps (at most 12, never negative)."""
+def _rounded(value: float, sigma: float) -> str:
+    places = last_place(sigma)
+    return f"{round(value, places):.{max(0, places)}f}"
+
+
+def last_place(sigma: float) -> int:
+    """The decimal place that a number with this uncertainty is rounded to (at most 12); negative left of the point."""
     exponent = math.floor(math.log10(sigma))
     leading = sigma / 10.0**exponent
-    return min(12, max(0, -exponent + (1 if leading < 2.95 else 0)))
+    return min(12, -exponent + (1 if leading < 2.95 else 0))
 
 
 def plain(value: float | None) -> str:
-    """Four significant digits, without a power of ten where a reader does not need one; a dash for nothing."""
+    """Three significant digits, without a power of ten where a reader does not need one; a dash for nothing."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0.0:
@@ -30,7 +48,26 @@ def plain(value: float | None) -> str:
         return str(int(value))
     if not 1e-3 <= abs(value) < 1e6:
         return f"{value:.2e}"
-    return f"{value:.{max(0, 3 - math.floor(math.log10(abs(value))))}f}"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A number in a unit that suits its size: ``3.4 µm`` for 0.0034 mm, nothing after a ratio."""
+    if value is not None and unit in _HANDIER:
+        low, high, handier, factor = _HANDIER[unit]
+        if low < abs(value) and low <= abs(value) < high:
+            value, unit = factor * value, handier
+    return f"{plain(value)} {sign(unit)}".strip()
+
+
+def sign(unit: str) -> str:
+    """The unit as it is printed."""
+    return _SIGNS.get(unit, unit)
+
+
+def printed(sentence: str) -> str:
+    """A sentence with its units as they are printed."""
+    return re.sub(r"\bu(m|rad)\b", r"µ\1", sentence)
 
 
 def p_value(p: float | None) -> str:
@@ -38,3 +75,19 @@ def p_value(p: float | None) -> str:
     if p is None or not math.isfinite(p):
         return "–"
     return "< 1e-6" if p < 1e-6 else f"{p:.2g}"
+
+
+def count(n: int, noun: str) -> str:
+    """``1 pose``, ``2 poses``, ``2 bodies``."""
+    if n == 1:
+        return f"{n} {noun}"
+    return f"{n:,} {noun[:-1]}ies" if noun.endswith("dy") else f"{n:,} {noun}s"
+
+
+def duration(seconds: float) -> str:
+    """A span of time in the unit that suits it."""
+    for unit, size in (("days", 172800.0), ("h", 5400.0), ("min", 120.0)):
+        if seconds >= size:
+            divisor = {"days": 86400.0, "h": 3600.0, "min": 60.0}[unit]
+            return f"{seconds / divisor:.1f} {unit}"
+    return f"{plain(seconds)} s"

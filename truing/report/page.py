@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     import jinja2
     import plotly.graph_objects as go
 
+# Rows of a listing that a page holds, so that a thousand poses of many bodies stay below some megabytes.
+MOST_ROWS = 2000
+
 
 @dataclass(frozen=True)
 class Listing:
@@ -21,6 +24,20 @@ class Listing:
     marks: tuple[str, ...] = ()
     caption: str = ""
     folded: bool = False
+    held_by: str = ""  # the artifact that holds all rows, where the page cannot
+
+    @property
+    def shown(self) -> tuple[tuple[str, ...], ...]:
+        """The rows that stand on the page."""
+        return self.rows[:MOST_ROWS]
+
+    @property
+    def note(self) -> str:
+        """What a reader must know about rows that do not stand on the page."""
+        if len(self.rows) <= MOST_ROWS:
+            return ""
+        where = f"; all are in {self.held_by}" if self.held_by else ""
+        return f"The first {MOST_ROWS:,} of {len(self.rows):,} rows{where}."
 
 
 @dataclass(frozen=True)
@@ -60,7 +77,8 @@ def render_page(head: Head, sections: Sequence[Section]) -> str:
 
 
 def _drawn(figure: go.Figure, name: str, caption: str) -> dict[str, str]:
-    config = {"displaylogo": False, "responsive": True}
+    # Nothing of a campaign may leave the page: plotly's button that uploads a chart goes, and its address with it.
+    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False, "plotlyServerURL": ""}
     html = figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config=config)
     return {"html": html, "caption": caption}
 

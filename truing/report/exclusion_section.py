@@ -1,0 +1,147 @@
+"""The section of what was left out, by which rule or person, and why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.report.numbers import count, quantity
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, cell, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_SHIFT = ["dx_mm", "dy_mm", "dz_mm"]
+_BY_A_PERSON = r"^(?:excluded|kept) by "
+# Longer listings are folded away.
+_OPEN = 40
+
+
+def excluded(tables: Tables) -> Section:
+    """Rows of raw files, points, attachments and scans that were left out; and what persons decided."""
+    listings = [
+        listing
+        for listing in (
+            _decisions(tables),
+            _rows_of_files(tables),
+            _points_by_target(tables),
+            _points(tables),
+            _no_part(tables),
+            _attachments(tables),
+        )
+        if listing is not None
+    ]
+    lead = "The tables of this run record nothing that was left out."
+    return Section("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
+
+
+def _lead(tables: Tables) -> str:
+    files, residuals = filled(tables, "exclusions"), filled(tables, "residuals")
+    words = []
+    if files is not None:
+        words.append(f"{count(int(files['rows'].sum()), 'row')} of the raw files")
+    if residuals is not None and residuals["rejected"].any():
+        words.append(f"{count(int(residuals['rejected'].sum()), 'object point')} of {len(residuals):,}")
+    return f"Left out: {' and '.join(words)}. Every exclusion stands here with its reason." if words else "All of it:"
+
+
+def _decisions(tables: Tables) -> Listing | None:
+    """What a person overruled, by name: points excluded or kept, verdicts accepted."""
+    rows: list[tuple[str, ...]] = []
+    residuals, qa = filled(tables, "residuals"), filled(tables, "qa")
+    if residuals is not None:
+        decided = residuals[residuals["reason"].astype("string").str.contains(_BY_A_PERSON, na=False)]
+        for (reason, body, target), part in decided.groupby(["reason", "body", "target"], sort=False):
+            rows.append((*_who(reason), f"{body} {target}", f"{count(len(part), 'pose')}: {_named(part['pose'])}"))
+    if qa is not None and "accepted" in qa:
+        for r in qa[qa["accepted"].notna()].itertuples():
+            rows.append(
+                ("accepted", str(r.accepted), f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}")
+            )
+    if not rows:
+        return None
+    heads = ("decision", "by whom, and why", "of what", "where")
+    return Listing(heads, tuple(rows), caption="Decided by a person", folded=len(rows) > _OPEN)
+
+
+def _who(reason: str) -> tuple[str, str]:
+    verb, _, rest = reason.partition(" by ")
+    return verb, rest
+
+
+def _named(poses: pd.Series) -> str:
+    return ", ".join(str(p) for p in poses.iloc[:8]) + (" …" if len(poses) > 8 else "")
+
+
+def _rows_of_files(tables: Tables) -> Listing | None:
+    files = filled(tables, "exclusions")
+    if files is None:
+        return None
+    rows = tuple((r.stage, cell(r.subject), cell(r.reason), f"{r.rows:,}", cell(r.by)) for r in files.itertuples())
+    heads = ("stage", "subject", "reason", "rows", "by")
+    return Listing(heads, rows, (), "Rows of raw files", len(rows) > _OPEN, "exclusions.parquet")
+
+
+def _rejected(tables: Tables) -> pd.DataFrame | None:
+    residuals = filled(tables, "residuals")
+    if residuals is None or not residuals["rejected"].any():
+        return None
+    return residuals[residuals["rejected"]]
+
+
+def _points_by_target(tables: Tables) -> Listing | None:
+    """Where many points are out: which targets they belong to, the most frequent first."""
+    out = _rejected(tables)
+    if out is None or len(out) <= _OPEN:
+        return None
+    seen = tables["residuals"].groupby(["body", "target"]).size()
+    number = out.groupby(["body", "target"], sort=False).size().sort_values(ascending=False, kind="stable")
+    rows = tuple((*key, f"{n} of {seen[key]}") for key, n in number.items())
+    heads = ("body", "target", "left out in poses")
+    return Listing(heads, rows, caption=f"Points kept out of the poses, by {count(len(rows), 'target')}", folded=True)
+
+
+def _points(tables: Tables) -> Listing | None:
+    out = _rejected(tables)
+    if out is None:
+        return None
+    distance = np.linalg.norm(out[_SHIFT].to_numpy(dtype=float), axis=1)
+    rows = tuple(
+        (str(r.pose), r.body, r.target, quantity(d, "mm"), _off(r), cell(r.reason))
+        for r, d in zip(out.itertuples(), distance, strict=True)
+    )
+    heads = ("pose", "body", "target", "off by", "x, y, z (mm)", "reason")
+    caption = f"{count(len(rows), 'object point')} kept out of the poses"
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, "residuals.parquet")
+
+
+def _off(r: object) -> str:
+    shift = [getattr(r, c) for c in _SHIFT]
+    return "no pose to compare with" if any(s != s for s in shift) else ", ".join(f"{s:+.3f}" for s in shift)
+
+
+def _no_part(tables: Tables) -> Listing | None:
+    """Points that are no gross errors and take no part in a pose all the same, counted by body and reason."""
+    residuals = filled(tables, "residuals")
+    if residuals is None:
+        return None
+    reason = residuals["reason"].astype("string").fillna("")
+    idle = residuals[~residuals["rejected"] & (reason != "") & ~reason.str.contains(_BY_A_PERSON)]
+    if not len(idle):
+        return None
+    number = idle.groupby(["body", "reason"], sort=False).size()
+    rows = tuple((body, why, f"{n:,}") for (body, why), n in number.items())
+    return Listing(("body", "why", "points"), rows, caption="Points that take no part in a pose, without being wrong")
+
+
+def _attachments(tables: Tables) -> Listing | None:
+    shifts = filled(tables, "deformation")
+    if shifts is None or "rejected" not in shifts or not shifts["rejected"].any():
+        return None
+    out = shifts[shifts["rejected"]]
+    rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out.itertuples())
+    heads = ("pose", "attachment", "shift along z", "reason")
+    caption = f"{count(len(rows), 'shift')} of attachments kept out of the deformation models"
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, "deformation.parquet")

@@ -1,0 +1,82 @@
+"""What all figures share: colours, titles, and axes that stay readable with a thousand poses or an outlier."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+    from numpy.typing import ArrayLike, NDArray
+
+# Okabe-Ito, told apart by colour-blind readers too.
+BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7A7A7A"
+# A value so many times the median would flatten everything else on a linear axis.
+_OUTSTANDING = 30.0
+# More points than this are drawn by WebGL.
+MANY_POINTS = 4000
+_LABELS = 24
+
+
+def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figure:
+    """Give a figure its title, a line that says how to read it, and the project's layout."""
+    figure.update_layout(
+        title={
+            "text": title,
+            "subtitle": {"text": subtitle, "font": {"size": 12, "color": GREY}},
+            "font": {"size": 15},
+            "x": 0.0,
+            "xanchor": "left",
+            "y": 1.0,
+            "yanchor": "top",
+            "yref": "container",
+            "pad": {"t": 8},
+        },
+        height=height,
+        margin={"l": 60, "r": 20, "t": 84, "b": 50},
+        template="plotly_white",
+        font={"family": "system-ui, sans-serif", "size": 12},
+    )
+    return figure
+
+
+def label(name: object) -> str:
+    """A name from the data, safe in a figure: plotly reads its texts as markup."""
+    return html.escape(str(name), quote=False)
+
+
+def pose_axis(poses: ArrayLike) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Places of poses along an axis, and the axis: numbered poses at their number, named ones side by side."""
+    identifiers = np.asarray(poses)
+    if np.issubdtype(identifiers.dtype, np.number):
+        return identifiers, {"title": {"text": "pose"}}
+    names, first = np.unique(identifiers.astype(str), return_index=True)
+    ordered = names[np.argsort(first)]
+    place = {name: k for k, name in enumerate(ordered)}
+    shown = np.arange(0, len(ordered), max(1, -(-len(ordered) // _LABELS)))
+    ticks = {"tickvals": shown.tolist(), "ticktext": [label(_short(ordered[k])) for k in shown], "tickangle": -60}
+    return np.array([place[str(pose)] for pose in identifiers]), {
+        "title": {"text": "pose"},
+        "automargin": True,
+        **ticks,
+    }
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 20 else f"{name[:9]}…{name[-9:]}"
+
+
+def size_axis(values: ArrayLike) -> dict[str, Any]:
+    """An axis for sizes: from zero, or logarithmic where a few of them stand far out."""
+    sizes = np.asarray(values, dtype=float)
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if len(sizes) and sizes.max() > _OUTSTANDING * np.median(sizes):
+        return {"type": "log", "dtick": "D2" if sizes.max() < 1e3 * sizes.min() else 1}
+    return {"rangemode": "tozero"}
+
+
+def sequence_title(title: str, logarithmic: bool) -> str:
+    """An axis title that says when its axis is logarithmic."""
+    return f"{title}, log scale" if logarithmic else title

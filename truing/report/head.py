@@ -1,0 +1,95 @@
+"""The top of the page: what a busy person acts on, and the figures that place it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from truing.report.numbers import count, plain, printed, quantity, sign
+from truing.report.page import Head
+from truing.report.reasons import why_no_diagnosis
+from truing.report.tables import Tables, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
+# Findings that the head tells; the section tells all.
+_TOLD = 3
+
+Verdict = tuple[str, str]
+
+
+def build_head(campaign: str, tables: Tables) -> Head:
+    """The sentences that a busy person acts on, and the figures that place them."""
+    return Head(campaign, (*_diagnosis(tables), *_quality(tables)), tuple(_tiles(tables)))
+
+
+def _diagnosis(tables: Tables) -> list[Verdict]:
+    table = tables.get("diagnosis")
+    if table is None or not len(table):
+        return [("none", f"Diagnosis not evaluated: {why_no_diagnosis(tables)}")]
+    found = table[table["verdict"] == "found"].sort_values("rank")
+    if not len(found):
+        said = "No cause of the catalogue was found: the simulation agrees with the data to within its noise."
+        return [("pass", said)]
+    told = [("found", _short(row)) for _, row in found.head(_TOLD).iterrows()]
+    if len(found) > _TOLD:
+        told.append(("found", f"{count(len(found) - _TOLD, 'further finding')}: see Diagnosis."))
+    return told
+
+
+def _short(row: pd.Series) -> str:
+    """What was found and what accepting it brings; sizes and probabilities are the section's business."""
+    said = printed(str(row["explanation"]).partition(": ")[0].rstrip("."))
+    before, after, floor = (plain(row[c]) for c in ("rms_before", "rms_after", "noise_floor"))
+    gain = f" Accepting it brings the rms of predictions from {before} to {after} {sign(row['unit'])}"
+    gain = f"{gain} (noise alone: {floor})." if row["rms_after"] < row["rms_before"] else ""
+    then = row["next_measurement"]
+    return f"{said}.{gain}" + (f" To confirm: {_lower(str(then))}" if isinstance(then, str) and then else "")
+
+
+def _lower(sentence: str) -> str:
+    return printed(sentence[:1].lower() + sentence[1:])
+
+
+def _quality(tables: Tables) -> list[Verdict]:
+    if "qa" not in tables:
+        return []
+    qa = tables["qa"]
+    if not len(qa):
+        return [("none", "Quality not evaluated: the campaign holds no object points.")]
+    accepted = qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
+    said = f" {count(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
+    failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
+    if len(failed):
+        rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
+        return [("fail", f"{len(failed)} of {len(qa)} quality checks failed. {failed['message'].iloc[0]}{rest}{said}")]
+    if len(warned):
+        first = warned["message"].iloc[0]
+        return [("warn", f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{said}")]
+    return [("pass", f"None of the {len(qa)} quality checks failed or calls for a look.{said}")]
+
+
+def _tiles(tables: Tables) -> list[tuple[str, str]]:
+    tiles = []
+    points, steps, residuals = (filled(tables, name) for name in ("observations", "displacement", "residuals"))
+    if points is not None:
+        tiles += [("poses", f"{points['pose'].nunique():,}"), ("object points", f"{len(points):,}")]
+    if steps is not None:
+        tiles.append(("load steps", f"{len(steps):,}"))
+    if residuals is not None:
+        out = int(residuals["rejected"].sum())
+        tiles.append(("points left out", f"{out:,} ({100 * out / len(residuals):.1f} %)"))
+    return tiles + _model_tiles(tables)
+
+
+def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
+    """Before any model and after the best, per unit; all three models where there is one unit."""
+    errors = filled(tables, "deformation_errors")
+    if errors is None:
+        return []
+    subject = errors["subject"] if "subject" in errors else errors["leg"]
+    whole = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
+    if whole["unit"].nunique() > 1:
+        whole = whole[whole["model"].isin([whole["model"].iloc[0], whole["model"].iloc[-1]])]
+    return [(_MODEL_WORDS.get(r.model, r.model), quantity(r.value, r.unit)) for r in whole.itertuples()]

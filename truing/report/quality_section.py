@@ -1,0 +1,51 @@
+"""The section of the quality checks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from truing.report.numbers import quantity
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, cell
+
+_ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
+_HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
+# More rows that call for a look than this are folded away.
+_OPEN = 12
+
+
+def quality(tables: Tables) -> Section | None:
+    """Every check with its verdict, the failed ones first; what a person accepted stands by itself."""
+    if "qa" not in tables:
+        return None
+    if not len(tables["qa"]):
+        return Section("qa", "Quality", "The campaign holds no object points.", state="not evaluated")
+    qa = tables["qa"].assign(order=tables["qa"]["verdict"].map(_ORDER)).sort_values("order", kind="stable")
+    accepted = qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
+    listings = [
+        _checks(qa[(qa["verdict"] == "fail") & ~accepted], "Failed"),
+        _checks(qa[accepted], "Accepted by a person", ("accepted by",)),
+        _checks(qa[(qa["verdict"] == "warn") & ~accepted], "To look at"),
+        _checks(qa, f"All {len(qa)} checks", folded=True),
+    ]
+    counts = qa["verdict"].value_counts()
+    lead = ", ".join(f"{counts[v]} {v}" for v in _ORDER if v in counts)
+    return Section("qa", "Quality", f"{len(qa)} checks: {lead}.", listings=tuple(x for x in listings if x.rows))
+
+
+def _checks(qa: Any, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:
+    rows = tuple(
+        (
+            r.verdict,
+            r.check,
+            cell(r.subject),
+            quantity(r.value, r.unit),
+            quantity(r.limit, r.unit),
+            r.message,
+            *([cell(r.accepted)] if more else []),
+        )
+        for r in qa.itertuples()
+    )
+    marks = tuple("accepted" if more else "none" if v == "not evaluated" else v for v in qa["verdict"])
+    title = f"{caption} ({len(rows)})" if len(rows) > _OPEN and not folded else caption
+    return Listing((*_HEADS, *more), rows, marks, title, folded or len(rows) > _OPEN, "qa.parquet")

@@ -1,0 +1,28 @@
+"""Why a part of the page is empty, as far as the tables tell."""
+
+from __future__ import annotations
+
+from truing.report.tables import Tables, filled
+
+
+def why_no_diagnosis(tables: Tables) -> str:
+    """Why no cause was judged."""
+    if "displacement" in tables:
+        return "the catalogue holds no cause yet for displacements under load."
+    if not _has_readings(tables):
+        return "without a mechanism and its actuator readings there is no simulation to hold against the points."
+    return "the catalogue holds no cause yet for this mechanism, or too little was measured."
+
+
+def why_no_deformation(tables: Tables) -> str:
+    """Why no deformation was modelled."""
+    if "displacement" in tables:
+        return "The campaign holds no table of displacements under load that can be used."
+    if not _has_readings(tables):
+        return "Nothing that deformation could follow: no actuator readings, and no drives named in [campaign]."
+    return "No target sits at an attachment, or too few of them were seen."
+
+
+def _has_readings(tables: Tables) -> bool:
+    readings = filled(tables, "configurations")
+    return readings is not None and any(str(column).startswith("rho") for column in readings.columns)
