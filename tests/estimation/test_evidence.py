@@ -75,13 +75,14 @@ def test_an_effect_is_found_where_theory_says_so() -> None:
     bare = _measured(np.random.default_rng(9))
     signature = project(bare, COLUMNS["many"])
     level = 0.05 / len(COLUMNS)
-    size = smallest_detectable(signature, bare.freedom, level)
+    size = smallest_detectable(signature, bare.freedom, level, np.log(20))
     assert size is not None
     found = 0
     for _ in range(CAMPAIGNS // 2):
         pattern = rng.normal(size=20)
         pattern *= size * np.sqrt(20) / np.linalg.norm(pattern)
-        found += _scores(_measured(rng, COLUMNS["many"] @ pattern), rng)["many"].p_value <= 0.05
+        score = _scores(_measured(rng, COLUMNS["many"] @ pattern), rng)["many"]
+        found += score.p_value <= 0.05 and score.log_evidence >= np.log(20)
     assert_between(found / (CAMPAIGNS // 2), 0.68, 0.9, what="power at the size promised for 80 %")
 
 
@@ -106,7 +107,7 @@ def test_what_the_unknowns_already_explain_cannot_be_seen() -> None:
     hidden = TEMPLATE.by_local @ rng.normal(size=(POSES, LOCAL, 1)) * 1e-3
     score = _scores(_measured(rng), rng, {"hidden": hidden, **COLUMNS})["hidden"]
     assert (score.freedom, score.p_value, score.log_evidence) == (0, 1.0, 0.0)
-    assert smallest_detectable(Signature(np.zeros((5, 0)), np.zeros(0), np.zeros((1, 0))), 100.0, 0.05) is None
+    assert smallest_detectable(Signature(np.zeros((5, 0)), np.zeros(0), np.zeros((1, 0))), 100.0, 0.05, 0.0) is None
 
 
 def test_the_same_seed_gives_the_same_scores() -> None:

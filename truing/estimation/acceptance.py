@@ -251,7 +251,10 @@ class Acceptance:
         return Round(
             stand,
             {
-                name: replace(score, detectable=smallest_detectable(signatures[name], fit.whitened.freedom, level))
+                name: replace(
+                    score,
+                    detectable=smallest_detectable(signatures[name], fit.whitened.freedom, level, np.log(RIVAL_FACTOR)),
+                )
                 for name, score in scores.items()
             },
         )

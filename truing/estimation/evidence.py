@@ -86,7 +86,7 @@ class Search:
         return {
             name: Score(
                 _corrected(single[name][0] * len(self.signatures), smallest),
-                self._log_evidence(name, total),
+                float(log_evidence(found.directions.T @ rest, found.strengths, total, freedom)),
                 len(found.strengths),
                 float(np.linalg.norm(found.directions.T @ rest)),
             )
@@ -140,19 +140,20 @@ class Search:
         level = float(rest @ rest) / max(self.whitened.freedom - self._joint.shape[1], 1.0)
         return np.concatenate(blocks), level
 
-    def _log_evidence(self, name: str, total: float) -> float:
-        """Return the log ratio of marginal likelihoods with and without it: parameters N(0, size^2), noise level free.
 
-        The size is shared by the parameters and marginalised over `SIZES`, so that the answer hangs on no one scale.
-        """
-        found = self.signatures[name]
-        along = found.directions.T @ self.whitened.rest
-        power = np.multiply.outer(np.square(SIZES), found.strengths**2)
-        before = NOISE_PRIOR_FREEDOM + total
-        after = before - np.sum(power / (1.0 + power) * along**2, -1)
-        weight = (self.whitened.freedom + NOISE_PRIOR_FREEDOM) / 2.0
-        logs = -0.5 * np.sum(np.log1p(power), -1) - weight * np.log(after / before)
-        return float(logs.max() + np.log(np.mean(np.exp(logs - logs.max()))))
+def log_evidence(along: NDArray, strengths: NDArray, total: NDArray | float, freedom: float) -> NDArray:
+    """Return the log ratio of marginal likelihoods with and without an effect: parameters N(0, size^2), noise level free.
+
+    ``along`` (..., r) are the residual's parts along a signature of strengths (r,), ``total`` (...) its squares' sum.
+    The size is shared by the parameters and marginalised over `SIZES`, so that the answer hangs on no one scale.
+    """
+    power = np.multiply.outer(np.square(SIZES), strengths**2)
+    before = NOISE_PRIOR_FREEDOM + np.asarray(total)[..., None]
+    after = before - np.square(along) @ (power / (1.0 + power)).T
+    weight = (freedom + NOISE_PRIOR_FREEDOM) / 2.0
+    logs = -0.5 * np.sum(np.log1p(power), -1) - weight * np.log(after / before)
+    largest = logs.max(-1, keepdims=True)
+    return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
 
 
 def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:
