@@ -134,7 +134,7 @@ def coefficient_map(models: pd.DataFrame) -> go.Figure:
         )
     )
     typical = float(np.nanmedian(sigma.to_numpy()))
-    subtitle = f"Sigma of an entry: {plain(typical)} µm per mm. In brackets: not distinguishable from zero"
+    subtitle = f"One sigma of an entry: {typical:.2g} µm per mm. In brackets: not distinguishable from zero"
     style(figure, "K: shift of each attachment along z, in µm per mm of each actuator", subtitle, 520)
     _matrix_axes(figure)
     return figure

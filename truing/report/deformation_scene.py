@@ -42,11 +42,12 @@ def deformation_picture(shape: pd.DataFrame, residuals: pd.DataFrame, body: str)
     subtitle = f"Each line runs from a target's place to where it is measured; {quantity(step, 'mm')} on the axes = "
     subtitle += f"{quantity(step / gain, 'mm')} of displacement"
     style(figure, f"Displacement of the targets of {label(body)}, amplified {gain:g} times", subtitle, 640)
+    start = shown[_XYZ].to_numpy()
     figure.update_layout(
         sliders=[_slider(poses)],
-        scene=_scene(shown[_XYZ].to_numpy(), gain * float(shown["size"].max())),
+        scene=_scene(np.concatenate([start, start + gain * shown[_SHIFT].to_numpy()])),
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "itemsizing": "constant"},
-        margin={"l": 0, "r": 0, "t": 90, "b": 10},
+        margin={"l": 0, "r": 0, "t": 90, "b": 40},
     )
     return figure
 
@@ -65,14 +66,16 @@ def _slider(poses: Sequence[Any]) -> dict[str, Any]:
         }
         for k, pose in enumerate(poses)
     ]
-    return {"steps": steps, "currentvalue": {"prefix": "pose "}, "pad": {"t": 10, "l": 60, "r": 60}}
+    return {"steps": steps, "currentvalue": {"prefix": "pose "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}
 
 
-def _scene(points: NDArray[np.float64], longest: float) -> dict[str, Any]:
+def _scene(points: NDArray[np.float64]) -> dict[str, Any]:
     """Axes that hold body and amplified displacement; a flat body gets a third of its width as height, to be seen."""
-    low, high = points.min(axis=0) - 0.5 * longest, points.max(axis=0) + 0.5 * longest
-    span = np.maximum(high - low, 1e-6)
-    ratio = 1.25 * np.maximum(span / span.max(), 0.35)
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.02 * float((high - low).max()) + 1e-6
+    low, high = low - margin, high + margin
+    ratio = np.maximum((high - low) / (high - low).max(), 0.35)
+    ratio *= 1.75 / np.linalg.norm(ratio)
     axes = {
         f"{a}axis": {"title": {"text": f"{a} (mm)"}, "range": [float(low[k]), float(high[k])], "nticks": 6}
         for k, a in enumerate("xyz")

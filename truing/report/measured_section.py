@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.report import pose_figures
-from truing.report.numbers import count, duration, plain, quantity
+from truing.report.numbers import count, duration, quantity
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
 
@@ -71,7 +71,12 @@ def _ranges(configurations: pd.DataFrame) -> Listing:
     """From where to where readings and covariates went."""
     columns = [c for c in configurations.columns if c not in ("pose", "role", "time_s")]
     rows = tuple(
-        (c, plain(configurations[c].min()), plain(configurations[c].max()), str(int(configurations[c].notna().sum())))
+        (
+            c,
+            f"{configurations[c].min():.6g}",
+            f"{configurations[c].max():.6g}",
+            str(int(configurations[c].notna().sum())),
+        )
         for c in columns
         if np.issubdtype(configurations[c].dtype, np.number)
     )

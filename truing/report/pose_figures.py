@@ -21,6 +21,7 @@ def targets_seen(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
     import plotly.graph_objects as go
 
     poses = observations["pose"].drop_duplicates()
+    poses = poses.sort_values() if poses.dtype.kind in "iu" else poses
     seen = observations.groupby(["body", "pose"], sort=False)["target"].nunique().unstack("pose", fill_value=0)
     seen = seen.reindex(index=known.index, columns=poses, fill_value=0)
     share = 100.0 * seen.to_numpy() / known.to_numpy()[:, None]
@@ -39,9 +40,8 @@ def targets_seen(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
             hovertemplate="%{y}, pose %{customdata}: %{z:.0f} % of its targets<extra></extra>",
         )
     )
-    style(
-        figure, "Targets seen", "Pale: all targets of the body; the darker, the more are missing", 170 + 22 * len(seen)
-    )
+    height = 170 + 22 * len(seen) + (110 if "ticktext" in axis else 0)
+    style(figure, "Targets seen", "Pale: all targets of the body; the darker, the more are missing", height)
     figure.update_xaxes(**axis)
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
     return figure
@@ -49,6 +49,8 @@ def targets_seen(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
 
 def pose_residuals(poses: pd.DataFrame) -> go.Figure:
     """Root mean square of what the rigid fits leave, a panel per body; ``expected_um``: what declared noise leaves."""
+    places, axis = pose_axis(poses["pose"].to_numpy())
+    poses = poses.assign(place=places)
     grid, panels = _panels(poses)
     kind = size_axis(1e3 * poses["rms_mm"])
     for k, (_, rows) in enumerate(poses.groupby("body", sort=False)):
@@ -63,9 +65,8 @@ def pose_residuals(poses: pd.DataFrame) -> go.Figure:
         grid,
         "What the rigid fits leave, rms over the targets of each pose",
         "Dotted: what the declared noise alone leaves on average. Poses far above it do not fit.",
-        150 + 120 * rows_of_panels,
+        150 + 120 * rows_of_panels + (110 if "ticktext" in axis else 0),
     )
-    axis = pose_axis(poses["pose"].to_numpy())[1]
     grid.update_xaxes(**{key: value for key, value in axis.items() if key != "title"})
     grid.update_xaxes(title=axis["title"], row=rows_of_panels)
     grid.update_yaxes(**kind)
@@ -100,7 +101,7 @@ def _sizes(rows: pd.DataFrame, many: bool) -> Any:
     size = 1e3 * rows["rms_mm"].to_numpy(dtype=float)
     kind = go.Scattergl if many else go.Scatter
     return kind(
-        x=pose_axis(rows["pose"].to_numpy())[0],
+        x=rows["place"],
         y=np.where(size > 0.0, size, np.nan),
         mode="markers",
         marker={"color": BLUE, "size": 3 if many else 5},
@@ -111,7 +112,6 @@ def _sizes(rows: pd.DataFrame, many: bool) -> Any:
 
 def pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
     """Standard deviation of every pose along its worst axis, one box per body: position left, rotation right."""
-    import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     grid = make_subplots(rows=1, cols=2, subplot_titles=["position, worst axis", "rotation, worst axis"])
@@ -127,7 +127,9 @@ def pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
         "One standard deviation; points, survey, and the body that a pose is seen from are all counted",
         400,
     )
-    grid.update_traces(showlegend=False, selector={"type": go.Box().type})
+    grid.update_traces(showlegend=False)
+    grid.update_annotations(font={"size": 13})
+    grid.update_layout(margin={"t": 100})
     grid.update_xaxes(type="category", automargin=True)
     return grid
 
