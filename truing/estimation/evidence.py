@@ -144,7 +144,7 @@ class Search:
 def log_evidence(along: NDArray, strengths: NDArray, total: NDArray | float, freedom: float) -> NDArray:
     """Return the log ratio of marginal likelihoods with and without an effect: parameters N(0, size^2), noise level free.
 
-    ``along`` (..., r) are the residual's parts along a signature of strengths (r,), ``total`` (...) its squares' sum.
+    ``along`` (..., r) are a residual's parts along a signature of strengths (r,), ``total`` (...) its squared norm.
     The size is shared by the parameters and marginalised over `SIZES`, so that the answer hangs on no one scale.
     """
     power = np.multiply.outer(np.square(SIZES), strengths**2)
