@@ -21,7 +21,7 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-POSES = (Shape("points", ("pose",)), Shape("scans", ("pose",)))
+POSES = (Shape("points", ("pose",), partial=True), Shape("scans", ("pose",), partial=True))
 """Points of which only the pose is looked at."""
 
 

@@ -223,6 +223,21 @@ def test_units_of_single_columns_and_times_written_as_dates(tmp_path):
     assert "note" not in first
 
 
+def test_a_unit_of_all_is_that_of_points_alone(tmp_path):
+    written(tmp_path, "c.csv", "pose,rho1_mm\n1,2\n")
+    (fault,) = read(tmp_path, "configurations", {"path": "c.csv", "unit": "in"}).faults
+    assert "units = {" in fault.expected
+
+
+def test_numbers_may_be_renamed_too(tmp_path):
+    written(tmp_path, "t.csv", "body,target,x_mm,y_mm,z_mm,leg\nplatform,P1,1,2,3,none\nplatform,P2,low,2,3,L4\n")
+    entry = {"path": "t.csv", "rename": {"leg": {"none": "", "L(.)": r"\1"}, "x_mm": {"low": "-5"}}}
+    found = read(tmp_path, "targets", entry)
+    assert found.faults == ()
+    assert found.columns["leg"] == [None, 4]
+    assert found.columns["x_mm"] == [1.0, -5.0]
+
+
 def test_covariates_that_are_numbers_are_carried_along(tmp_path):
     written(tmp_path, "configurations.csv", "pose,time_s,elevation_deg,operator,humidity\n1,0,45,Ann,40\n2,1,50,Ben,\n")
     found = read(tmp_path, "configurations")
@@ -244,6 +259,7 @@ def test_a_nearly_known_column_is_suggested(tmp_path):
         ({"columns": {"x_mm": "X"}}, "did you mean"),
         ({"units": {"x_mm": "furlong"}}, "a known unit"),
         ({"unit": "deg"}, "a unit of length"),
+        ({"units": {"x": "mm"}}, "a column x"),
         ({"select": {"quality": "good"}}, "a column quality"),
         ({"rename": {"bodi": {"a": "b"}}}, "did you mean body"),
         ({"join": {"target": "{nr}-{body}"}}, "a column nr"),

@@ -296,6 +296,14 @@ def test_without_configurations_poses_come_in_order_of_appearance(folder):
     assert "survey" not in tables
 
 
+def test_units_of_points_do_not_hinder_the_look_at_their_poses(folder):
+    without_mechanism(folder)
+    folder.toml += '[files.points]\npath = "points.csv"\nunit = "m"\nunits = { z_mm = "in" }\n'
+    _, tables = folder.run()
+    assert tables["configurations"].column("pose").to_pylist() == list(POSES)
+    assert_close(tables["observations"].column("z_mm").to_pylist()[3], 15.0 * 25.4, atol=1e-9)
+
+
 def test_poses_are_text_where_any_is(folder):
     without_mechanism(folder)
     folder.points[1:] = [*point_rows(poses=("001",)), *point_rows(poses=("evening",))]

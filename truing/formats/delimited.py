@@ -28,6 +28,7 @@ T = TypeVar("T")
 S = TypeVar("S")
 
 _SEPARATORS = ("\t", ";", "|", ",")
+_AHEAD = 4
 _NUMBERS_SIDE_BY_SIDE = re.compile(r"\s*[-+\d.,eE]+(\s+[-+\d.,eE]+)+\s*")
 _GROUPED = re.compile(Notation(",", " ").pattern + "|" + Notation(".", " ").pattern)
 
@@ -226,7 +227,7 @@ def _in_order(function: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
     with ThreadPoolExecutor(workers) as pool:
         for item in items:
             pending.append(pool.submit(function, item))
-            if len(pending) > workers:
+            if len(pending) > workers + _AHEAD:
                 yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()

@@ -150,9 +150,13 @@ class _Work:
             return self._joined(origin)
         if isinstance(origin, Group):
             return self._group(origin)
-        return as_dictionary(self._raw(name))
+        return as_dictionary(self._unnamed(name))
 
     def _raw(self, name: str) -> pa.Array:
+        return self.texts(name) if name in self.plan.entry.rename else self._unnamed(name)
+
+    def _unnamed(self, name: str) -> pa.Array:
+        """A column as it stands in the file, or as it is made."""
         origin = self.plan.origin(name)
         if isinstance(origin, Spread):
             return self.batch.columns[origin.name]

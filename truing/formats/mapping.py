@@ -279,10 +279,18 @@ class Plan:
                 misfits.append(self._not_there(name))
         misfits += [m for name in self._nameable if (m := self._unknown(name)) is not None]
         misfits += [m for name in self.columns if (m := self._unit_misfit(name)) is not None]
+        if not self.shape.partial:
+            misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
+            misfits += self._unit_of_nothing()
         if self.entry.wide is not None and not self.wide:
             misfits.append(Misfit(f"columns named like {self.entry.wide}", value=", ".join(self.names)[:80]))
         _ = self.kinds
         return [*misfits, *self.misfits]
+
+    def _unit_of_nothing(self) -> list[Misfit]:
+        if self.entry.unit is None or self.shape.has_coordinates:
+            return []
+        return [Misfit("units of single columns, units = { ... }; unit is that of points", value=self.entry.unit)]
 
     def _not_there(self, name: str) -> Misfit:
         reference = self.entry.columns.get(name, name)

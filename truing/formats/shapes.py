@@ -29,13 +29,17 @@ _CARRIED_UNITS = (
 
 @dataclass(frozen=True)
 class Shape:
-    """A raw table: columns it must have, may have, a numbered family, and whether other numbers are carried along."""
+    """A raw table: columns it must have, may have, a numbered family, and whether other numbers are carried along.
+
+    ``partial`` marks a look at a few columns of a table whose mapping says more.
+    """
 
     name: str
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()
     family: str | None = None
     covariates: bool = False
+    partial: bool = False
 
     def column(self, name: str) -> Column | None:
         """The definition of a column of this table, a covariate's included; None where there is no such column."""
