@@ -144,7 +144,6 @@ class Search:
 def log_evidence(along: NDArray, strengths: NDArray, total: NDArray | float, freedom: float) -> NDArray:
     """Return the log ratio of marginal likelihoods with and without an effect; parameters N(0, size^2).
 
-
     ``along`` (..., r) are a residual's parts along a signature of strengths (r,), ``total`` (...) its squares.
     The size is shared by the parameters and marginalised over `SIZES`, so that the answer hangs on no one scale; the
     noise level is free.
