@@ -66,15 +66,28 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
     fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
     gains = _gains(fits)
     fits["linear"] = _leg_by_leg(drive[fitted], kept[fitted], shifts.noise[fitted])
+    told = _determined(drive[fitted], kept[fitted])
+    fits = {name: fit for name, fit in fits.items() if told[name].any()}
     held = HeldOut(drive[heldout], kept[heldout])
     rejected = np.isfinite(shifts.shift) & ~good
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
         "deformation": _deformation_rows(poses, drive, shifts, rejected).table(identifier),
-        "deformation_models": _model_rows(fits).table(),
-        "deformation_errors": _error_rows(fits, gains, held, shifts, kept[fitted]).table(),
+        "deformation_models": _model_rows(fits, told).table(),
+        "deformation_errors": _error_rows(fits, gains, held, shifts, kept[fitted], bool(told["matrix"].all())).table(),
     }
     return Outcome(artifacts, *_words(shifts, rejected, fits))
+
+
+def _determined(drive: Array, shift: Array) -> dict[str, NDArray[np.bool_]]:
+    """(L,) legs whose coefficients the shifts (B, L) at drives (B, L) determine, by model.
+
+    The others would be the shortest of many solutions with a standard deviation that says nothing.
+    """
+    seen = [drive[rows] for rows in np.isfinite(shift).T]
+    moved = [len(u) > 1 and bool(np.ptp(u[:, leg]) > 0.0) for leg, u in enumerate(seen)]
+    spanned = [len(u) >= u.shape[1] and np.linalg.matrix_rank(u) == u.shape[1] for u in seen]
+    return {"none": np.ones(len(seen), bool), "linear": np.array(moved), "matrix": np.array(spanned)}
 
 
 def _gains(fits: Mapping[str, ResponseFit]) -> Rows:
@@ -191,11 +204,11 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
     return rows
 
 
-def _model_rows(fits: Mapping[str, ResponseFit]) -> Rows:
+def _model_rows(fits: Mapping[str, ResponseFit], told: Mapping[str, NDArray[np.bool_]]) -> Rows:
     rows = Rows("deformation_models")
-    for name in ("linear", "matrix"):
+    for name in [name for name in ("linear", "matrix") if name in fits]:
         sigma, p, significant = entry_tests(fits[name])
-        leg, column = np.nonzero(fits[name].free)
+        leg, column = np.nonzero(fits[name].free & told[name][:, None])
         rows.add(
             model=name,
             leg=leg + 1,
@@ -209,12 +222,21 @@ def _model_rows(fits: Mapping[str, ResponseFit]) -> Rows:
     return rows
 
 
-def _error_rows(fits: Mapping[str, ResponseFit], gains: Rows, heldout: HeldOut, shifts: Shifts, kept: Array) -> Rows:
+def _error_rows(
+    fits: Mapping[str, ResponseFit], gains: Rows, heldout: HeldOut, shifts: Shifts, kept: Array, whole: bool
+) -> Rows:
     rows = Rows("deformation_errors")
     for name, fit in fits.items():
         error_rows(rows, name, fit, heldout, "um", 1e6, None)
-    matrix = fits["matrix"]
-    rows.extend(gains)
+    if whole:
+        rows.extend(gains)
+        _structure_rows(rows, fits["matrix"], shifts)
+    _shape_rows(rows, kept, shifts.attachments)
+    return rows
+
+
+def _structure_rows(rows: Rows, matrix: ResponseFit, shifts: Shifts) -> None:
+    """What the whole K says: rank, symmetry, coupling of pairs."""
     rows.add(model="matrix", figure="rank", value=float(significant_rank(matrix, FALSE_ALARM)), unit="1")
     even = symmetry(matrix)
     rows.add(model="matrix", figure="asymmetry", value=even.relative, unit="1")
@@ -224,8 +246,6 @@ def _error_rows(fits: Mapping[str, ResponseFit], gains: Rows, heldout: HeldOut, 
         pair = f"leg{i + 1} leg{j + 1}"
         rows.add(model="matrix", figure="coupling", value=strength, unit="1", subject=pair)
         rows.add(model="matrix", figure="coupling_p_value", value=p, unit="1", subject=pair)
-    _shape_rows(rows, kept, shifts.attachments)
-    return rows
 
 
 def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
@@ -253,7 +273,10 @@ def _words(shifts: Shifts, rejected: NDArray[np.bool_], fits: Mapping[str, Respo
     read = f"{seen} shifts at {shifts.shift.shape[1]} attachments in {len(shifts.shift)} poses"
     left_out = f"{int(rejected.sum())} shifts as gross errors" if rejected.any() else "nothing"
     rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
-    figure = f"rms left {rms['none']:.1f} um without a model, {rms['linear']:.1f} linear, {rms['matrix']:.1f} matrix"
+    told = [f"{rms[name]:.1f} {name}" for name in ("linear", "matrix") if name in rms]
+    figure = ", ".join([f"rms left {rms['none']:.1f} um without a model", *told])
+    untold = [name for name in ("linear", "matrix") if name not in rms]
+    figure += f"; not evaluated: {', '.join(untold)}, which so few movements leave open" if untold else ""
     if shifts.modulo_plane:
         figure += "; modulo a plane: fewer than three platform targets away from the attachments"
     return read, left_out, figure

@@ -45,6 +45,8 @@ def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
     if "configurations" not in tables or not len(attached):
         return not_evaluated("no platform target sits at an attachment (column leg of targets.csv)")
+    if set(tables["configurations"].column("role").to_pylist()) == {"verification"}:
+        return not_evaluated("every pose is for verification, and nothing may be fitted to those")
     return attachment_deformation(tables, _rest_readings_mm(settings))
 
 

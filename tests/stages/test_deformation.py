@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import chi2
 
@@ -162,3 +164,31 @@ def test_without_attachments_nothing_is_evaluated(tmp_path):
     tables, said = run_line(_campaign(tmp_path, layout, None), *LINE)
     assert "not evaluated" in said["deformation"].figure
     assert tables["deformation"].num_rows == 0
+
+
+def _few_poses(folder: Path, count: int, role: str | None = None) -> dict[str, Any]:
+    """The deformation tables of a campaign of which ``count`` poses were kept, all with one role if it is given."""
+    layout = Layout(name="few", targets=Targets(base=6, platform=6, per_leg=0), faults=DataFaults(0.0, 0.0))
+    campaign = draw_campaign(layout, published_moves()[:count], [], np.random.default_rng(5))
+    write_campaign(campaign, folder, seed=5)
+    if role is not None:
+        table = pd.read_csv(folder / "configurations.csv").assign(role=role)
+        table.to_csv(folder / "configurations.csv", index=False)
+    tables, said = run_line(folder, *LINE)
+    return {name: table.to_pandas() for name, table in tables.items()} | {"said": said["deformation"].figure}
+
+
+@pytest.mark.parametrize(
+    ("count", "models"), [(1, set()), (2, {"linear"}), (5, {"linear"}), (12, {"linear", "matrix"})]
+)
+def test_coefficients_that_so_few_poses_leave_open_are_not_told(tmp_path, count, models):
+    tables = _few_poses(tmp_path / "few", count)
+    assert set(tables["deformation_models"]["model"]) == models
+    assert (tables["deformation_models"]["sigma"] > 0.0).all()
+    assert set(tables["deformation_errors"]["model"]) == models | {"none"}
+    assert len(tables["deformation"]) == 6 * count
+
+
+def test_a_campaign_of_verification_alone_is_not_evaluated(tmp_path):
+    tables = _few_poses(tmp_path / "few", 4, "verification")
+    assert "not evaluated: every pose is for verification" in tables["said"]

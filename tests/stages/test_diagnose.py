@@ -209,3 +209,11 @@ def test_a_prediction_needs_readings_of_every_leg(linear: Diagnosed) -> None:
     broken["rho2_mm"][3] = None
     with pytest.raises(CampaignFaults, match=r"inputs.csv, row 4, column rho2_mm"):
         predict(linear.model, pa.table(broken), "inputs.csv")
+
+
+def test_without_targets_at_attachments_it_still_looks(tmp_path: Path) -> None:
+    layout = Layout(name="bare", targets=Targets(base=6, platform=6, on_attachments=(), per_leg=0))
+    campaign = draw_campaign(layout, random_moves(10, 0, np.random.default_rng(2)), [], np.random.default_rng(3))
+    found = _diagnosed(write_campaign(campaign, tmp_path / "bare", seed=3))
+    assert found.rows
+    assert not [row for row in found.rows if row["verdict"] == "found"]

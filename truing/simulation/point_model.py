@@ -352,7 +352,9 @@ class PointModel:
             sigma, first = self.known.geometry["b"], self.layout["b"].start
             for axis in range(3):
                 derivative[np.arange(len(own)), axis, first + 3 * ridden + axis] = sigma
-        return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(factor, derivative.reshape(3 * len(own), -1))
+        return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(
+            factor, derivative.reshape(3 * len(own), self.shared_size)
+        )
 
 
 def upright_directions(legs: Legs) -> NDArray:
