@@ -89,19 +89,18 @@ def geometry(body: BodyView) -> Iterator[Check]:
         f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
         f"{': nearly planar, mirrored labels would not be noticed' if flat else ''}.",
     )
-    worst = int(shape.leverage.argmax())
-    heavy = len(points) > 3 and shape.leverage[worst] > _LEVERAGE
-    name = np.array(body.survey.targets, dtype=object)[body.frame][worst]
-    yield Check(
-        "geometry-leverage",
-        f"target {name}",
-        float(shape.leverage[worst]),
-        _LEVERAGE,
-        "1",
-        WARN if heavy else PASS,
-        f"{body.name}: the frame hangs most on target {name}, of whose own error {100 * shape.leverage[worst]:.0f} % "
-        "stays in it.",
-    )
+    names = np.array(body.survey.targets, dtype=object)[body.frame]
+    for name, leverage in zip(names, shape.leverage, strict=True):
+        heavy = len(points) > 3 and leverage > _LEVERAGE
+        yield Check(
+            "geometry-leverage",
+            f"target {name}",
+            float(leverage),
+            _LEVERAGE,
+            "1",
+            WARN if heavy else PASS,
+            f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame.",
+        )
 
 
 def gross_errors(body: BodyView) -> Iterator[Check]:
