@@ -27,6 +27,15 @@ def casting(rng, n):
     return np.c_[1.2 * x, y, 0.7 * z] * radius[:, None]
 
 
+def bumpy(rng, n):
+    """A disc of 0.28 m with a few hills, flat between them."""
+    r, angle = 0.14 * np.sqrt(rng.uniform(size=n)), rng.uniform(0, 2 * np.pi, n)
+    xy = np.c_[r * np.cos(angle), r * np.sin(angle)]
+    hills = np.array([[0.05, 0.06], [-0.07, 0.02], [0.02, -0.08], [-0.05, -0.06], [0.09, -0.02]])
+    distance = np.sum((xy[:, None] - hills) ** 2, axis=-1) / 0.03**2
+    return np.c_[xy, np.exp(-distance) @ np.array([0.02, -0.02, 0.02, 0.015, 0.02])]
+
+
 def box(rng, n):
     half = np.array([0.1, 0.06, 0.03])
     area = np.repeat([half[1] * half[2], half[0] * half[2], half[0] * half[1]], 2)
@@ -110,6 +119,21 @@ def test_the_covariance_is_that_of_the_errors():
         squared.append(mahalanobis(fit))
     four_sigma = 4 * np.sqrt(2 * 6 / trials)
     assert_between(np.mean(squared), 6 - four_sigma, 6 + four_sigma, what="mean squared Mahalanobis error")
+
+
+def test_a_reference_too_sparse_for_its_shape_makes_no_pose_look_better_than_it_is():
+    """No noise on the reference, and bumps that its points do not resolve: shape limits the pose, and is counted."""
+    trials = 40
+    squared = []
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        reference, scan = (bumpy(rng, n) for n in (3000, 2500))
+        fit = refine_scan(scan + rng.normal(scale=2e-5, size=scan.shape), reference, np.eye(4))
+        T = fit.T_measurement_reference
+        deviation = np.r_[T[:3, 3], log_so3(T[:3, :3])]
+        squared.append(deviation @ np.linalg.solve(fit.covariance, deviation))
+    # It may be too large by a half: what shape does is not known as well as what noise does.
+    assert_between(np.mean(squared), 3.0, 6 + 4 * np.sqrt(2 * 6 / trials), what="mean squared Mahalanobis error")
 
 
 def test_the_covariance_has_units():

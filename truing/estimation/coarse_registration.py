@@ -29,7 +29,7 @@ _NEARLY, _LEAST_COST = 3.0, 0.01
 def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDArray]:
     """Return up to ``keep`` distinct poses (4, 4) of reference (M, 3) in the frame of the scan (N, 3), best first; m.
 
-    Deterministic: Open3D's generator is seeded, and the thinning has no chance in it.
+    Deterministic: Open3D's generator is seeded, the thinning has no chance in it, and last digits are rounded away.
     """
     o3d = load_open3d()
     voxel = max(_voxel_for(o3d, reference), _voxel_for(o3d, scan))
@@ -144,7 +144,7 @@ def _promising(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArray], v
 def _left_over(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) -> float:
     """Return the mean square of the scan's distances from the reference, in voxels, none counting for more than 4."""
     result = o3d.pipelines.registration.evaluate_registration(scan, reference, 4.0 * voxel, T)
-    return float(result.fitness * (result.inlier_rmse / voxel) ** 2 + (1 - result.fitness) * 16.0)
+    return round(float(result.fitness * (result.inlier_rmse / voxel) ** 2 + (1 - result.fitness) * 16.0), 9)
 
 
 def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float) -> list[tuple[float, NDArray]]:
@@ -154,9 +154,17 @@ def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: 
         # The scan is laid onto the reference: a part of the surface looks for the whole, not the other way about.
         T = np.linalg.inv(start)
         for reach in (6.0, 2.0):
-            T = _icp(o3d, scan, reference, T, reach * voxel).transformation
+            T = _rounded(_icp(o3d, scan, reference, T, reach * voxel).transformation, voxel)
         settled.append((_left_over(o3d, scan, reference, T, voxel), np.linalg.inv(T)))
     return sorted(settled, key=lambda pair: pair[0])
+
+
+def _rounded(T: NDArray, voxel: float) -> NDArray:
+    """Return a pose without the last digits, which depend on the order in which threads add up."""
+    U, _, Vt = np.linalg.svd(np.round(T[:3, :3], 7))
+    rounded = np.eye(4)
+    rounded[:3, :3], rounded[:3, 3] = U @ Vt, np.round(T[:3, 3] / (1e-6 * voxel)) * 1e-6 * voxel
+    return rounded
 
 
 def _icp(o3d: Any, source: Any, target: Any, T: NDArray, reach: float) -> Any:

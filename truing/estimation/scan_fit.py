@@ -31,6 +31,8 @@ _SHAPE_ERROR = 1e-3
 _BLOCKS_PER_SIDE = 6
 _FEWEST = 12
 _FULL_STEPS = 6
+# Variances of patches, averaged over a neighbourhood, differ by chance by less than this factor.
+_CLEARLY = 2.0
 
 
 @dataclass(frozen=True)
@@ -150,10 +152,24 @@ def _middle(scene: Scene, view: _View) -> NDArray:
 
     J, share = view.J[view.used], view.heights.share[view.used]
     neighbours = view.patches.neighbours[view.which[view.used]]
+    rough = _roughness(scene, view, neighbours)
     rows = np.arange(0, share.size + 1, share.shape[1])
     mixing = csr_array((share.ravel(), neighbours.ravel(), rows), shape=(len(J), len(scene.reference)))
     pulled = (mixing.T @ (J[:, :, None] * J[:, None, :3]).reshape(len(J), 18)).reshape(-1, 6, 3)
-    return scene.sigma_scan**2 * J.T @ J + scene.sigma_reference**2 * np.einsum("mik,mjk->ij", pulled, pulled)
+    theirs = scene.sigma_reference**2 + rough
+    return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", theirs, pulled, pulled, optimize=True)
+
+
+def _roughness(scene: Scene, view: _View, neighbours: NDArray) -> NDArray:
+    """Return the variance (M,) in m^2 by which the surface clearly departs from paraboloids beyond its noise.
+
+    It is shape and not noise, but a scan that samples other places meets it as if it were noise of the reference.
+    """
+    variance = np.repeat(view.patches.variance[view.which[view.used]], neighbours.shape[1])
+    count = np.bincount(neighbours.ravel(), minlength=len(scene.reference))
+    local = np.bincount(neighbours.ravel(), variance, len(scene.reference)) / np.maximum(count, 1)
+    noise = scene.sigma_reference**2
+    return np.where(local > _CLEARLY * noise, local - noise, 0.0)
 
 
 def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) -> float:
