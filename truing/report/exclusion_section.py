@@ -133,7 +133,7 @@ def _no_part(tables: Tables) -> Listing | None:
         return None
     number = idle.groupby(["body", "reason"], sort=False).size()
     rows = tuple((body, why, f"{n:,}") for (body, why), n in number.items())
-    return Listing(("body", "why", "points"), rows, caption="Points that take no part in a pose, without being wrong")
+    return Listing(("body", "why", "points"), rows, caption="Points that take no part in a pose for another reason")
 
 
 def _attachments(tables: Tables) -> Listing | None:

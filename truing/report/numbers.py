@@ -8,8 +8,8 @@ import re
 # Where a number leaves the range whose digits a reader counts, another unit takes over: from, below, unit, factor.
 _HANDIER = {
     "mm": (0.0, 1.0, "um", 1e3),
-    "um": (1e4, math.inf, "mm", 1e-3),
-    "urad": (1e4, math.inf, "mrad", 1e-3),
+    "um": (1e3, math.inf, "mm", 1e-3),
+    "urad": (1e3, math.inf, "mrad", 1e-3),
 }
 _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
 

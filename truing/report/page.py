@@ -77,8 +77,8 @@ def render_page(head: Head, sections: Sequence[Section]) -> str:
 
 
 def _drawn(figure: go.Figure, name: str, caption: str) -> dict[str, str]:
-    # Nothing of a campaign may leave the page: plotly's button that uploads a chart goes, and its address with it.
-    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False, "plotlyServerURL": ""}
+    # Nothing of a campaign may leave the page: plotly's button that uploads a chart goes.
+    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False}
     html = figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config=config)
     return {"html": html, "caption": caption}
 

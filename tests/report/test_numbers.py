@@ -1,0 +1,114 @@
+"""Numbers are rounded as GUM 7.2.6 asks, and never lose what their uncertainty supports."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truing.report.numbers import count, duration, p_value, plain, printed, quantity, with_uncertainty
+
+SIGMAS = st.floats(1e-12, 1e9)
+VALUES = st.floats(-1e9, 1e9)
+_SAID = re.compile(r"^\(?(-?[\d.]+) ± ([\d.]+)\)?(?:e([+-]\d+))?$")
+
+
+def _read(said: str) -> tuple[float, float, str]:
+    found = _SAID.match(said)
+    assert found, said
+    power = 10.0 ** int(found[3] or 0)
+    return float(found[1]) * power, float(found[2]) * power, found[2]
+
+
+@given(VALUES, SIGMAS)
+def test_rounding_moves_neither_number_by_more_than_the_uncertainty_bears(value, sigma):
+    # Places beyond the twelfth are never printed: value and sigma may then be 1e-12 of the larger one off.
+    if sigma < 1e-10 * abs(value):
+        return
+    shown, uncertainty, _ = _read(with_uncertainty(value, sigma))
+    rounding = 1e-12 * max(abs(value), sigma)
+    assert abs(shown - value) <= 0.1701 * sigma + rounding  # half a digit of 0.3 is the coarsest
+    assert abs(uncertainty - sigma) <= 0.1701 * sigma + rounding
+
+
+@given(VALUES, SIGMAS)
+def test_the_uncertainty_has_one_or_two_digits(value, sigma):
+    if sigma < 1e-10 * abs(value):
+        return
+    digits = _read(with_uncertainty(value, sigma))[2].replace(".", "").lstrip("0").rstrip("0")
+    assert 1 <= len(digits) <= 2
+    assert len(digits) == 1 or int(digits) <= 29
+
+
+@given(VALUES, SIGMAS)
+def test_value_and_uncertainty_end_at_the_same_place(value, sigma):
+    said = _SAID.match(with_uncertainty(value, sigma))
+    assert said
+    assert len(said[1].partition(".")[2]) == len(said[2].partition(".")[2])
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "said"),
+    [
+        (13.24, 0.41, "13.2 ± 0.4 um"),
+        (13.24, 0.14, "13.24 ± 0.14 um"),
+        (13.24, 0.296, "13.2 ± 0.3 um"),
+        (0.0163, 0.00048, "0.0163 ± 0.0005 um"),
+        (13234.0, 437.0, "13200 ± 400 um"),
+        (9.96, 0.99, "10.0 ± 1.0 um"),
+        (2.31e-6, 1.2e-8, "(2.310 ± 0.012)e-06 um"),
+        (5.0, None, "5 um"),
+        (5.0, 0.0, "5 um"),
+        (5.0, math.nan, "5 um"),
+    ],
+)
+def test_known_numbers(value, sigma, said):
+    shown = with_uncertainty(value, sigma, "um")
+    assert shown == said
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_three_digits_stay_right(value):
+    assert math.isclose(float(plain(value)), value, rel_tol=5.01e-3, abs_tol=0.0)
+
+
+def test_what_is_missing_is_a_dash():
+    assert plain(None) == plain(math.nan) == plain(math.inf) == p_value(None) == "–"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "said"),
+    [
+        (0.0034, "mm", "3.40 µm"),
+        (-0.0034, "mm", "-3.40 µm"),
+        (0.0, "mm", "0 mm"),
+        (3.959, "mm", "3.96 mm"),
+        (18632.0, "um", "18.6 mm"),
+        (18.0, "1", "18"),
+        (58.6, "urad", "58.6 µrad"),
+    ],
+)
+def test_quantities_come_in_a_unit_that_suits_them(value, unit, said):
+    assert quantity(value, unit) == said
+
+
+def test_units_in_sentences_are_printed_and_words_left_alone():
+    assert printed("4.77 um rms, 3 urad, vacuum, um.") == "4.77 µm rms, 3 µrad, vacuum, µm."
+
+
+def test_counts_and_times():
+    assert [count(1, "pose"), count(2, "pose"), count(1, "body"), count(8, "body")] == [
+        "1 pose",
+        "2 poses",
+        "1 body",
+        "8 bodies",
+    ]
+    assert [duration(30.0), duration(1800.0), duration(11160.0), duration(864000.0)] == [
+        "30 s",
+        "30.0 min",
+        "3.1 h",
+        "10.0 days",
+    ]

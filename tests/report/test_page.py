@@ -1,0 +1,267 @@
+"""The page is self-contained, the same for the same tables, safe against names, and says what is missing."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from plotly.offline import get_plotlyjs
+
+from tests.report.campaign_tables import campaign_tables
+from truing.report.head import build_head
+from truing.report.page import MOST_ROWS, render_page
+from truing.report.sections import build_sections
+
+ATTACKS = (
+    "</script><img src=x onerror=alert(1)>",
+    "{{ 7 * 7 }}{% raw %}",
+    '"><svg onload=alert(1)>',
+    "%{y}<a href='javascript:alert(1)'>",
+)
+PLOTLY = get_plotlyjs()
+_VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class Reader(HTMLParser):
+    """Elements with their attributes, the text outside scripts and styles, and the scripts."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.scripts: list[str] = []
+        self.feed(page.replace(PLOTLY, ""))
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag, f"</{tag}> closes something else"
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("script", "style"):
+            self.scripts.append(data)
+        else:
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+def render(tables, name="campaign"):
+    provenance = {key: {"stage": "pose", "digest": "0123456789abcdef01", "software_version": "1"} for key in tables}
+    return render_page(build_head(name, tables), build_sections(tables, provenance))
+
+
+def sections_of(tables):
+    return {section.id: section for section in build_sections(tables, {})}
+
+
+@pytest.fixture(scope="module")
+def page():
+    return render(campaign_tables())
+
+
+def test_same_tables_give_the_same_bytes(page):
+    assert render(campaign_tables()) == page
+
+
+def test_the_page_is_well_formed_and_loads_nothing(page):
+    read = Reader(page)
+    assert not read.open
+    for tag, attributes in read.elements:
+        assert tag not in ("link", "img", "iframe", "object", "embed", "base", "form")
+        for name in ("src", "srcset", "data", "action"):
+            assert name not in attributes, f"<{tag} {name}>"
+        assert (attributes.get("href") or "#").startswith("#")
+        assert not [name for name in attributes if name.startswith("on")]
+    styles = "".join(re.findall(r"<style>.*?</style>", page[: page.index("<script>")], re.S))
+    assert "@import" not in styles
+    assert "url(" not in styles
+
+
+def test_no_figure_offers_to_upload_itself(page):
+    page = page.replace(PLOTLY, "")
+    figures = page.count("Plotly.newPlot(")
+    assert figures == 7
+    assert page.count('"showSendToCloud": false') == figures
+
+
+def test_every_section_has_its_figure():
+    found = sections_of(campaign_tables())
+    for name, least in {"measured": 1, "diagnosis": 1, "poses": 2, "deformation": 3}.items():
+        assert len(found[name].figures) >= least, name
+    assert list(found) == ["measured", "qa", "diagnosis", "poses", "deformation", "excluded", "provenance"]
+
+
+def test_every_figure_says_what_it_shows_and_has_units():
+    for section in sections_of(campaign_tables()).values():
+        for figure, caption in section.figures:
+            title = figure.layout.title
+            assert len(title.text) > 10
+            assert len(title.subtitle.text) > 20
+            assert caption.endswith(".")
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_names_cannot_inject_anything(attack):
+    tables = campaign_tables(poses=4, name=attack)
+    for table in tables.values():
+        if "body" in table:
+            table["body"] = table["body"].replace("base", attack)
+    tables["qa"]["message"] = attack
+    tables["diagnosis"]["explanation"] = attack
+    tables["residuals"].loc[0, "reason"] = attack
+    clean, tainted = Reader(render(campaign_tables(poses=4))), Reader(render(tables, attack))
+    assert [tag for tag, _ in tainted.elements] == [tag for tag, _ in clean.elements]
+    assert attack in tainted.text
+    for script in tainted.scripts[1:]:  # the first is the style
+        assert "<img" not in script
+        assert "<svg" not in script
+        assert "</" not in script
+
+
+def test_markup_in_names_stays_text_in_figures():
+    tables = campaign_tables(poses=4, name="<b>P</b>")
+    for section in sections_of(tables).values():
+        for figure, _ in section.figures:
+            assert "<b>" not in json.dumps(figure.to_plotly_json(), default=str)
+
+
+@pytest.mark.parametrize("name", ["observations", "qa", "poses", "diagnosis", "deformation_errors"])
+def test_empty_tables_are_not_evaluated_and_say_why(name):
+    tables = campaign_tables()
+    tables[name] = tables[name].iloc[:0]
+    states = {
+        s.id: (s.state, s.lead)
+        for s in sections_of(tables).values()
+        if "not evaluated" in s.state or s.state == "empty"
+    }
+    assert len(states) == 1
+    assert all(len(lead) > 20 for _, lead in states.values())
+    Reader(render(tables))
+
+
+def test_a_run_without_diagnosis_never_claims_agreement():
+    tables = campaign_tables()
+    tables["diagnosis"] = tables["diagnosis"].iloc[:0]
+    marks = dict(build_head("c", tables).verdicts)
+    assert "Diagnosis not evaluated" in marks["none"]
+    assert "agrees" not in Reader(render(tables)).text
+
+
+def test_nothing_found_says_agreement():
+    tables = campaign_tables()
+    tables["diagnosis"] = tables["diagnosis"].iloc[1:]
+    assert build_head("c", tables).verdicts[0][0] == "pass"
+    assert "agrees with the data" in build_head("c", tables).verdicts[0][1]
+
+
+@pytest.mark.parametrize("left", [set(), {"exclusions"}, {"observations"}, {"poses", "residuals", "observations"}])
+def test_any_part_of_the_tables_makes_a_page(left):
+    whole = campaign_tables()
+    Reader(render({key: table for key, table in whole.items() if key in left}))
+    Reader(render({key: table for key, table in whole.items() if key not in left}))
+
+
+def test_the_head_is_short_and_tells_what_to_do(page):
+    verdicts = build_head("c", campaign_tables()).verdicts
+    assert verdicts[0][0] == "found"
+    assert "K11" not in verdicts[0][1]
+    assert "from 12.4 to 4.77 µm" in verdicts[0][1]
+    assert "move one actuator at a time" in verdicts[0][1]
+    assert all(len(sentence) < 320 for _, sentence in verdicts)
+
+
+def test_decisions_of_persons_stand_on_the_page(page):
+    text = Reader(page).text
+    for words in ("A. Kern: mirror image in the window", "B. Roth: checked by hand", "A. Kern: the floor was cut"):
+        assert words in text
+    assert "1 verdict accepted by a person" in text
+    failed = next(x for x in sections_of(campaign_tables())["qa"].listings if x.caption == "Failed")
+    assert [row[1] for row in failed.rows] == ["completeness"]  # the accepted one gates no more
+
+
+def test_every_exclusion_stands_on_the_page(page):
+    text = Reader(page).text
+    for words in ("target is not like P", "0.300 mm off", "gross error: 40 sigma", "attachment: not part of the frame"):
+        assert words in text
+
+
+def test_gross_errors_do_not_flatten_the_shifts():
+    figure = sections_of(campaign_tables())["deformation"].figures[1][0]
+    low, high = figure.layout.yaxis.range
+    assert high - low < 120.0
+    crosses = [trace for trace in figure.data if trace.marker.symbol == "x-thin"]
+    assert len(crosses) == 1
+    assert low <= crosses[0].y[0] <= high
+
+
+def test_outlying_poses_turn_an_axis_logarithmic():
+    tables = campaign_tables()
+    assert sections_of(tables)["poses"].figures[0][0].layout.yaxis.type is None
+    tables["poses"].loc[0, "rms_mm"] = 5.0
+    axis = sections_of(tables)["poses"].figures[0][0].layout.yaxis
+    assert axis.type == "log"
+    assert "log" in axis.title.text
+
+
+def test_every_step_of_the_slider_shows_one_pose_whole():
+    figure = sections_of(campaign_tables())["deformation"].figures[0][0]
+    steps = figure.layout.sliders[0].steps
+    shown = np.array([step.args[0]["visible"] for step in steps])
+    assert shown.shape == (12, len(figure.data))
+    assert (shown.sum(axis=0) == 1).all()
+    assert (shown.sum(axis=1) == shown[0].sum()).all()
+    assert [trace.visible for trace in figure.data] == list(shown[0])
+
+
+def test_the_slider_holds_where_a_pose_lacks_its_attachments():
+    tables = campaign_tables()
+    legs = tables["survey"].dropna(subset="leg")["target"]
+    out = (tables["residuals"]["pose"] == 3) & tables["residuals"]["target"].isin(legs)
+    tables["residuals"].loc[out, "rejected"] = True
+    figure = sections_of(tables)["deformation"].figures[0][0]
+    steps = figure.layout.sliders[0].steps
+    assert all(len(step.args[0]["visible"]) == len(figure.data) for step in steps)
+
+
+def test_bodies_keep_their_pose_where_named_poses_are_missing():
+    tables = campaign_tables(poses=6)
+    for table in tables.values():
+        if "pose" in table:
+            table["pose"] = table["pose"].map("set_{}".format)
+    tables["poses"] = tables["poses"].drop(index=tables["poses"].index[6])  # the platform's first
+    base, platform = sections_of(tables)["poses"].figures[0][0].data[:2]
+    places = [dict(zip(trace.text, trace.x, strict=True)) for trace in (base, platform)]
+    assert len(places[1]) == 5
+    assert all(places[0][name] == place for name, place in places[1].items())
+
+
+def test_many_poses_of_many_bodies_stay_small():
+    bodies = ("base", "platform", *(f"leg{k}" for k in range(1, 7)))
+    tables = campaign_tables(poses=1000, bodies=bodies, targets=7)
+    page = render(tables)
+    assert len(page.encode()) < 8e6
+    read = Reader(page)
+    assert f"The first {MOST_ROWS:,} of 8,000 rows; all are in poses.parquet." in read.text
+
+
+def test_the_heat_map_holds_the_coefficients():
+    tables = campaign_tables()
+    drawn = sections_of(tables)["deformation"].figures[2][0].data[0]
+    matrix = tables["deformation_models"].query("model == 'matrix'")
+    z = drawn.z if not isinstance(drawn.z, dict) else np.frombuffer(base64.b64decode(drawn.z["bdata"]))
+    assert np.array_equal(np.asarray(z, dtype=float).ravel(), 1e3 * matrix["coefficient"].to_numpy())
+    bracketed = [cell.startswith("(") for row in drawn.text for cell in row]
+    assert bracketed == list(~matrix["significant"])
