@@ -76,6 +76,7 @@ def _scene(points: NDArray[np.float64]) -> dict[str, Any]:
     low, high = low - margin, high + margin
     ratio = np.maximum((high - low) / (high - low).max(), 0.35)
     ratio *= 1.75 / np.linalg.norm(ratio)
+    away = 0.98 + 0.25 * float(ratio[2])
     axes = {
         f"{a}axis": {"title": {"text": f"{a} (mm)"}, "range": [float(low[k]), float(high[k])], "nticks": 6}
         for k, a in enumerate("xyz")
@@ -84,7 +85,10 @@ def _scene(points: NDArray[np.float64]) -> dict[str, Any]:
         **axes,
         "aspectmode": "manual",
         "aspectratio": {a: float(ratio[k]) for k, a in enumerate("xyz")},
-        "camera": {"eye": {"x": 0.8, "y": -1.15, "z": 0.75}, "center": {"x": 0, "y": 0, "z": -0.12}},
+        "camera": {
+            "eye": {"x": 0.8 * away, "y": -1.15 * away, "z": 0.75 * away},
+            "center": {"x": 0, "y": 0, "z": -0.12},
+        },
     }
 
 

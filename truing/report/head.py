@@ -21,7 +21,8 @@ Verdict = tuple[str, str]
 
 def build_head(campaign: str, tables: Tables) -> Head:
     """The sentences that a busy person acts on, and the figures that place them."""
-    return Head(campaign, (*_diagnosis(tables), *_quality(tables)), tuple(_tiles(tables)))
+    verdicts = sorted([*_diagnosis(tables), *_quality(tables)], key=lambda verdict: verdict[0] == "none")
+    return Head(campaign, tuple(verdicts), tuple(_tiles(tables)))
 
 
 def _diagnosis(tables: Tables) -> list[Verdict]:

@@ -31,7 +31,8 @@ def measured(tables: Tables) -> Section | None:
         listings.append(_ranges(tables["configurations"]))
     listings.append(_targets(points, survey, filled(tables, "residuals")))
     picture = (pose_figures.targets_seen(points, known), "Where whole columns are dark, a pose was hardly measured.")
-    return Section("measured", "Measured", _campaign_sentence(tables), (picture,), tuple(listings))
+    shown = tuple(listing for listing in listings if listing.rows)
+    return Section("measured", "Measured", _campaign_sentence(tables), (picture,), shown)
 
 
 def _known_targets(tables: Tables, points: pd.DataFrame) -> pd.Series:

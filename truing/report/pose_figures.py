@@ -36,11 +36,11 @@ def targets_seen(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
             zmin=0,
             zmax=100,
             colorscale=[[0.0, "#B3261E"], [0.5, "#F2C879"], [0.999, "#CFE3F1"], [1.0, "#EAF2F8"]],
-            colorbar={"title": {"text": "% seen"}, "thickness": 14},
+            colorbar={"title": {"text": "% seen"}, "thickness": 14, "tickvals": [0, 50, 100]},
             hovertemplate="%{y}, pose %{customdata}: %{z:.0f} % of its targets<extra></extra>",
         )
     )
-    height = 170 + 22 * len(seen) + (110 if "ticktext" in axis else 0)
+    height = 170 + 22 * max(4, len(seen)) + (110 if "ticktext" in axis else 0)
     style(figure, "Targets seen", "Pale: all targets of the body; the darker, the more are missing", height)
     figure.update_xaxes(**axis)
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
