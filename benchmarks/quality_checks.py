@@ -52,4 +52,4 @@ def _judged(number: int) -> set[tuple[str, str]]:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 300)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 700)
