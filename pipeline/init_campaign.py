@@ -21,6 +21,19 @@ if TYPE_CHECKING:
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
 _LOADING_TABLES = {"interferometer", "displacement"}
 _MOST_FILES = 5000
+_SCAN_WORDS = {
+    "pose",
+    "scan",
+    "scans",
+    "frame",
+    "reference",
+    "ref",
+    "surface",
+    "cloud",
+    "messung",
+    "stellung",
+    "referenz",
+}
 
 
 @dataclass(frozen=True)
@@ -37,7 +50,7 @@ def init_campaign(folder: Path) -> ExitCode:
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = [(group, _guess(group)) for group in raw_groups(folder)]
+    guesses = _with_surfaces([(group, _guess(group)) for group in raw_groups(folder)])
     text = campaign_text(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
@@ -89,6 +102,15 @@ def _guess(group: RawGroup) -> Guess:
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
 
 
+def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """Of dense scans, many files are poses, and a file of its own beside them is the surface they are laid onto."""
+    poses = any(guess.table == "scans" and group.count > 1 for group, guess in guesses)
+    return [
+        (group, replace(guess, table="surfaces") if poses and guess.table == "scans" and group.count == 1 else guess)
+        for group, guess in guesses
+    ]
+
+
 def _summary(group: RawGroup, guess: Guess) -> str:
     many = f"{group.count} files, " if group.count > 1 else ""
     what = guess.table or "not recognised"
@@ -123,7 +145,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
     """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
     yield from ("", f"# {group.glob}: columns {', '.join(guess.columns) or 'unknown'}")
     yield from (f"# {note}" for note in guess.notes)
-    mapping = {**guess.mapping, **_pose_from_name(group, guess)}
+    mapping = {**guess.mapping, **_pose_from_name(group, guess), **_body_from_name(group, guess)}
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
     mark = "" if guess.table else "# "
@@ -136,10 +158,19 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
 def _pose_from_name(group: RawGroup, guess: Guess) -> dict[str, str]:
     """Many files of points that name no pose have a pose each, which their names tell by a number."""
     named = {*guess.columns, *guess.mapping.get("columns", {})}
-    if guess.table != "points" or group.count == 1 or "pose" in named or group.glob.count("*") != 1:
+    if guess.table not in ("points", "scans") or group.count == 1 or "pose" in named or group.glob.count("*") != 1:
         return {}
     before, after = Path(group.glob).name.split("*")
     return {"from_name": rf"{re.escape(before)}(?P<pose>\d+){re.escape(after)}"}
+
+
+def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
+    """Scans and surfaces name no body: it is the word that their files' name leaves, without those for scans."""
+    if guess.table not in ("scans", "surfaces"):
+        return {}
+    words = re.findall(r"[^\W\d_]+", Path(group.glob).stem.split("*")[-1] or Path(group.glob).stem)
+    left = [word for word in words if word.casefold() not in _SCAN_WORDS]
+    return {"constants": {"body": left[0] if left else "body"}}
 
 
 def _toml(value: Any) -> str:

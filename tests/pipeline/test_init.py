@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 from typer.testing import CliRunner, Result
@@ -18,6 +19,11 @@ from schemas import campaign as sections
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from schemas.mapping import FileMapping
+from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.disguise import dense_scans, german
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import Layout, Targets
+from tests.blind.generator.schedule import at_rest, random_moves
 
 TEMPLATE = (PROJECT / "pipeline" / "campaign_template.toml").read_text(encoding="utf-8")
 SAMPLE = PROJECT / "sample_data" / "telescope"
@@ -126,3 +132,46 @@ def test_a_table_of_displacements_makes_an_interferometer_campaign(tmp_path: Pat
     (tmp_path / "displacement.csv").write_text(f"{header}\n{','.join('0' * 15)}\n")
     assert init(tmp_path).exit_code == 0
     assert written(tmp_path)["campaign"]["kind"] == "interferometer"
+
+
+SMALL = Layout(name="small", targets=Targets(base=6, platform=6, per_leg=0))
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    moves = random_moves(3, 0, np.random.default_rng(1))
+    campaign = draw_campaign(SMALL, [at_rest(), *moves], [], np.random.default_rng(2))
+    return write_campaign(campaign, tmp_path_factory.mktemp("small") / "campaign", seed=2)
+
+
+def faultless_once_the_noise_is_told(folder: Path) -> bool:
+    """What `truing init` proposes for raw files alone, with the noise as the only key that a person fills in."""
+    (folder / "campaign.toml").unlink()
+    assert init(folder).exit_code == 0
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(text.replace("# point_mm", "point_mm"), encoding="utf-8")
+    done = CliRunner().invoke(app, ["check", str(folder)])
+    assert done.exit_code == 0, done.output
+    return True
+
+
+def test_a_german_spreadsheet_needs_no_hand(small: Path, tmp_path: Path) -> None:
+    folder = german(small, tmp_path / "german")
+    assert faultless_once_the_noise_is_told(folder)
+    files = written(folder)["files"]
+    assert files["configurations"]["columns"]["rho6_mm"] == "Stößel 6"
+    assert files["targets"]["columns"]["leg"] == "Bein"
+
+
+def test_clouds_of_many_points_are_scans_and_the_single_ones_their_surfaces(small: Path, tmp_path: Path) -> None:
+    folder = dense_scans(small, tmp_path / "scans", np.random.default_rng(3), count=2000)
+    assert faultless_once_the_noise_is_told(folder)
+    files = written(folder)["files"]
+    assert [entry["constants"]["body"] for entry in files["scans"]] == ["base", "platform"]
+    assert [entry["constants"]["body"] for entry in files["surfaces"]] == ["base", "platform"]
+
+
+def test_points_alone_need_the_noise_alone(small: Path, tmp_path: Path) -> None:
+    shutil.copy(small / "points.csv", tmp_path)
+    (tmp_path / "campaign.toml").touch()
+    assert faultless_once_the_noise_is_told(tmp_path)

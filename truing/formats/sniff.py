@@ -38,7 +38,8 @@ _SIGNS = (
     ("points", {"x_mm"}),
 )
 _KNOWN = {
-    "pose": r"pose|frame|pos(e|ition)?[ _]?(nr|no|id)|epoch|station|aufnahme|messung",
+    "pose": r"pose|frame|pos(e|ition)?[ _]?(nr|no|id)|epoche?|station|aufnahme|messung|stellung",
+    "role": r"role|rolle",
     "body": r"body|rigid[ _]?body|k(ö|oe)rper",
     "target": r"target|marker|point([ _]?(id|name))?|label|punkt(nr|nummer|name)?|ziel(marke)?|nom|cible",
     "x_mm": r"x",
@@ -49,7 +50,11 @@ _KNOWN = {
     "sigma_z_mm": r"(sigma|s|std|mz)[ _]?z",
     "time_s": r"t|time|zeit|temps|timestamp",
     "temperature_c": r"temp(erature?|eratur)?",
+    "leg": r"leg|bein|jambe",
 }
+_READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
+_COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
+_DENSE = 1000  # a cloud of more points than this is a scan of a surface, not a set of targets
 _UNIT = re.compile(r"^(.*?)[\s_]*[\s_\[(/]\s*(mm|cm|um|µm|m|in|deg|rad|s|ms|°C|K)\s*[\])]?$")
 
 
@@ -89,8 +94,18 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
     if file_format in ("c3d", "trc"):
         note = "every frame is a pose; split the labels into body and target, or name the body under constants"
         return Guess({"constants": {"body": "body"}}, ("frame", "label", "x", "y", "z"), "points", (note,))
+    if _cloud_size(path) >= _DENSE:
+        note = "a dense scan, taken to be in mm (else: unit); the file's name says the pose and the body"
+        return Guess({}, ("x", "y", "z"), "scans", (note,))
     note = "a cloud without names: the file's name says the pose, and the targets are found by their geometry"
     return Guess({"constants": {"body": "platform"}}, ("x", "y", "z"), "points", (note,))
+
+
+def _cloud_size(path: Path) -> int:
+    """How many points the header of a PLY or PCD announces; 0 where it announces none."""
+    with open_plain(path) as stream:
+        announced = _COUNT.search(stream.read(_LOOK))
+    return int(announced[1]) if announced else 0
 
 
 def _sniff_text(path: Path) -> Guess:
@@ -168,7 +183,7 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     columns, units, notes = {}, {}, []
     for name in names:
         bare, unit = _bare(name)
-        known = next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
+        known = _meant(bare)
         if known is None or name == known or known in columns or known in names:
             continue
         columns[known] = name
@@ -177,6 +192,13 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
         notes.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
     mapping: dict[str, Any] = {"columns": columns} if columns else {}
     return mapping | ({"units": units} if units else {}), notes
+
+
+def _meant(bare: str) -> str | None:
+    """The column of the contract that a name without its unit seems to mean."""
+    if reading := _READING.fullmatch(bare.lower()):
+        return f"rho{reading[1]}_mm"
+    return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
 
 
 def _bare(name: str) -> tuple[str, str | None]:
