@@ -198,6 +198,18 @@ def test_every_exclusion_stands_on_the_page(page):
         assert words in text
 
 
+def test_dense_scans_are_measured_and_those_without_a_pose_are_named():
+    whole = campaign_tables(poses=3, bodies=("platform",))
+    scans = whole["poses"].assign(overlap=0.8, noise_ratio=1.1, message=None)
+    scans.loc[1, ["status", "message"]] = ["not-converged", "the surface slides along itself"]
+    tables = {"scans": scans, "poses": whole["poses"], "configurations": whole["configurations"]}
+    text = Reader(render(tables)).text
+    assert "2 of 3" in text
+    assert "neither object points" not in text
+    assert "1 dense scan that gave no pose" in text
+    assert "the surface slides along itself" in text
+
+
 def test_gross_errors_do_not_flatten_the_shifts():
     figure = sections_of(campaign_tables())["deformation"].figures[1][0]
     low, high = figure.layout.yaxis.range

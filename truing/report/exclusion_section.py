@@ -30,6 +30,7 @@ def excluded(tables: Tables) -> Section:
             _points(tables),
             _no_part(tables),
             _attachments(tables),
+            _scans(tables),
         )
         if listing is not None
     ]
@@ -134,6 +135,17 @@ def _no_part(tables: Tables) -> Listing | None:
     number = idle.groupby(["body", "reason"], sort=False).size()
     rows = tuple((body, why, f"{n:,}") for (body, why), n in number.items())
     return Listing(("body", "why", "points"), rows, caption="Points that take no part in a pose for another reason")
+
+
+def _scans(tables: Tables) -> Listing | None:
+    """Dense scans that gave no pose, with what the registration says of them."""
+    scans = filled(tables, "scans")
+    if scans is None or (scans["status"] == "ok").all():
+        return None
+    out = scans[scans["status"] != "ok"]
+    rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out.itertuples())
+    caption = f"{count(len(rows), 'dense scan')} that gave no pose"
+    return Listing(("pose", "body", "status", "why"), rows, (), caption, len(rows) > _OPEN, "scans.parquet")
 
 
 def _attachments(tables: Tables) -> Listing | None:

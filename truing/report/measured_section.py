@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.report import pose_figures
-from truing.report.numbers import count, duration, quantity
+from truing.report.numbers import count, duration, plain, quantity
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
 
@@ -24,13 +24,15 @@ def measured(tables: Tables) -> Section | None:
     """Bodies and targets with what was seen of them, or the loads and displacements of a bench."""
     points = filled(tables, "observations")
     if points is None:
-        return _measured_loads(tables)
+        return _measured_loads(tables) if filled(tables, "scans") is None else _measured_scans(tables)
     survey, known = filled(tables, "survey"), _known_targets(tables, points)
     listings = [_bodies(points, survey, known)]
     if filled(tables, "configurations") is not None:
         listings.append(_ranges(tables["configurations"]))
     listings.append(_targets(points, survey, filled(tables, "residuals")))
     picture = (pose_figures.targets_seen(points, known), "Where whole columns are dark, a pose was hardly measured.")
+    if filled(tables, "scans") is not None:
+        listings.append(_scans(tables["scans"]))
     shown = tuple(listing for listing in listings if listing.rows)
     return Section("measured", "Measured", _campaign_sentence(tables), (picture,), shown)
 
@@ -110,6 +112,28 @@ def _target_row(r: Any) -> tuple[str, ...]:
         "0" if cell(r.seen) == "" else str(int(r.seen)),
         str(int(left_out)) if left_out is not None and left_out == left_out and left_out else "",
     )
+
+
+def _measured_scans(tables: Tables) -> Section:
+    sentence = _campaign_sentence(tables)
+    return Section("measured", "Measured", sentence, listings=(_scans(tables["scans"]),))
+
+
+def _scans(scans: pd.DataFrame) -> Listing:
+    """What the registration of dense scans made of each body's surface."""
+    rows = tuple(
+        (
+            str(body),
+            f"{int((part['status'] == 'ok').sum()):,} of {len(part):,}",
+            f"{part['n_used'].median():,.0f}",
+            f"{plain(100.0 * part['overlap'].median())} %",
+            quantity(part["rms_mm"].median(), "mm"),
+            plain(part["noise_ratio"].median()),
+        )
+        for body, part in scans.groupby("body", sort=False)
+    )
+    heads = ("body", "scans registered", "points used, median", "overlap", "rms", "scatter over declared noise")
+    return Listing(heads, rows, caption="Dense scans")
 
 
 def _measured_loads(tables: Tables) -> Section | None:
