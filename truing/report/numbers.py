@@ -53,7 +53,9 @@ def plain(value: float | None) -> str:
 
 def quantity(value: float | None, unit: str) -> str:
     """A number in a unit that suits its size: ``3.4 µm`` for 0.0034 mm, nothing after a ratio."""
-    if value is not None and unit in _HANDIER:
+    if value is None or not math.isfinite(value):
+        return "–"
+    if unit in _HANDIER:
         low, high, handier, factor = _HANDIER[unit]
         if low < abs(value) and low <= abs(value) < high:
             value, unit = factor * value, handier
