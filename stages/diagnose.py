@@ -37,6 +37,8 @@ DRAWS = 2000
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Search the catalogue for what makes the campaign depart from its simulation."""
+    import numpy as np
+
     from stages.mechanism_points import gather
 
     if settings.mechanism.type not in ("6-pus", "ups"):
@@ -51,7 +53,23 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         gathered = gather(tables, settings)
     except ValueError as why:
         return _not_evaluated(str(why))
-    return _diagnose(gathered, settings, progress)
+    if unreached := _unreached(gathered):
+        return _not_evaluated(unreached)
+    try:
+        return _diagnose(gathered, settings, progress)
+    except np.linalg.LinAlgError:
+        return _not_evaluated("the fit left what the legs can reach: geometry, survey or readings are far from right")
+
+
+def _unreached(gathered: Gathered) -> str:
+    """Why the nominal mechanism cannot be held against the readings; empty where it can."""
+    from truing.simulation.kinematics import reaches
+
+    readings = gathered.calibration.conditions.readings
+    count = int((~reaches(gathered.model.nominal, readings)).sum())
+    if not count:
+        return ""
+    return f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {len(readings)} poses"
 
 
 def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Outcome:

@@ -76,7 +76,7 @@ def _compliance_rows(fits: Mapping[str, ResponseFit]) -> Rows:
     rows = Rows("compliance")
     for name in ("linear", "matrix"):
         sigma, p, significant = entry_tests(fits[name])
-        i, j = np.nonzero(fits[name].free)
+        i, j = np.nonzero(fits[name].free & (sigma > 0.0))  # axes that were never loaded say nothing
         rows.add(
             model=name,
             response=[RESPONSES[k] for k in i],
@@ -98,8 +98,9 @@ def _error_rows(fits: Mapping[str, ResponseFit], u: Array, y: Array, heldout: ND
         for k, response in enumerate(RESPONSES):
             rows.add(model=name, figure="r_squared", value=_r_squared(fits["none"], fit, k), unit="1", subject=response)
     rows.add(model="matrix", figure="p_value_over_linear", value=gain_p_value(fits["linear"], fits["matrix"]), unit="1")
-    even = symmetry(fits["matrix"])
-    rows.add(model="matrix", figure="symmetry_p_value", value=even.p_value, unit="1")
+    if not fits["matrix"].deficient:  # otherwise some of its entries are open, and so is its symmetry
+        even = symmetry(fits["matrix"])
+        rows.add(model="matrix", figure="symmetry_p_value", value=even.p_value, unit="1")
     return rows
 
 

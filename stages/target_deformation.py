@@ -131,7 +131,7 @@ def _shift_rows(rows: Rows, found: BodyShifts) -> None:
 
 def _model_rows(rows: Rows, found: BodyShifts, fit: ResponseFit, drives: tuple[str, ...]) -> None:
     sigma, p, significant = entry_tests(fit)
-    entry, drive = np.nonzero(fit.free)
+    entry, drive = np.nonzero(fit.free & (sigma > 0.0))  # a drive that never moved says nothing
     rows.add(
         model="linear",
         body=found.body,

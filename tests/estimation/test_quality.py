@@ -110,3 +110,9 @@ def test_shape_of_a_line_a_plane_and_a_lone_target():
 def test_repeats_are_grouped():
     settings = np.array([[0.0, 1.0], [5.0, 1.0], [0.001, 1.0], [5.0, 2.0]])
     assert [g.tolist() for g in repeated_groups(settings, np.array([0.01, 0.01]))] == [[0, 2]]
+
+
+def test_unknown_settings_repeat_nothing():
+    settings = np.array([[1.0], [np.nan], [2.0], [np.nan], [2.0]])
+    groups = repeated_groups(settings, np.array([0.1]))
+    assert [list(group) for group in groups] == [[2, 4]]

@@ -189,3 +189,14 @@ def test_ring_shape_splits_what_it_is_given():
     wheel = ring_shape(np.outer([1.0, 3.0], np.cos(2 * angle)), ring)
     assert (lift.lift, tilt.tilt, wheel.buckle) == (pytest.approx(1), pytest.approx(1), pytest.approx(1))
     assert wheel.amplitude == pytest.approx(3.0 * np.linalg.norm(np.cos(2 * angle)))
+
+
+@pytest.mark.parametrize("form", ["linear", "matrix"])
+def test_a_drive_that_never_moved_is_left_open_and_spoils_nothing(form):
+    u, y, cov = _pick(_campaign(3))
+    u[:, 2] = 0.0
+    fit = fit_response(u, y, cov, form=form)
+    assert fit.deficient == (1 if form == "linear" else 6)
+    assert np.isfinite(fit.loo_residuals).all()
+    assert np.isfinite(np.delete(entry_p_values(fit), 2, axis=1)[np.delete(fit.free, 2, axis=1)]).all()
+    assert np.isnan(entry_p_values(fit)[2, 2])

@@ -192,3 +192,21 @@ def test_coefficients_that_so_few_poses_leave_open_are_not_told(tmp_path, count,
 def test_a_campaign_of_verification_alone_is_not_evaluated(tmp_path):
     tables = _few_poses(tmp_path / "few", 4, "verification")
     assert "not evaluated: every pose is for verification" in tables["said"]
+
+
+def test_a_platform_loaded_along_one_axis_tells_the_compliance_of_that_axis_alone(tmp_path):
+    rng, steps = np.random.default_rng(1), 40
+    table = pd.DataFrame({"run": 1, "step": range(1, steps + 1), "time_s": 10.0 * np.arange(steps)})
+    table[["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]] = 0.0
+    table["fz_n"] = 1000.0 * np.abs(np.linspace(-1.0, 1.0, steps))
+    table[["dx_mm", "dy_mm", "dz_mm"]] = rng.normal(0.0, 1e-3, (steps, 3))
+    table[["rx_rad", "ry_rad", "rz_rad"]] = rng.normal(0.0, 1e-6, (steps, 3))
+    table["dz_mm"] += 1e-5 * table["fz_n"]
+    table.to_csv(tmp_path / "displacement.csv", index=False)
+    head = '[campaign]\nname = "one"\nkind = "interferometer"\n[noise]\ndisplacement_mm = 0.001\nrotation_rad = 1e-6\n'
+    (tmp_path / "campaign.toml").write_text(head, encoding="utf-8")
+    tables, _ = run_line(tmp_path, "ingest", "deformation")
+    rows = tables["compliance"].to_pandas().query("model == 'matrix'").set_index("response")
+    assert set(rows["load"]) == {"fz"}
+    assert abs(rows.loc["dz", "coefficient"] - 1e-8) < 4.0 * rows.loc["dz", "sigma"]
+    assert list(rows.index[rows["significant"]]) == ["dz"]

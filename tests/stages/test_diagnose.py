@@ -217,3 +217,13 @@ def test_without_targets_at_attachments_it_still_looks(tmp_path: Path) -> None:
     found = _diagnosed(write_campaign(campaign, tmp_path / "bare", seed=3))
     assert found.rows
     assert not [row for row in found.rows if row["verdict"] == "found"]
+
+
+def test_legs_that_cannot_reach_are_said_and_no_crash(tmp_path: Path) -> None:
+    layout = Layout(name="far", targets=Targets(base=6, platform=6, per_leg=0))
+    campaign = draw_campaign(layout, random_moves(6, 0, np.random.default_rng(2)), [], np.random.default_rng(3))
+    folder = write_campaign(campaign, tmp_path / "far", seed=3)
+    document = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(document.replace("length_mm = 500.0", "length_mm = 100.0"), encoding="utf-8")
+    _, said = run_line(folder, *LINE)
+    assert "not evaluated: the legs of [mechanism] cannot meet" in said["diagnose"].figure

@@ -178,11 +178,14 @@ def body_shape(points: Array) -> Shape:
 
 
 def repeated_groups(settings: Array, tolerance: Array) -> list[NDArray[np.int64]]:
-    """Groups of poses (indices) whose settings (B, D) agree within tolerance (D,), each with at least two."""
+    """Groups of poses (indices) whose settings (B, D) agree within tolerance (D,), each with at least two.
+
+    An unknown setting (NaN) agrees with none.
+    """
     alike = np.ones((len(settings),) * 2, bool)
     for column, allowed in zip(settings.T, tolerance, strict=True):
         alike &= np.abs(column[:, None] - column[None]) <= allowed
-    first = alike.argmax(axis=1)
+    first = np.where(alike.any(axis=1), alike.argmax(axis=1), np.arange(len(alike)))
     return [np.nonzero(first == f)[0] for f in np.unique(first) if (first == f).sum() > 1]
 
 

@@ -160,9 +160,11 @@ def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
     if kept.all():
         return inverse, 0
+    size = np.where(size > 0.0, size, 1.0)  # a drive that never moved has no effect to be measured by
     open_directions = vectors[:, ~kept] * (size / scale)[:, None]
     basis = np.linalg.qr(open_directions)[0]
     shortest = np.eye(len(size)) - (basis / size[:, None]) @ (basis * size[:, None]).T
+    shortest[np.diag(normal) == 0.0] = 0.0  # exactly, for what the data never touch: no rounding over rounding
     return shortest @ inverse @ shortest.T, int((~kept).sum())
 
 

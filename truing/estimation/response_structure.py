@@ -13,14 +13,15 @@ Array = NDArray[np.float64]
 
 
 def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
-    """(L, D) two-sided p-value of each entry of K against zero; NaN where the entry is not part of the model.
+    """(L, D) two-sided p-value of each entry of K against zero; NaN where it is not in the model or not determined.
 
     ``widened`` multiplies the standard deviations, where the noise proved larger than declared.
     """
     from scipy.special import ndtr
 
     p = np.full(fit.free.shape, np.nan)
-    z = fit.coefficients[fit.free] / (np.sqrt(np.diag(fit.covariance)) * widened)
+    sigma = np.sqrt(np.diag(fit.covariance)) * widened
+    z = np.divide(fit.coefficients[fit.free], sigma, out=np.full(len(sigma), np.nan), where=sigma > 0.0)
     p[fit.free] = 2.0 * ndtr(-np.abs(z))
     return p
 

@@ -77,6 +77,18 @@ def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forwar
     return Forward(p, R, converged)
 
 
+def reaches(legs: Legs, rho: NDArray) -> NDArray:
+    """Return for which readings rho (B, L), m, the legs meet the platform at all, reading by reading."""
+    return np.array([_meets(legs, reading[None]) for reading in rho], bool)
+
+
+def _meets(legs: Legs, rho: NDArray) -> bool:
+    try:
+        return bool(forward(legs, rho).converged.all())
+    except np.linalg.LinAlgError:
+        return False
+
+
 def _level_start(legs: Legs, rho: NDArray) -> tuple[NDArray, NDArray]:
     """Return a start whose mean squared leg length is right, ahead of the actuators, without rotation."""
     lower = legs.closure.lower(legs, rho)
