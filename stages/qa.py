@@ -10,7 +10,9 @@ from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
+    import numpy as np
     import pyarrow as pa
+    from numpy.typing import NDArray
 
     from schemas.campaign import Acceptance, Campaign
     from stages.quality_bodies import BodyView
@@ -20,7 +22,7 @@ DECLARATION = Stage(
     name="qa",
     reads=("observations", "survey?", "configurations?"),
     leaves=("qa",),
-    settings=("campaign.drives", "mechanism.type", "bodies", "noise.actuator_mm", "qa", "accept"),
+    settings=("campaign.drives", "mechanism.type", "mechanism.legs", "bodies", "noise.actuator_mm", "qa", "accept"),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift",
 )
 
@@ -36,7 +38,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)
     checks = []
-    for check in all_checks(bodies, around, settings.noise.actuator_mm, settings.qa.false_alarm):
+    attachments = _attachments(settings)
+    for check in all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm):
         checks.append(check)
         progress(len(checks), 0, check.check)
     accepted = [_acceptance(check, settings.accept) for check in checks]
@@ -51,6 +54,15 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         figure=f"{len(checks)} checks, {len(failed)} failed, {warned} warn, {sum(map(bool, accepted))} accepted",
         failed_checks=failed,
     )
+
+
+def _attachments(settings: Campaign) -> NDArray[np.float64]:
+    """(L, 3) nominal attachments in m; none where no mechanism says where they are."""
+    import numpy as np
+
+    if settings.mechanism.type not in ("6-pus", "ups"):
+        return np.zeros((0, 3))
+    return np.array([leg.b_mm for leg in settings.mechanism.legs]) * 1e-3
 
 
 def _reference_first(bodies: list[BodyView], settings: Campaign) -> list[BodyView]:

@@ -26,7 +26,8 @@ class Surroundings:
     """The poses in the order of time, with what may drive the bodies.
 
     poses (B ids); time (B,) in s; settings (B, D) actuator or drive readings in the units of the table,
-    without columns that do not vary; temperature (B,) in degrees C or None; names of the settings.
+    without columns that do not vary; temperature (B,) in degrees C or None; names of the settings; unobserved:
+    poses of the configurations without any point.
     """
 
     poses: tuple[int | str, ...]
@@ -34,6 +35,7 @@ class Surroundings:
     settings: Array
     names: tuple[str, ...]
     temperature: Array | None
+    unobserved: tuple[int | str, ...] = ()
 
     @property
     def covariates(self) -> Array:
@@ -94,6 +96,7 @@ def surroundings(observations: pa.Table, configurations: pa.Table | None, drives
         np.column_stack([values[n] for n in varying]) if varying else np.zeros((len(rows), 0)),
         varying,
         number_column(configurations, "temperature_c")[rows] if has_temperature else None,
+        tuple(pose for pose in ids if pose not in seen),
     )
 
 

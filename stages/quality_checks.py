@@ -9,18 +9,37 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stages.quality_bodies import BodyView, Surroundings
 from stages.quality_check import Check
 from stages.quality_of_noise import noise, noise_by_pose, repeatability
-from stages.quality_of_targets import completeness, exchanged_labels, geometry, gross_errors, moved_targets
+from stages.quality_of_targets import (
+    attachment_labels,
+    completeness,
+    exchanged_labels,
+    geometry,
+    gross_errors,
+    moved_targets,
+    unobserved_poses,
+)
 from stages.quality_of_time import base_drift, temperature_span, time_gaps
 
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
 
 
-def all_checks(bodies: Sequence[BodyView], around: Surroundings, actuator_mm: float, budget: float) -> Iterator[Check]:
-    """Every check, body by body, then those of the campaign as a whole."""
+def all_checks(
+    bodies: Sequence[BodyView],
+    around: Surroundings,
+    attachments: NDArray[np.float64],
+    actuator_mm: float,
+    budget: float,
+) -> Iterator[Check]:
+    """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
     share = budget / _CHANCE_CHECKS
+    yield unobserved_poses(around)
+    yield from attachment_labels(bodies, attachments)
     for body in bodies:
         yield from completeness(body)
         yield from geometry(body)

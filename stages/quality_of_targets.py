@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,39 @@ _GROSS_WARN, _GROSS_FAIL = 0.05, 0.15
 _SPREAD_IN_SIGMA = 5.0  # below it the roll about the line is known to some 5 degrees at best
 _NEARLY_PLANAR = 0.01
 _LEVERAGE = 0.9
+
+
+def unobserved_poses(around: Surroundings) -> Check:
+    """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
+    lost = [str(pose) for pose in around.unobserved]
+    share = len(lost) / max(len(lost) + len(around.poses), 1)
+    verdict = FAIL if share > _MISSING_FAIL else WARN if lost else PASS
+    said = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
+    return Check("unobserved-poses", "", share, _MISSING_FAIL, "1", verdict, said)
+
+
+def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
+    """Targets marked as sitting at an attachment, against the nominal attachments (L, 3): is their leg the nearest?"""
+    for body in bodies:
+        if body.name != "platform" or not len(attachments):
+            continue
+        marked = np.nonzero((body.survey.leg > 0) & (body.survey.leg <= len(attachments)))[0]
+        for t in marked:
+            distance = np.linalg.norm(attachments - body.survey.points[t], axis=1)
+            own, nearest = body.survey.leg[t], int(distance.argmin()) + 1
+            said = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
+            said += (
+                "." if nearest == own else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
+            )
+            yield Check(
+                "attachment-labels",
+                f"target {body.survey.targets[t]}",
+                1e3 * float(distance[own - 1]),
+                1e3 * float(np.delete(distance, own - 1).min()),
+                "mm",
+                PASS if nearest == own else FAIL,
+                said,
+            )
 
 
 def completeness(body: BodyView) -> Iterator[Check]:

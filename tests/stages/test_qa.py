@@ -18,10 +18,13 @@ PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
 K = 0.01 * np.random.default_rng(0).standard_normal((6, 6))
 
 
+def _folder(tmp_path, layout=PLAIN, effects=(), seed=1, moves=None):
+    campaign = draw_campaign(layout, moves or published_moves(), list(effects), np.random.default_rng(seed))
+    return write_campaign(campaign, tmp_path / f"campaign{seed}", seed)
+
+
 def _qa(tmp_path, layout=PLAIN, effects=(), seed=1, moves=None, extra=""):
-    rng = np.random.default_rng(seed)
-    campaign = draw_campaign(layout, moves or published_moves(), list(effects), rng)
-    folder = write_campaign(campaign, tmp_path / f"campaign{seed}", seed)
+    folder = _folder(tmp_path, layout, effects, seed, moves)
     if extra:
         with (folder / "campaign.toml").open("a", encoding="utf-8") as file:
             file.write(extra)
@@ -63,6 +66,28 @@ def test_exchanged_labels_fail_by_name(tmp_path):
     assert rows.loc["targets P02 P05", "verdict"] == "fail"
     assert rows.loc["targets P02 P05", "value"] == 3
     assert said.failed_checks == ("exchanged-labels targets P02 P05",)
+
+
+def test_a_wrong_leg_in_the_survey_fails_by_name(tmp_path):
+    folder = _folder(tmp_path)
+    lines = (folder / "targets.csv").read_text(encoding="utf-8").splitlines()
+    at_leg_2 = next(i for i, line in enumerate(lines) if line.endswith(",2"))
+    lines[at_leg_2] = lines[at_leg_2][:-1] + "1"
+    (folder / "targets.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    name = lines[at_leg_2].split(",")[1]
+    said = run_line(folder, "ingest", "qa")[1]["qa"]
+    assert said.failed_checks == (f"attachment-labels target {name}",)
+
+
+def test_a_pose_without_points_is_told(tmp_path):
+    folder = _folder(tmp_path)
+    points = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
+    kept = [line for line in points if not line.startswith("7,")]
+    (folder / "points.csv").write_text("\n".join(kept) + "\n", encoding="utf-8")
+    qa = run_line(folder, "ingest", "qa")[0]["qa"].to_pandas()
+    row = qa[qa["check"] == "unobserved-poses"].iloc[0]
+    assert row["verdict"] == "warn"
+    assert "pose 7" in row["message"]
 
 
 def test_a_moved_target_is_named_with_its_pose_and_size(tmp_path):
