@@ -140,6 +140,7 @@ FACTS = {
     "so-lat-elevation": elevation,
     "so-lat-mirror": elevation,
     "so-lat-sameday": vstars,
+    "so-lat-epochs": vstars,
     "so-lat-vstars": vstars,
     "mocap-static": mocap,
     "mocap-full": mocap,

@@ -14,6 +14,7 @@ _SHORT = {
     "so-lat-elevation": "lat",
     "so-lat-mirror": "mirror",
     "so-lat-sameday": "sameday",
+    "so-lat-epochs": "epochs",
     "so-lat-vstars": "vstars",
     "mocap-static": "static",
     "mocap-full": "full",

@@ -72,5 +72,14 @@ def test_bundles_of_one_day_agree_to_a_tenth_of_a_millimetre(facts):
     assert 0.03 < min(sameday["rms_mm"].values()) < max(sameday["rms_mm"].values()) < 0.25
 
 
+def test_targets_moved_between_epochs_are_named(facts):
+    epochs = facts["so-lat-epochs"]
+    assert epochs["determined"] == epochs["sets"] == 4
+    assert 0.2 < min(epochs["rms_mm"].values()) < max(epochs["rms_mm"].values()) < 0.8
+    moved = {code for codes in epochs["moved"].values() for code in codes}
+    assert {"CODE133", "CODE134", "CODE137", "CODE138"} <= moved  # re-used metres away
+    assert 3 <= len(moved) <= 17
+
+
 def test_the_page_says_what_the_data_say(facts):
     assert PAGE.read_text(encoding="utf-8") == render(facts), "run `python -m tests.real` and look at what changed"
