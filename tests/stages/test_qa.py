@@ -116,9 +116,28 @@ def test_a_deforming_platform_is_no_noisy_one(tmp_path):
     assert _rows(qa, "noise").loc["platform z", "value"] < 1.3
 
 
-def test_a_base_that_walks_in_a_fixed_frame_is_told(tmp_path):
-    qa, _ = _qa(tmp_path, replace(PLAIN, surroundings=Surroundings(frame_turn_rad=0.0, frame_shift_mm=0.0)))
+FIXED = replace(PLAIN, surroundings=Surroundings(frame_turn_rad=0.0, frame_shift_mm=0.0))
+
+
+def test_a_base_that_stands_still_in_a_fixed_frame_is_not_said_to_drift(tmp_path):
+    qa, _ = _qa(tmp_path, FIXED)
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "pass"
+
+
+def test_a_base_that_walks_in_a_fixed_frame_is_told_with_its_size(tmp_path):
+    folder = _folder(tmp_path, FIXED)
+    head, *lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
+    walked = [_shifted(line, 0.002) if ",base," in line else line for line in lines]
+    (folder / "points.csv").write_text("\n".join([head, *walked]) + "\n", encoding="utf-8")
+    row = _rows(run_line(folder, "ingest", "qa")[0]["qa"].to_pandas(), "base-drift").loc["base"]
+    assert row["verdict"] == "warn"
+    # 45 steps of 2 um; a running median over five poses sees four steps less, and noise adds some
+    assert row["value"] == pytest.approx(0.09, abs=0.02)
+
+
+def _shifted(line, per_pose_mm):
+    pose, body, target, x, *rest = line.split(",")
+    return ",".join([pose, body, target, f"{float(x) + per_pose_mm * int(pose):.5f}", *rest])
 
 
 def test_many_missing_targets_fail(tmp_path):
