@@ -293,10 +293,39 @@ def _rows(path: Path) -> list[dict[str, str]]:
 def test_the_sample_campaign_is_written_again_to_the_byte(tmp_path: Path) -> None:
     folder = write_telescope(tmp_path / "telescope")
     kept = PROJECT / "sample_data" / "telescope"
-    for written in [*folder.iterdir(), truth_path(folder)]:
-        beside = kept / written.name if written.parent == folder else truth_path(kept)
+    for written in folder.iterdir():
+        beside = kept / written.name
         assert written.read_bytes() == beside.read_bytes(), f"{beside.relative_to(PROJECT)} is out of date"
-    assert json.loads(truth_path(kept).read_text(encoding="utf-8"))["seed"] == SEED
+
+
+def test_the_truth_of_the_sample_is_written_again(tmp_path: Path) -> None:
+    # Not to the byte: processors differ in the last digit of a sine, and files of a campaign are rounded long before it.
+    written = _truth(write_telescope(tmp_path / "telescope"))
+    kept = _truth(PROJECT / "sample_data" / "telescope")
+    assert kept["seed"] == SEED
+    assert _without_numbers(written) == _without_numbers(kept)
+    assert_close(_numbers_in(written), _numbers_in(kept), atol=1e-9, what="truth (mm, um, rad)")
+
+
+def _truth(folder: Path) -> dict[str, object]:
+    found: dict[str, object] = json.loads(truth_path(folder).read_text(encoding="utf-8"))
+    return found
+
+
+def _without_numbers(tree: object) -> object:
+    if isinstance(tree, dict):
+        return {key: _without_numbers(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_without_numbers(value) for value in tree]
+    return "number" if isinstance(tree, float) else tree
+
+
+def _numbers_in(tree: object) -> list[float]:
+    if isinstance(tree, dict):
+        return [number for value in tree.values() for number in _numbers_in(value)]
+    if isinstance(tree, list):
+        return [number for value in tree for number in _numbers_in(value)]
+    return [tree] if isinstance(tree, float) else []
 
 
 def test_the_sample_has_the_published_deformation() -> None:
