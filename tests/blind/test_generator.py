@@ -299,7 +299,7 @@ def test_the_sample_campaign_is_written_again_to_the_byte(tmp_path: Path) -> Non
 
 
 def test_the_truth_of_the_sample_is_written_again(tmp_path: Path) -> None:
-    # Not to the byte: processors differ in the last digit of a sine, and files of a campaign are rounded long before it.
+    # Not to the byte: processors differ in the last digit of a sine; files of a campaign are rounded long before it.
     written = _truth(write_telescope(tmp_path / "telescope"))
     kept = _truth(PROJECT / "sample_data" / "telescope")
     assert kept["seed"] == SEED
