@@ -151,6 +151,10 @@ _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _CORRELATION = ("corr_xy", "corr_xz", "corr_yz")
 _PLACE = ("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad")
 _COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
+_CALIBRATION = ("model", "deformation", "leg", "parameter", "unit", "nominal", "identified", "sigma", "tolerance")
+_ACCURACY = ("model", "deformation", "pose", "role", "position_error_um", "orientation_error_arcsec")
+_ACCURACY_PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+_ACCURACY_NOISE = ("position_noise_um", "orientation_noise_arcsec")
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
 ARTIFACTS: dict[str, Artifact] = {
@@ -290,6 +294,80 @@ ARTIFACTS: dict[str, Artifact] = {
             ("model", "response", "load", "coefficient", "sigma", "unit"),
             optional=("p_value", "significant"),
             key=("model", "response", "load"),
+        ),
+        Artifact(
+            "calibration",
+            "calibration.parquet",
+            "identified parameters of every model, by errors-in-variables maximum likelihood with tolerances as prior",
+            (*_CALIBRATION, "pull", "identifiable", "status"),
+            key=("model", "deformation", "leg", "parameter"),
+        ),
+        Artifact(
+            "implicit_calibration",
+            "implicit_calibration.parquet",
+            "the same by least squares on the closure alone, as the telescope report does (eq. 30-33)",
+            (*_CALIBRATION, "pull", "identifiable", "status"),
+            key=("model", "deformation", "leg", "parameter"),
+        ),
+        Artifact(
+            "correlations",
+            "correlations.parquet",
+            "correlated pairs of identified parameters in calibration.parquet, |correlation| of 0.05 and more",
+            ("model", "deformation", "leg", "parameter", "other_leg", "other_parameter", "correlation"),
+        ),
+        Artifact(
+            "accuracy",
+            "accuracy.parquet",
+            "measured minus predicted pose for every model of calibration.parquet",
+            _ACCURACY,
+            optional=(*_ACCURACY_PARTS, *_ACCURACY_NOISE),
+            key=("model", "deformation", "pose"),
+        ),
+        Artifact(
+            "implicit_accuracy",
+            "implicit_accuracy.parquet",
+            "the same for every model of implicit_calibration.parquet",
+            _ACCURACY,
+            optional=(*_ACCURACY_PARTS, *_ACCURACY_NOISE),
+            key=("model", "deformation", "pose"),
+        ),
+        Artifact(
+            "model_choice",
+            "model_choice.parquet",
+            "figures of every calibration, by which one is chosen",
+            ("model", "deformation", "estimator", "figure", "value", "unit"),
+            key=("model", "deformation", "estimator", "figure"),
+        ),
+        Artifact(
+            "observability",
+            "observability.parquet",
+            "what the data can know of the parameters: rank, indices, and what cannot be told apart",
+            ("model", "deformation", "leg", "figure", "value", "unit", "combination"),
+        ),
+        Artifact(
+            "absorption",
+            "absorption.parquet",
+            "which parameters swallow an effect that the model leaves out: predicted, and what the fit did",
+            ("effect", "model", "deformation", "leg", "parameter", "unit", "predicted", "observed", "sigma"),
+            key=("effect", "model", "deformation", "leg", "parameter"),
+        ),
+        Artifact(
+            "requirements",
+            "requirements.parquet",
+            "the accuracy asked for against the accuracy reached",
+            (
+                "model",
+                "deformation",
+                "component",
+                "requirement",
+                "error",
+                "lower",
+                "upper",
+                "unit",
+                "verdict",
+                "message",
+            ),
+            key=("model", "deformation", "component"),
         ),
         Artifact(
             "diagnosis",

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import difflib
+from importlib.metadata import entry_points
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
 
 from schemas.faults import CampaignFaults, Fault
 from schemas.mapping import FileMapping
 
+# A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
+CLOSURES = "truing.closures"
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -31,7 +44,7 @@ class CampaignSection(Section):
 
 
 class Leg(Section):
-    """One leg of a 6-pus or ups: joints, actuator direction and lengths."""
+    """One leg of a legged mechanism: joints, actuator direction and lengths."""
 
     a_mm: Vector = Field(description="actuator's zero on the base, base frame")
     b_mm: Vector = Field(description="joint on the platform, platform frame")
@@ -65,18 +78,37 @@ class Tolerance(Section):
     rho0_mm: NotNegative | None = None
 
 
-class NoMechanism(Section):
+class MechanismSection(Section):
+    """[mechanism], whatever its type."""
+
+    type: str
+    reference_temperature_c: Finite = 20.0
+
+    @property
+    def is_legged(self) -> bool:
+        """Whether legs with actuators carry a platform, whose readings say where it is."""
+        return self.type not in ("none", "6-upur")
+
+
+def _known_closure(kind: str) -> str:
+    """Own types first: asking what is installed takes time."""
+    if kind not in ("6-pus", "ups"):
+        added = sorted(entry_points(group=CLOSURES).names)
+        if kind not in added:
+            raise ValueError(f"one of {', '.join(('6-pus', 'ups', '6-upur', 'none', *added))}")
+    return kind
+
+
+class NoMechanism(MechanismSection):
     """[mechanism] absent or type = "none": bodies of any names, and nothing that says how they move."""
 
     type: Literal["none"] = "none"
-    reference_temperature_c: Finite = 20.0
 
 
-class LeggedMechanism(Section):
-    """[mechanism] of type 6-pus or ups: nominal geometry and its tolerance."""
+class LeggedMechanism(MechanismSection):
+    """[mechanism] of type 6-pus, ups or an installed package's own: nominal geometry and its tolerance."""
 
-    type: Literal["6-pus", "ups"]
-    reference_temperature_c: Finite = 20.0
+    type: Annotated[str, AfterValidator(_known_closure)]
     legs: tuple[Leg, ...]
     flexure: Rod | None = None
     leg_tube: Rod | None = None
@@ -90,7 +122,7 @@ class LeggedMechanism(Section):
         if self.type == "6-pus" and any(leg.u is None for leg in self.legs):
             raise ValueError("the actuator direction u for every leg of a 6-pus")
         if len(self.legs) < 3:
-            raise ValueError(f"at least three legs for a ups, not {len(self.legs)}")
+            raise ValueError(f"at least three legs for a {self.type}, not {len(self.legs)}")
         return self
 
 
@@ -130,11 +162,10 @@ class SensorTolerance(Section):
     stiffness: NotNegative = Field(0.0, description="one sigma, relative, of the elastic parameters")
 
 
-class SensorMechanism(Section):
+class SensorMechanism(MechanismSection):
     """[mechanism] of type 6-upur: joint centres, and the elements of one leg or the compliance itself."""
 
     type: Literal["6-upur"]
-    reference_temperature_c: Finite = 20.0
     legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6)
     height_mm: Positive
     elements: tuple[Element, ...] = ()
@@ -142,7 +173,17 @@ class SensorMechanism(Section):
     tolerance: SensorTolerance = SensorTolerance()
 
 
-Mechanism = Annotated[LeggedMechanism | SensorMechanism | NoMechanism, Field(discriminator="type")]
+def _tag(section: Any) -> str:
+    kind = section.get("type", "none") if isinstance(section, dict) else getattr(section, "type", "none")
+    return kind if kind in ("none", "6-upur") else "legged"
+
+
+Mechanism = Annotated[
+    Annotated[LeggedMechanism, Tag("legged")]
+    | Annotated[SensorMechanism, Tag("6-upur")]
+    | Annotated[NoMechanism, Tag("none")],
+    Discriminator(_tag),
+]
 
 
 class Loading(Section):
@@ -280,7 +321,7 @@ class Campaign(Section):
     @property
     def reference_body(self) -> str | None:
         """The body that the others are seen from: ``base`` where a mechanism stands on one."""
-        if self.bodies.reference is None and self.mechanism.type in ("6-pus", "ups"):
+        if self.bodies.reference is None and self.mechanism.is_legged:
             return "base"
         return self.bodies.reference
 
@@ -293,7 +334,7 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
         raise CampaignFaults(_fault(file, detail) for detail in error.errors()) from None
 
 
-_TYPES = {"6-pus": LeggedMechanism, "ups": LeggedMechanism, "6-upur": SensorMechanism, "none": NoMechanism}
+_TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "none": NoMechanism}
 
 
 def _fault(file: str, detail: Any) -> Fault:

@@ -52,7 +52,7 @@ _IDENTITY = (
     Column("message", "text", "one sentence for the engineer"),
     Column("status", "text", "how the fit ended; ok, or what prevented it"),
     Column("unit", "text", "the unit of the numbers in this row", nullable=True),
-    Column("model", "text", "the model: none, linear, matrix, ..."),
+    Column("model", "text", "the model: of deformation, or of the structure (6-pus, jacobian, beam, stiffness)"),
     Column("axis", "text", "the axis of the body frame", choices=("x", "y", "z"), nullable=True),
     Column("drive", "text", "the column that the response follows", nullable=True),
 )
@@ -164,9 +164,59 @@ _DIAGNOSIS = (
     Column("next_measurement", "text", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
 )
 
+_CALIBRATION = (
+    Column("deformation", "text", "how the platform deforms in the model", choices=("none", "linear", "matrix")),
+    Column("parameter", "text", "the parameter: a_x, b_y, u_x, l, rho0, kappa, K12, ..."),
+    _real("nominal", "", "the parameter before calibration, in the unit of its row", nullable=True),
+    _real("identified", "", "the parameter after calibration", nullable=True),
+    _real("tolerance", "", "one standard deviation of manufacturing and assembly", minimum=0.0, nullable=True),
+    _real("pull", "", "(identified - nominal) over what tolerance and measurement let it differ by", nullable=True),
+    Column("identifiable", "flag", "whether the data tell the parameter better than its tolerance does"),
+    Column("other_leg", "integer", "the leg of the other parameter, counted from 1", minimum=1, nullable=True),
+    Column("other_parameter", "text", "the other parameter of a pair"),
+    _real("correlation", "", "correlation of the two errors", minimum=-1.0, maximum=1.0),
+    _real("position_error_um", "um", "distance between measured and predicted platform origin", minimum=0.0),
+    _real("orientation_error_arcsec", "arcsec", "angle between measured and predicted platform", minimum=0.0),
+    *(_real(f"d{a}_um", "um", f"measured minus predicted along {a} of the base", nullable=True) for a in "xyz"),
+    *(_real(f"r{a}_arcsec", "arcsec", f"measured minus predicted about {a} of the base", nullable=True) for a in "xyz"),
+    _real("position_noise_um", "um", "rms position error that noise alone would leave", minimum=0.0, nullable=True),
+    _real(
+        "orientation_noise_arcsec",
+        "arcsec",
+        "rms orientation error that noise alone would leave",
+        minimum=0.0,
+        nullable=True,
+    ),
+    Column("estimator", "text", "how it was fitted", choices=("errors-in-variables", "implicit", "nominal")),
+    Column("combination", "text", "parameters that cannot be told apart, in words", nullable=True),
+    Column("effect", "text", "the effect that was left out of the model"),
+    _real("predicted", "", "how much of the effect the parameter takes, by linear algebra before the fit"),
+    _real("observed", "", "how much the parameter moved when the effect was left out of the fit", nullable=True),
+)
+
+_REQUIREMENTS = (
+    Column("component", "text", "position along or rotation about an axis", choices=("x", "y", "z", "rx", "ry", "rz")),
+    _real("requirement", "", "the accuracy asked for, in the unit of its row", nullable=True),
+    _real("error", "", "the error that 95 of 100 poses stay below", minimum=0.0, nullable=True),
+    _real("lower", "", "lower end of the 95 % interval of the number beside it", minimum=0.0, nullable=True),
+    _real("upper", "", "upper end of the 95 % interval of the number beside it", minimum=0.0, nullable=True),
+)
+
 COLUMNS: dict[str, Column] = {
     column.name: column
-    for group in (_IDENTITY, _POINTS, _CONFIGURATIONS, _POSES, _RESIDUALS, _DEFORMATION, _LOADS, _QUALITY, _DIAGNOSIS)
+    for group in (
+        _IDENTITY,
+        _POINTS,
+        _CONFIGURATIONS,
+        _POSES,
+        _RESIDUALS,
+        _DEFORMATION,
+        _LOADS,
+        _QUALITY,
+        _DIAGNOSIS,
+        _CALIBRATION,
+        _REQUIREMENTS,
+    )
     for column in group
 }
 

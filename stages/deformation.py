@@ -34,7 +34,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     progress(0, 1, "deformation models")
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
-    if settings.mechanism.type in ("6-pus", "ups"):
+    if settings.mechanism.is_legged:
         return _of_legs(tables, settings)
     return _of_targets(tables, settings)
 

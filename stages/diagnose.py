@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
@@ -11,7 +11,7 @@ from stages.declaration import Outcome, Progress, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from schemas.campaign import Campaign, LeggedMechanism
     from stages.mechanism_points import Gathered
     from truing.estimation.acceptance import Stand
 
@@ -41,11 +41,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
     from stages.mechanism_points import gather
 
-    if settings.mechanism.type not in ("6-pus", "ups"):
+    if not settings.mechanism.is_legged:
         return _not_evaluated(f"mechanism {settings.mechanism.type}: the catalogue holds no cause for it yet")
     if "survey" not in tables or "configurations" not in tables:
         return _not_evaluated("needs the survey of the targets and the actuator readings")
-    if len(settings.mechanism.legs) < 6:
+    if len(cast("LeggedMechanism", settings.mechanism).legs) < 6:
         return _not_evaluated("fewer than six legs leave the platform free: readings do not say where it is")
     if settings.noise.point_mm is None:
         return _not_evaluated("needs noise.point_mm")

@@ -27,7 +27,7 @@ POSES = (Shape("points", ("pose",), partial=True), Shape("scans", ("pose",), par
 
 def legs_of(settings: Any) -> tuple[Any, ...]:
     """The legs of a mechanism whose actuators are read pose by pose; none where there is no such mechanism."""
-    return settings.mechanism.legs if settings.mechanism.type in ("6-pus", "ups") else ()
+    return settings.mechanism.legs if settings.mechanism.is_legged else ()
 
 
 @dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
-    from schemas.campaign import Acceptance, Campaign
+    from schemas.campaign import Acceptance, Campaign, LeggedMechanism
     from stages.quality_bodies import BodyView
     from stages.quality_check import Check
 
@@ -60,13 +60,13 @@ def _attachments(settings: Campaign) -> NDArray[np.float64]:
     """(L, 3) nominal attachments in m; none where no mechanism says where they are."""
     import numpy as np
 
-    if settings.mechanism.type not in ("6-pus", "ups"):
+    if not settings.mechanism.is_legged:
         return np.zeros((0, 3))
-    return np.array([leg.b_mm for leg in settings.mechanism.legs]) * 1e-3
+    return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
 
 
 def _reference_first(bodies: list[BodyView], settings: Campaign) -> list[BodyView]:
-    legged = settings.mechanism.type in ("6-pus", "ups")
+    legged = settings.mechanism.is_legged
     reference = settings.bodies.reference or ("base" if legged else None)
     return sorted(bodies, key=lambda body: body.name != reference)
 
