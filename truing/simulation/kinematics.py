@@ -35,16 +35,19 @@ def attachments(legs: Legs, delta_bz: NDArray | float) -> NDArray:
     return legs.b + shift[..., None] * np.array([0.0, 0.0, 1.0])
 
 
+def upper_joints(legs: Legs, p: NDArray, R: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
+    """Return the joints on the platform (..., L, 3), m, base frame."""
+    return p[..., None, :] + attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2)
+
+
 def leg_vectors(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
     """Return the vectors (B, L, 3), m, from lower to upper joint, base frame (eq. 5)."""
-    upper = p[..., None, :] + attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2)
-    return upper - legs.closure.lower(legs, rho)
+    return upper_joints(legs, p, R, delta_bz) - legs.closure.lower(legs, rho)
 
 
 def inverse(legs: Legs, p: NDArray, R: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
     """Return the readings (B, L), m, at which the platform stands at p, R (eq. 7)."""
-    h = p[..., None, :] + attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2) - legs.a
-    return legs.closure.invert(legs, h)
+    return legs.closure.invert(legs, upper_joints(legs, p, R, delta_bz) - legs.a)
 
 
 def inverse_deforming(legs: Legs, p: NDArray, R: NDArray, shift: Callable[[NDArray], NDArray]) -> NDArray:
@@ -65,10 +68,8 @@ def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forwar
     p, R = _level_start(legs, rho)
     converged = np.zeros(len(p), bool)
     for _ in range(_MAX_ITERATIONS):
-        g = leg_vectors(legs, p, R, rho, delta_bz)
-        length = np.sqrt(np.sum(g * g, -1))
-        rows = closure_rows(legs, R, g / length[..., None], delta_bz)
-        twist = solve_rows(rows, (legs.closure.length(legs, rho) - length)[..., None])[..., 0]
+        short, towards = legs.closure.close(legs, upper_joints(legs, p, R, delta_bz), rho)
+        twist = solve_rows(closure_rows(legs, R, -towards, delta_bz), short[..., None])[..., 0]
         p, R = p + twist[..., :3], exp_so3(twist[..., 3:]) @ R
         step = np.abs(twist).max(-1)
         converged = np.asarray(step < _SMALL_STEP * np.abs(legs.l).max())
@@ -116,12 +117,12 @@ def inverse_jacobian(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz:
 def pose_change(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray, change: Change) -> NDArray:
     """Return the twist (B, 6, P) of the platform per parameter of a change; exact, from the closure's differential.
 
-    z . (v + omega x R b* + R (db + z_E d delta_bz) - dc) = d length, c the lower joint.
+    z . (v + omega x R b* + R (db + z_E d delta_bz) - dc) = d length, c the lower joint of a straight leg.
     """
-    z = unit(leg_vectors(legs, p, R, rho, delta_bz))
-    lower = np.einsum("...li,...lip->...lp", z, legs.closure.lower_change(legs, rho, change))
-    upper = np.einsum("...li,...lip->...lp", z, attachment_change(legs, R, change))
-    wanted = lower + legs.closure.length_change(legs, change) - upper
+    upper = upper_joints(legs, p, R, delta_bz)
+    z = -legs.closure.close(legs, upper, rho)[1]
+    moved = np.einsum("...li,...lip->...lp", z, attachment_change(legs, R, change))
+    wanted = legs.closure.close_change(legs, upper, rho, change) - moved
     return solve_rows(closure_rows(legs, R, z, delta_bz), wanted)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Change, Closure, Legs
 
 
-class SixPus:
+class SixPus(Closure):
     """6-PUS: the actuator moves the lower joint along u, the leg keeps its length (telescope report, eq. 5)."""
 
     name = "6-pus"
@@ -25,6 +25,10 @@ class SixPus:
         """Return the reading of the root with z u > 0, the platform ahead of the actuators (eq. 7)."""
         along = np.sum(h * legs.u, -1)
         return along - np.sqrt(along**2 - np.sum(h * h, -1) + legs.l**2)
+
+    def push(self, legs: Legs, z: NDArray) -> NDArray:
+        """Return u, (..., L, 3): the leg is carried along by its actuator."""
+        return legs.u + 0.0 * z
 
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
         """Return dc = da + u drho + rho du, (..., L, 3, P)."""

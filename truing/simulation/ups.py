@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Change, Closure, Legs
 
 
-class Ups:
+class Ups(Closure):
     """UPS: the lower joint stands still, the actuator changes the leg's length."""
 
     name = "ups"
+    geometry = ("a", "b", "l")
 
     def lower(self, legs: Legs, rho: NDArray) -> NDArray:
         """Return a, (..., L, 3) m."""
@@ -24,6 +25,10 @@ class Ups:
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
         """Return rho = |h| - l, (..., L) m."""
         return np.sqrt(np.sum(h * h, -1)) - legs.l
+
+    def push(self, legs: Legs, z: NDArray) -> NDArray:
+        """Return z, (..., L, 3): the actuator is the leg."""
+        return z
 
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
         """Return da, (..., L, 3, P)."""
