@@ -14,7 +14,7 @@ from truing.simulation.structure import Closing, Machine
 
 @dataclass(frozen=True)
 class KinematicModel:
-    """Closing of a leg: its length less the distance of its joints, l - |p + R b* - c| (eq. 30), or as its closure says.
+    """Closing of a leg: its length less the distance of its joints, l - |p + R b* - c| (eq. 30), or its closure's own.
 
     Named as the closure, ``6-pus`` or ``ups`` or a lab's own.
     """
