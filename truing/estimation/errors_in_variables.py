@@ -1,0 +1,194 @@
+"""Maximum likelihood for implicit models in which everything measured carries an error, with bad poses left out.
+
+All poses share the values; each pose has deviations of the truth from what was measured, which are eliminated. The
+result is the exact maximum: equations are linearised anew at the values and deviations reached until both have settled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.covariance import symmetric
+from truing.estimation.errors_in_variables_agreement import Judgement, LinearPoses, agreeing, judge
+from truing.estimation.errors_in_variables_descent import NEAR, Descent, Prior, column_scale, descend, weighted_normal
+from truing.estimation.errors_in_variables_elimination import (
+    Constraint,
+    Eliminated,
+    Measured,
+    linearise,
+    project,
+    times,
+)
+from truing.estimation.least_squares import SolverStatus
+
+# How often the poses that agree may be chosen anew after a fit to those that did.
+_SELECTIONS = 10
+# Eigenvalue of the information, columns scaled, below which a combination of values is not determined.
+_UNDETERMINED = 1e-12
+_TAKES_PART = 1e-5  # share of a value in such a combination
+
+
+@dataclass(frozen=True)
+class ErrorsInVariablesFit:
+    """The values at the maximum and what is known of them; all of it without the poses of weight zero.
+
+    ``judgement`` has, per pose, its surprise (a chi-square against what the others predict of it), the degrees of
+    freedom of that, its p-value, and its redundancy, which is the freedom of ``chi_square``.
+    """
+
+    values: NDArray  # (P,)
+    deviations: NDArray  # (B, n) estimated truth minus measured
+    weight: NDArray  # (B,) 1, or 0 for a pose that was left out
+    chi_square: NDArray  # (B,) what each pose's deviations cost, also of those left out
+    judgement: Judgement
+    residual: NDArray  # (B, m) whitened equations at the maximum
+    jacobian: NDArray  # (B, m, P) their derivatives: whitened by the noise of all that was measured
+    prior: Prior
+    cost: float  # sum of weight * chi_square, and of the prior's squared distance
+    iterations: int
+    status: SolverStatus
+
+    @property
+    def ok(self) -> bool:
+        """Return whether the fit stands at a maximum in which all values are determined."""
+        return self.status == SolverStatus.CONVERGED
+
+    @cached_property
+    def information(self) -> NDArray:
+        """Return what the data alone say of the values (P, P), at the declared noise."""
+        rows = self.jacobian[self.weight > 0].reshape(-1, len(self.values))
+        return rows.T @ rows
+
+    @cached_property
+    def covariance(self) -> NDArray:
+        """Return the covariance (P, P) of the values at the declared noise; NaN for what is not determined."""
+        return self.covariance_at(1.0)
+
+    def covariance_at(self, noise_ratio: float) -> NDArray:
+        """Return the covariance (P, P) where the noise is so many times the declared one; the prior stays as it is."""
+        inverse, determined = inverse_where_determined(self.information / noise_ratio**2 + self.prior.information)
+        return np.where(determined & determined[:, None], inverse, np.nan)
+
+    @property
+    def noise_ratio(self) -> float:
+        """Return the noise found in the poses that agree over the declared one; NaN where nothing is left over."""
+        freedom = self.judgement.freedom
+        return float(np.sqrt(self.judgement.chi_square / freedom)) if freedom > 0 else float("nan")
+
+    @property
+    def noise_ratio_sigma(self) -> float:
+        """Return the standard deviation of the noise ratio."""
+        freedom = self.judgement.freedom
+        return self.noise_ratio / float(np.sqrt(2 * freedom)) if freedom > 0 else float("nan")
+
+
+def fit_errors_in_variables(
+    constrain: Constraint,
+    covariance: ArrayLike,
+    start: ArrayLike,
+    prior: Prior | None = None,
+    *,
+    robust: bool = True,
+) -> ErrorsInVariablesFit:
+    """Return the values that minimise ``sum d' C^+ d + prior`` with all equations met exactly.
+
+    constrain(values (P,), deviation (B, n)): equations (B, m) with exact derivatives, zero at the truth; covariance
+    (B, n, n) of what was measured per pose, singular where something is known exactly; start (P,).
+    Poses that do not agree with the others are left out where robust. Raises ValueError for shapes that do not
+    match, for covariances or priors that are none, and for equations in which nothing has an error.
+    """
+    values = np.atleast_1d(np.array(start, float))
+    measured = Measured(constrain, _checked_covariance(covariance))
+    known = _checked_prior(prior, len(values))
+    _check_noise(measured, values)
+    with np.errstate(all="ignore"):  # where the model has no value at a trial, the trial is rejected
+        return _fit(measured, values, known, robust)
+
+
+def _fit(measured: Measured, start: NDArray, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
+    """Return the fit to the poses that agree, chosen anew after each fit until they are the same.
+
+    They are chosen before the first fit too: it would carry gross errors far off, where nothing is linear any more.
+    """
+    everything = np.ones(len(measured.covariance))
+    at = project(measured, start, np.zeros(measured.covariance.shape[:2]), everything, NEAR)
+    kept, iterations = _agreeing(at, prior) if robust else everything > 0, 0
+    for selection in range(_SELECTIONS):
+        found = descend(measured, at.values, at.settled_pull, prior, kept.astype(float))
+        at, iterations = found.at, iterations + found.iterations
+        agree = _agreeing(at, prior) if robust else kept
+        # late in the search no pose comes back, so that it ends
+        agree = agree & kept if 2 * selection > _SELECTIONS else agree
+        if np.array_equal(agree, kept):
+            return _result(measured, found, prior, kept, iterations)
+        used, kept = kept, agree
+    return _result(measured, replace(found, status=SolverStatus.ITERATION_LIMIT), prior, used, iterations)
+
+
+def _agreeing(at: Eliminated, prior: Prior) -> NDArray:
+    information = weighted_normal(at, np.ones(len(at.residual)))[0] + prior.information
+    scale = column_scale(information)
+    known = prior.information / np.outer(scale, scale)
+    return agreeing(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
+
+
+def _result(measured: Measured, found: Descent, prior: Prior, kept: NDArray, iterations: int) -> ErrorsInVariablesFit:
+    at = found.at
+    rows = at.jacobian[kept].reshape(-1, len(at.values))
+    inverse, determined = inverse_where_determined(rows.T @ rows + prior.information)
+    follows = at.jacobian @ inverse @ np.swapaxes(at.jacobian, 1, 2)
+    deficient = found.status == SolverStatus.CONVERGED and not determined.all()
+    return ErrorsInVariablesFit(
+        values=at.values,
+        deviations=times(measured.covariance, at.settled_pull),
+        weight=kept.astype(float),
+        chi_square=at.chi_square,
+        judgement=judge(at.residual, follows, kept),
+        residual=at.residual,
+        jacobian=at.jacobian,
+        prior=prior,
+        cost=found.cost,
+        iterations=iterations,
+        status=SolverStatus.RANK_DEFICIENT if deficient else found.status,
+    )
+
+
+def inverse_where_determined(information: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the inverse (P, P) of an information over what it determines, and which values (P,) it determines."""
+    scale = column_scale(information)
+    strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
+    seen = strength > _UNDETERMINED
+    root = axes[:, seen] / scale[:, None]
+    return (root / strength[seen]) @ root.T, np.abs(axes[:, ~seen]).max(-1, initial=0.0) < _TAKES_PART
+
+
+def _checked_covariance(covariance: ArrayLike) -> NDArray:
+    C = np.asarray(covariance, float)
+    if C.ndim != 3 or C.shape[1] != C.shape[2] or not C.size:
+        raise ValueError(f"covariance: found shape {C.shape}, expected (B, n, n), one matrix per pose")
+    if not np.allclose(C, np.swapaxes(C, 1, 2), rtol=1e-9, atol=0.0):
+        raise ValueError("covariance: found an asymmetric or non-finite matrix, expected covariances")
+    return symmetric(C)
+
+
+def _checked_prior(prior: Prior | None, size: int) -> Prior:
+    if prior is None:
+        return Prior(np.zeros(size), np.zeros((size, size)))
+    if prior.mean.shape != (size,) or prior.information.shape != (size, size):
+        found = f"mean {prior.mean.shape} and information {prior.information.shape}"
+        raise ValueError(f"prior: found {found}, expected ({size},) and ({size}, {size})")
+    return prior
+
+
+def _check_noise(measured: Measured, values: NDArray) -> None:
+    """Raise ValueError where the equations of a pose do not all hold something that was measured with an error."""
+    try:
+        linearise(measured, values, np.zeros(measured.covariance.shape[:2]))
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "covariance: found a pose whose equations contain combinations without any error, expected noise on each"
+        ) from error
