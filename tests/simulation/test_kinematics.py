@@ -19,8 +19,10 @@ from truing.simulation.kinematics import (
     inverse_jacobian,
     leg_vectors,
     pose_change,
+    reaches,
     solve_rows,
     unit,
+    upper_joints,
 )
 from truing.simulation.legs import Change
 from truing.simulation.mechanisms import mechanism
@@ -135,3 +137,69 @@ def test_a_mechanism_needs_matching_arrays_of_a_known_type() -> None:
         mechanism("delta", legs.a, legs.b, legs.u, legs.l, legs.rho0)
     with pytest.raises(ValueError, match="found shapes"):
         mechanism("6-pus", legs.a, legs.b[:5], legs.u, legs.l, legs.rho0)
+
+
+@pytest.mark.parametrize("kind", ["6-pus", "ups"])
+def test_newton_doubles_its_digits(kind: str) -> None:
+    """Error of each iterate, in the legs' own sizes, below a constant times the square of the one before."""
+    legs, rho = telescope(kind), readings(np.random.default_rng(21), 20)
+    found = forward(legs, rho)
+    p, R = found.p + 5e-3, exp_so3(np.full(3, 0.01)) @ found.R
+    errors = []
+    for _ in range(4):
+        turn = log_so3(R @ np.swapaxes(found.R, 1, 2))
+        errors.append(np.abs(np.concatenate([p - found.p, turn * SIZE_M], -1)).max() / SIZE_M)
+        short, towards = legs.closure.close(legs, upper_joints(legs, p, R), rho)
+        twist = solve_rows(closure_rows(legs, R, -towards), short[..., None])[..., 0]
+        p, R = p + twist[:, :3], exp_so3(twist[:, 3:]) @ R
+    assert errors[1] < 2 * errors[0] ** 2
+    assert errors[2] < 2 * errors[1] ** 2
+    assert errors[3] < 1e-14, "from 1 % to rounding in three steps"
+
+
+def test_a_member_that_cannot_close_leaves_the_others_alone() -> None:
+    legs = telescope()
+    rho = readings(np.random.default_rng(22), 5)
+    alone = forward(legs, rho)
+    rho[1] += [0.4, -0.4, 0.4, -0.4, 0.4, -0.4]
+    rho[3] = np.nan
+    found = forward(legs, rho)
+    assert found.converged.tolist() == [True, False, True, False, True]
+    assert np.isfinite(found.p[[0, 1, 2, 4]]).all()
+    assert np.isfinite(found.R[[0, 1, 2, 4]]).all()
+    assert_close(found.p[[0, 2, 4]], alone.p[[0, 2, 4]], atol=1e-15, what="p, m")
+    assert reaches(legs, rho).tolist() == found.converged.tolist()
+
+
+def test_a_singular_member_is_said_not_to_close() -> None:
+    """All joints of the platform on one point: the rows' right half is zero, and nothing says how it turns."""
+    legs = telescope()
+    b = np.stack([legs.b, np.zeros((6, 3)), legs.b])
+    found = forward(legs.replace(b=b), np.broadcast_to(legs.rho0, (3, 6)))
+    assert found.converged.tolist() == [True, False, True]
+    assert np.isfinite(found.p).all()
+    assert_close(found.p[0], forward(legs, legs.rho0[None]).p[0], atol=1e-15, what="p, m")
+
+
+def test_pieces_of_a_large_batch_are_those_of_a_small_one() -> None:
+    legs, rng = telescope(), np.random.default_rng(23)
+    rho, shift = readings(rng, 1500), rng.normal(0.0, 2e-5, (1500, 6))
+    found, tail = forward(legs, rho, shift), forward(legs, rho[-100:], shift[-100:])
+    assert found.converged.all()
+    assert found.R.shape == (1500, 3, 3)
+    assert_close(found.p[-100:], tail.p, atol=1e-15, what="p, m")
+
+
+def test_a_platform_whose_frame_is_turned_is_found_all_the_same() -> None:
+    legs, rho = telescope(), readings(np.random.default_rng(24), 5)
+    for turn in exp_so3(np.random.default_rng(25).normal(0.0, 2.0, (10, 3))):
+        found = forward(legs.replace(b=legs.b @ turn), rho)
+        assert found.converged.all()
+        assert_close(found.p, forward(legs, rho).p, atol=1e-14, what="p, m")
+
+
+def test_a_place_out_of_reach_has_no_reading() -> None:
+    p = np.array([[0.0, 0.0, 0.497], [0.4, 0.0, 0.497]])
+    rho = inverse(telescope(), p, np.broadcast_to(np.eye(3), (2, 3, 3)))
+    assert np.isfinite(rho[0]).all()
+    assert np.isnan(rho[1]).any()

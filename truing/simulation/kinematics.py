@@ -16,8 +16,12 @@ from truing.estimation.rotation import exp_so3
 from truing.simulation.legs import Change, Legs
 
 _MAX_ITERATIONS = 30
-# Newton doubles the digits: a step below this leaves the next one at rounding.
-_SMALL_STEP = 1e-9
+# Newton doubles the digits: a step below the root of rounding leaves the next one at rounding. Relative to the legs.
+SMALL_STEP = 1.5e-8
+# A step of so many legs, or radians, leads nowhere that the mechanism could be.
+_LOST_STEP = 10.0
+# Arrays of so many poses stay in the processor's cache.
+_PIECE = 1024
 
 
 @dataclass(frozen=True)
@@ -64,48 +68,91 @@ def inverse_deforming(legs: Legs, p: NDArray, R: NDArray, shift: Callable[[NDArr
 
 
 def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forward:
-    """Return the poses reached with readings rho (B, L), m, by Newton from the centred, level platform."""
-    p, R = _level_start(legs, rho)
-    converged = np.zeros(len(p), bool)
+    """Return the poses reached with readings rho (..., L), m, by Newton from the centred platform along the actuators.
+
+    Where the legs cannot meet the platform, or where it could go either way, the pose is the last one tried and does
+    not count as converged; the others of the batch are not touched by it.
+    Raises ValueError for fewer than six legs.
+    """
+    batched = legs.a.ndim > 2 or legs.b.ndim > 2 or legs.u.ndim > 2 or legs.l.ndim > 1
+    if batched or rho.ndim != 2 or len(rho) <= _PIECE:
+        return _newton(legs, rho, delta_bz)
+    shift = np.broadcast_to(delta_bz, rho.shape)
+    parts = [slice(first, first + _PIECE) for first in range(0, len(rho), _PIECE)]
+    found = [_newton(legs, rho[part], shift[part]) for part in parts]
+    return Forward(*(np.concatenate([getattr(piece, name) for piece in found]) for name in ("p", "R", "converged")))
+
+
+def _newton(legs: Legs, rho: NDArray, delta_bz: NDArray | float) -> Forward:
+    p, R = _centred_start(legs, rho)
+    lost = converged = np.zeros(p.shape[:-1], bool)
+    size = np.abs(legs.l).max()
     for _ in range(_MAX_ITERATIONS):
         short, towards = legs.closure.close(legs, upper_joints(legs, p, R, delta_bz), rho)
-        twist = solve_rows(closure_rows(legs, R, -towards, delta_bz), short[..., None])[..., 0]
+        rows = closure_rows(legs, R, -towards, delta_bz)
+        twist, length = bounded_steps(rows, short)
+        lost = lost | (length == np.inf)
         p, R = p + twist[..., :3], exp_so3(twist[..., 3:]) @ R
-        step = np.abs(twist).max(-1)
-        converged = np.asarray(step < _SMALL_STEP * np.abs(legs.l).max())
-        if converged.all():
+        converged = ~lost & (length < SMALL_STEP * size)
+        if np.all(converged | lost):
             break
     return Forward(p, R, converged)
 
 
+def bounded_steps(rows: NDArray, short: NDArray) -> tuple[NDArray, NDArray]:
+    """Return Newton's steps (..., n) for rows (..., L, n) and what they fall short (..., L), and their longest entry.
+
+    That is infinite, and the step zero, for members of the batch that are singular or thrown out of any mechanism.
+    """
+    square, wanted = _square(rows, short[..., None])
+    try:
+        step = np.linalg.solve(square, wanted)[..., 0]
+    except np.linalg.LinAlgError:  # which names no member
+        regular = (np.linalg.slogdet(square)[0] != 0)[..., None, None]
+        step = np.linalg.solve(np.where(regular, square, np.eye(square.shape[-1])), wanted)[..., 0]
+        step = np.where(regular[..., 0], step, np.inf)
+    length = np.abs(step).max(-1)
+    sound = length < _LOST_STEP
+    return np.where(sound[..., None], step, 0.0), np.where(sound, length, np.inf)
+
+
 def reaches(legs: Legs, rho: NDArray) -> NDArray:
     """Return for which readings rho (B, L), m, the legs meet the platform at all, reading by reading."""
-    return np.array([_meets(legs, reading[None]) for reading in rho], bool)
+    return forward(legs, rho).converged
 
 
-def _meets(legs: Legs, rho: NDArray) -> bool:
-    try:
-        return bool(forward(legs, rho).converged.all())
-    except np.linalg.LinAlgError:
-        return False
-
-
-def _level_start(legs: Legs, rho: NDArray) -> tuple[NDArray, NDArray]:
-    """Return a start whose mean squared leg length is right, ahead of the actuators, without rotation."""
+def _centred_start(legs: Legs, rho: NDArray) -> tuple[NDArray, NDArray]:
+    """Return a start ahead of the actuators, turned as the joints ask for, with the right mean squared leg length."""
+    R = _alignment(legs)
     lower = legs.closure.lower(legs, rho)
-    ahead = legs.u.mean(-2)
-    ahead = ahead / np.sqrt(np.sum(ahead * ahead, -1, keepdims=True))
-    offset = (legs.b - legs.b.mean(-2, keepdims=True)) - (lower - lower.mean(-2, keepdims=True))
-    square = np.mean(legs.closure.length(legs, rho) ** 2 - np.sum(offset * offset, -1), -1)
+    middle, joints = lower.mean(-2), legs.b.mean(-2)
+    ahead = unit(legs.u.mean(-2))
+    offset = (legs.b - joints[..., None, :]) @ np.swapaxes(R, -1, -2) - (lower - middle[..., None, :])
+    square = np.mean(legs.closure.length(legs, rho) ** 2 - _dot(offset, offset), -1)
     height = np.sqrt(np.maximum(square.real, 0.0))
-    p = lower.mean(-2) - legs.b.mean(-2) + height[..., None] * ahead
-    return p, np.broadcast_to(np.eye(3), (*p.shape[:-1], 3, 3))
+    p = middle + height[..., None] * ahead - (R @ joints[..., None])[..., 0]
+    return p, np.broadcast_to(R, (*p.shape[:-1], 3, 3))
+
+
+def _alignment(legs: Legs) -> NDArray:
+    """Return the rotation (..., 3, 3) that best lays the platform's joints over the lower ones at the reference."""
+    lower = legs.closure.lower(legs, legs.rho0).real
+    spread = np.swapaxes(lower - lower.mean(-2, keepdims=True), -1, -2) @ (legs.b - legs.b.mean(-2, keepdims=True)).real
+    left, _, right = np.linalg.svd(spread)
+    left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return left @ right
 
 
 def closure_rows(legs: Legs, R: NDArray, z: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
     """Return the rows [z, R b* x z] (B, L, 6): change of a leg's length by a twist (v; omega) of the platform."""
     arms = attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2)
-    return np.concatenate([z, np.cross(arms, z)], -1)
+    arms, z = np.broadcast_arrays(arms, z)
+    rows = np.empty((*z.shape[:-1], 6), np.result_type(arms, z))
+    rows[..., :3] = z
+    for axis in range(3):  # np.cross takes three times as long
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        rows[..., 3 + axis] = arms[..., j] * z[..., k] - arms[..., k] * z[..., j]
+    return rows
 
 
 def inverse_jacobian(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
@@ -137,14 +184,25 @@ def solve_rows(rows: NDArray, wanted: NDArray) -> NDArray:
 
     Raises ValueError for fewer than six legs, which leave the platform free.
     """
-    if rows.shape[-2] < 6:
-        raise ValueError(f"found {rows.shape[-2]} legs, expected at least 6: fewer leave the platform free to move")
-    if rows.shape[-2] == 6:
-        return np.linalg.solve(rows, np.broadcast_to(wanted, (*rows.shape[:-2], *wanted.shape[-2:])))
-    transposed = np.swapaxes(rows, -1, -2)
-    return np.linalg.solve(transposed @ rows, transposed @ wanted)
+    return np.linalg.solve(*_square(rows, wanted))
+
+
+def _square(rows: NDArray, wanted: NDArray) -> tuple[NDArray, NDArray]:
+    """Return as many equations as unknowns: the rows themselves, or their normal equations."""
+    count, unknowns = rows.shape[-2:]
+    if count < unknowns:
+        raise ValueError(f"found {count} legs, expected at least {unknowns}: fewer leave the platform free to move")
+    if count > unknowns:
+        transposed = np.swapaxes(rows, -1, -2)
+        return transposed @ rows, transposed @ wanted
+    return rows, np.broadcast_to(wanted, (*rows.shape[:-2], *wanted.shape[-2:]))
 
 
 def unit(v: NDArray) -> NDArray:
     """Return vectors (..., 3) divided by their length, real or complex."""
-    return v / np.sqrt(np.sum(v * v, -1))[..., None]
+    return v / np.sqrt(_dot(v, v))[..., None]
+
+
+def _dot(v: NDArray, w: NDArray) -> NDArray:
+    """Return products (...) of vectors (..., 3) without conjugation, faster than their sum."""
+    return np.einsum("...i,...i->...", v, w)

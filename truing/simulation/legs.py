@@ -29,7 +29,7 @@ class Closure:
         raise NotImplementedError
 
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
-        """Return the readings (..., L) for h = p + R b* - a (..., L, 3)."""
+        """Return the readings (..., L) for h = p + R b* - a (..., L, 3), NaN where there is none."""
         raise NotImplementedError
 
     def push(self, legs: Legs, z: NDArray) -> NDArray:
@@ -51,7 +51,7 @@ class Closure:
         (..., L, 3): for a straight leg length - |g| and -z, its direction (telescope report, eq. 5 and 30).
         """
         g = upper - self.lower(legs, rho)
-        distance = np.sqrt(np.sum(g * g, -1))
+        distance = np.sqrt(np.einsum("...i,...i->...", g, g))
         return self.length(legs, rho) - distance, -g / distance[..., None]
 
     def close_change(self, legs: Legs, upper: NDArray, rho: NDArray, change: Change) -> NDArray:

@@ -22,9 +22,10 @@ class SixPus(Closure):
         return legs.l + 0.0 * rho
 
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
-        """Return the reading of the root with z u > 0, the platform ahead of the actuators (eq. 7)."""
+        """Return the reading of the root with z u > 0, platform ahead of actuators (eq. 7); NaN out of reach."""
         along = np.sum(h * legs.u, -1)
-        return along - np.sqrt(along**2 - np.sum(h * h, -1) + legs.l**2)
+        square = along**2 - np.sum(h * h, -1) + legs.l**2
+        return along - np.sqrt(np.where(square.real < 0.0, np.nan, square))
 
     def push(self, legs: Legs, z: NDArray) -> NDArray:
         """Return u, (..., L, 3): the leg is carried along by its actuator."""

@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematics import Forward, forward, inverse, solve_rows
+from truing.simulation.kinematics import SMALL_STEP, Forward, bounded_steps, forward, inverse
 from truing.simulation.legs import Change, Legs
 
 _MAX_ITERATIONS = 30
-# Newton doubles the digits: a step below this, relative to the legs, leaves the next one at rounding.
-_SMALL_STEP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,9 @@ class Structure(Protocol):
     flexure, tube (..., 3, P) in the order bending, axial, torsion.
     """
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Return the name that tells it from other models."""
 
     def fits(self, machine: Machine) -> bool:
         """Return whether the machine holds the numbers that this model needs."""
@@ -96,29 +96,35 @@ class Readings:
 def poses_at(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
     """Return the poses reached with readings rho (B, L), m, by Newton from those of the rigid mechanism.
 
+    Where the structure does not close, the pose is the last one tried and does not count as converged.
     Raises ValueError for fewer than six legs.
     """
     start = forward(machine.legs, rho)
-    p, R, converged = start.p, start.R, np.zeros(len(rho), bool)
+    p, R, lost, converged = start.p, start.R, ~start.converged, np.zeros(len(rho), bool)
     for _ in range(_MAX_ITERATIONS):
         closing = structure.close(machine, p, R, rho, NO_CHANGE)
-        twist = -solve_rows(closing.by_twist, closing.value[..., None])[..., 0]
-        p, R = p + twist[:, :3], exp_so3(twist[:, 3:]) @ R
-        converged = np.abs(twist).max(-1) < _SMALL_STEP
-        if converged.all():
+        twist, length = bounded_steps(closing.by_twist, -closing.value)
+        lost = lost | (length == np.inf)
+        p, R = p + twist[..., :3], exp_so3(twist[..., 3:]) @ R
+        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max())
+        if np.all(converged | lost):
             break
-    return Forward(p, R, converged & start.converged)
+    return Forward(p, R, converged)
 
 
 def readings_at(structure: Structure, machine: Machine, p: NDArray, R: NDArray) -> Readings:
-    """Return the readings at which the platform stands at p (B, 3), R (B, 3, 3), by Newton from those of rigid legs."""
-    rho = inverse(machine.legs, p, R)
-    converged = np.zeros(len(rho), bool)
+    """Return the readings at which the platform stands at p (B, 3), R (B, 3, 3), by Newton from those of rigid legs.
+
+    Where no reading leads there, it is the last one tried and does not count as converged.
+    """
+    rigid = inverse(machine.legs, p, R)
+    rho = np.where(np.isfinite(rigid), rigid, machine.legs.rho0)
+    lost = converged = np.zeros(len(rho), bool)
     for _ in range(_MAX_ITERATIONS):
         closing = structure.close(machine, p, R, rho, NO_CHANGE)
-        step = np.linalg.solve(closing.by_rho, closing.value[..., None])[..., 0]
-        rho = rho - step
-        converged = np.abs(step).max(-1) < _SMALL_STEP * np.abs(machine.legs.l).max()
-        if converged.all():
+        step, length = bounded_steps(closing.by_rho, -closing.value)
+        lost, rho = lost | (length == np.inf), rho + step
+        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max())
+        if np.all(converged | lost):
             break
     return Readings(rho, converged)
