@@ -348,8 +348,8 @@ ARTIFACTS: dict[str, Artifact] = {
             "absorption",
             "absorption.parquet",
             "which parameters swallow an effect that the model leaves out: predicted, and what the fit did",
-            ("effect", "model", "deformation", "leg", "parameter", "unit", "predicted", "observed", "sigma"),
-            key=("effect", "model", "deformation", "leg", "parameter"),
+            ("effect", "model", "deformation", "estimator", "leg", "parameter", "unit", "predicted", "observed", "sigma"),
+            key=("effect", "model", "deformation", "estimator", "leg", "parameter"),
         ),
         Artifact(
             "requirements",

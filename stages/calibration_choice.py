@@ -1,0 +1,107 @@
+"""Which calibration suits the campaign, and the figures by which it is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration_accuracy import ARCSEC, PoseErrors
+from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration
+from stages.response_tables import Rows
+from truing.estimation.held_out import Choice, Contender, choose_model
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A calibration with its errors at all poses and the held-out poses' chi-square (B,), M expected of each."""
+
+    calibration: Calibration
+    errors: PoseErrors | None
+    squares: NDArray
+    equations: int
+
+
+def choice(judged: Sequence[Judged]) -> Choice:
+    """Return which of the maximum-likelihood calibrations is chosen."""
+    return choose_model(
+        [Contender(one.squares, one.calibration.log_evidence, len(one.calibration.values)) for one in judged]
+    )
+
+
+def choice_rows(judged: Sequence[Judged], roles: NDArray, made: Choice) -> Rows:
+    """Return the figures of every calibration; ``made`` concerns those by maximum likelihood, which come first."""
+    rows = Rows("model_choice")
+    for i, one in enumerate(judged):
+        likely = one.calibration.estimator == MAXIMUM_LIKELIHOOD
+        figures = [*_error_figures(one.errors, roles), *_fit_figures(one)]
+        if likely:
+            figures.append(("chosen", float(i == made.chosen), "1"))
+            figures.append(("indistinguishable", float(made.indistinguishable[i]), "1"))
+        _add(
+            rows,
+            one.calibration.case.structure.name,
+            one.calibration.case.deformation,
+            one.calibration.estimator,
+            figures,
+        )
+    return rows
+
+
+def nominal_rows(model: str, errors: PoseErrors, roles: NDArray) -> Rows:
+    """Return the figures of the machine before any calibration."""
+    rows = Rows("model_choice")
+    _add(rows, model, "none", "nominal", _error_figures(errors, roles))
+    return rows
+
+
+Figure = tuple[str, float, str]
+
+
+def _add(rows: Rows, model: str, deformation: str, estimator: str, figures: Sequence[Figure]) -> None:
+    for name, value, unit in figures:
+        rows.add(model=model, deformation=deformation, estimator=estimator, figure=name, value=value, unit=unit)
+
+
+def _error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
+    if errors is None:
+        return []
+    figures: list[Figure] = []
+    for part, values, unit, si in (
+        ("position", errors.position, "um", 1e-6),
+        ("orientation", errors.orientation, "arcsec", ARCSEC),
+    ):
+        for name, rows in (("calibration", roles != "verification"), ("verification", roles == "verification")):
+            told = values[rows][np.isfinite(values[rows])] / si
+            if len(told):
+                figures.append((f"{part}_mean_{name}", float(told.mean()), unit))
+                figures.append((f"{part}_max_{name}", float(told.max()), unit))
+                floor = errors.expected(0 if part == "position" else 3)[rows] / si
+                figures.append((f"{part}_noise_{name}", float(np.sqrt(np.mean(floor**2))), unit))
+    return figures
+
+
+def _fit_figures(one: Judged) -> list[Figure]:
+    from scipy.special import chdtrc
+
+    calibration = one.calibration
+    told = calibration.pull[np.isfinite(calibration.pull)]
+    figures: list[Figure] = [
+        ("parameters", float(len(calibration.values)), "1"),
+        ("poses", float(calibration.kept.sum()), "1"),
+        ("poses_downweighted", float((~calibration.kept).sum()), "1"),
+        ("chi_square", calibration.chi_square, "1"),
+        ("freedom", calibration.freedom, "1"),
+        ("pull_freedom", float(len(told)), "1"),
+    ]
+    if len(told):
+        figures.append(("rms_pull", float(np.sqrt(np.mean(told**2))), "1"))
+    if np.isfinite(calibration.log_evidence):
+        figures.append(("log_evidence", calibration.log_evidence, "1"))
+    if len(one.squares):
+        expected = one.equations * len(one.squares)
+        figures.append(("heldout_ratio", float(np.sqrt(one.squares.sum() / expected)), "1"))
+        figures.append(("p_value", float(chdtrc(expected, one.squares.sum())), "1"))
+    return figures

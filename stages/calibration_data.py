@@ -1,0 +1,208 @@
+"""From a run's tables to what a calibration compares: poses and readings with their covariances, and what is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.mechanism_points import nominal_legs
+from stages.point_arrays import number_column, pose_ids, positions, survey_points
+from truing.estimation.rotation import exp_so3
+from truing.simulation.beam_element import section
+from truing.simulation.structure import Machine, Section
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign, LeggedMechanism
+    from schemas.campaign import Rod as RodSection
+
+
+@dataclass(frozen=True)
+class BodyPoses:
+    """Poses of a body in the base frame, B of them: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with
+    R <- exp(theta) R; NaN where the body was not found."""
+
+    p: NDArray
+    R: NDArray
+    covariance: NDArray
+
+    def chosen(self, rows: NDArray) -> BodyPoses:
+        """Return some of the poses."""
+        return BodyPoses(self.p[rows], self.R[rows], self.covariance[rows])
+
+    @property
+    def found(self) -> NDArray:
+        """Return where (B,) the body was found."""
+        return np.isfinite(self.p).all(-1) & np.isfinite(self.covariance).all((-1, -2))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets."""
+
+    poses: tuple[int | str, ...]
+    roles: NDArray  # (B,) of text
+    platform: BodyPoses
+    rho: NDArray
+    legs: Mapping[int, BodyPoses]  # by leg, counted from 0
+
+    def chosen(self, rows: NDArray) -> Measured:
+        """Return some of the poses, by mask (B,)."""
+        return Measured(
+            tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
+            self.roles[rows],
+            self.platform.chosen(rows),
+            self.rho[rows],
+            {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
+        )
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """What the targets on the attachments say of a deformation: K (L, L) m/m, sigma (L, L), NaN where open."""
+
+    K: NDArray
+    sigma: NDArray
+
+
+@dataclass(frozen=True)
+class SurveyedAttachments:
+    """Places b (A, 3), m, of the attachments of legs (A,), counted from 0, as surveyed; covariance (3A, 3A)."""
+
+    legs: NDArray
+    b: NDArray
+    covariance: NDArray
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """Measured poses that can be used, the nominal machine, what is known beforehand, and what was left out."""
+
+    measured: Measured
+    machine: Machine
+    tolerance: Mapping[str, float]  # one sigma of a, b, l, rho0 (m) and u (1), where campaign.toml gives it
+    reading_sigma: float  # m
+    deformations: Mapping[str, Deformation]  # linear, matrix, where the deformation stage determined them
+    surveyed: SurveyedAttachments | None
+    left_out: str
+
+
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """Return what a calibration compares; raises ValueError, saying why, where the campaign does not hold it."""
+    section_ = cast("LeggedMechanism", settings.mechanism)
+    count = len(section_.legs)
+    poses = pose_ids(tables["configurations"])
+    platform = body_poses(tables["poses"], "platform", poses)
+    rho = _readings(tables["configurations"], poses, count)
+    usable = platform.found & np.isfinite(rho).all(1)
+    legs = {leg: body_poses(tables["poses"], f"leg{leg + 1}", poses) for leg in range(count)}
+    carrying = {leg: found for leg, found in legs.items() if found.found.any()}
+    measured = Measured(poses, _roles(tables["configurations"], poses), platform, rho, carrying).chosen(usable)
+    if not usable.any():
+        raise ValueError("no pose has both readings and a pose of the platform in the base")
+    return Gathered(
+        measured,
+        nominal_machine(section_),
+        _tolerances(section_),
+        settings.noise.actuator_mm * 1e-3,
+        _deformations(tables.get("deformation_models"), count),
+        _surveyed_attachments(tables, settings),
+        "" if usable.all() else f"{int((~usable).sum())} poses without readings or without a pose of the platform",
+    )
+
+
+def nominal_machine(mechanism: LeggedMechanism) -> Machine:
+    """The machine that campaign.toml describes, before any deformation."""
+    lengths = [leg.flexure_length_mm for leg in mechanism.legs]
+    known = all(length is not None for length in lengths)
+    return Machine(
+        nominal_legs(mechanism),
+        np.zeros((len(lengths), len(lengths))),
+        np.array(lengths, float) * 1e-3 if known else None,
+        _section(mechanism.flexure),
+        _section(mechanism.leg_tube),
+    )
+
+
+def _section(rod: RodSection | None) -> Section | None:
+    return None if rod is None else section(rod.diameter_mm * 1e-3, rod.youngs_gpa * 1e9, rod.poisson)
+
+
+def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...]) -> BodyPoses:
+    """The default poses of a body in the base, in the given order; NaN where there is none or its fit failed."""
+    import pyarrow.compute as pc
+
+    own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), "base"))
+    good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
+    rows = table.filter(pc.and_(own, good))
+    place = positions(rows.column("pose"), poses)
+    p, vector = np.full((len(poses), 3), np.nan), np.zeros((len(poses), 3))
+    covariance = np.full((len(poses), 6, 6), np.nan)
+    kept = place >= 0
+    p[place[kept]] = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"])[kept] * 1e-3
+    vector[place[kept]] = np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])[kept]
+    for i in range(6):
+        for j in range(i, 6):
+            covariance[place[kept], i, j] = covariance[place[kept], j, i] = number_column(rows, f"cov_{i}_{j}")[kept]
+    return BodyPoses(p, exp_so3(np.nan_to_num(vector)), covariance)
+
+
+def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int) -> NDArray:
+    readings = np.full((len(poses), legs), np.nan)
+    columns = [number_column(configurations, f"rho{leg}_mm") for leg in range(1, legs + 1)]
+    readings[positions(configurations.column("pose"), poses)] = np.column_stack(columns) * 1e-3
+    return readings
+
+
+def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
+    roles = np.full(len(poses), "", object)
+    roles[positions(configurations.column("pose"), poses)] = configurations.column("role").to_pylist()
+    return roles
+
+
+def _tolerances(mechanism: LeggedMechanism) -> dict[str, float]:
+    given = mechanism.tolerance
+    sigmas = {"a": given.a_mm, "b": given.b_mm, "l": given.length_mm, "rho0": given.rho0_mm}
+    found = {name: sigma * 1e-3 for name, sigma in sigmas.items() if sigma is not None}
+    return found if given.u is None else {**found, "u": given.u}
+
+
+def _deformations(models: pa.Table | None, legs: int) -> dict[str, Deformation]:
+    if models is None:
+        return {}
+    rows = [row for row in models.to_pylist() if row["leg"] is not None and row["column"] > 0]
+    found = {name: _coefficients([row for row in rows if row["model"] == name], legs) for name in ("linear", "matrix")}
+    complete = {"linear": np.diagonal(found["linear"].K), "matrix": found["matrix"].K}
+    return {name: found[name] for name, entries in complete.items() if np.isfinite(entries).all()}
+
+
+def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:
+    K, sigma = np.full((legs, legs), np.nan), np.full((legs, legs), np.nan)
+    for row in rows:
+        K[row["leg"] - 1, row["column"] - 1] = row["coefficient"]
+        sigma[row["leg"] - 1, row["column"] - 1] = row["sigma"]
+    return Deformation(K, sigma)
+
+
+def _surveyed_attachments(tables: Mapping[str, pa.Table], settings: Campaign) -> SurveyedAttachments | None:
+    """Where the survey says that the attachments are; None where it cannot say so in the frame of the platform."""
+    from truing.simulation.survey import shape_unknowns
+    from truing.simulation.targets import PLATFORM, Targets
+
+    if "survey" not in tables or settings.noise.point_mm is None:
+        return None
+    platform = survey_points(tables["survey"], "platform")
+    seats = platform.leg > 0
+    if not seats.any() or np.sum(~seats) < 3:
+        return None
+    noise = np.eye(3) * (settings.noise.point_mm * 1e-3) ** 2
+    known = np.isfinite(platform.cov).all((1, 2)) & (np.trace(platform.cov, axis1=1, axis2=2) > 0)
+    covariance = np.where(known[:, None, None], platform.cov, noise)
+    targets = Targets(np.full(len(seats), PLATFORM), platform.leg - 1)
+    factor = shape_unknowns(targets, platform.points, covariance).attachment_factor
+    return SurveyedAttachments(platform.leg[seats] - 1, platform.points[seats], factor @ factor.T)

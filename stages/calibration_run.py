@@ -1,0 +1,125 @@
+"""All calibrations of a campaign one after the other, and the tables that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration_accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
+from stages.calibration_choice import Judged, choice, choice_rows, nominal_rows
+from stages.calibration_data import Gathered
+from stages.calibration_fits import Calibration, Case, cases, implicit, maximum_likelihood
+from stages.calibration_knowledge import absorption_rows, observability_rows
+from stages.calibration_requirements import requirement_rows
+from stages.calibration_tables import correlation_rows, parameter_rows
+from stages.declaration import Outcome, Progress
+from stages.response_tables import Rows
+from truing.simulation.structures import structures
+
+if TYPE_CHECKING:
+    from schemas.campaign import Requirement
+
+LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
+
+
+@dataclass(frozen=True)
+class Both:
+    """The calibrations of every case by both estimators, and why any could not be made."""
+
+    likely: tuple[Calibration, ...]
+    implicit: tuple[Calibration, ...]
+    failed: tuple[str, ...]
+
+
+def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Outcome:
+    """Calibrate every model, choose among them, and say what the data can know."""
+    fitted = gathered.measured.roles != "verification"
+    both = _calibrations(gathered, fitted, progress)
+    judged = [_judged(gathered, one, fitted) for one in (*both.likely, *both.implicit)]
+    made = choice(judged[: len(both.likely)])
+    best = judged[made.chosen]
+    measured, used = gathered.measured, gathered.measured.chosen(fitted)
+    identifier = "int64" if isinstance(measured.poses[0], int) else "string"
+    counted = choice_rows(judged, measured.roles, made)
+    if best.errors is not None:
+        structure = structures(gathered.machine)[0]
+        before = nominal_errors(structure, gathered.machine, measured)
+        counted.extend(nominal_rows(structure.name, before, measured.roles))
+    rows = {
+        "calibration": parameter_rows("calibration", both.likely),
+        "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
+        "correlations": correlation_rows(both.likely),
+        "accuracy": _accuracy("accuracy", judged[: len(both.likely)], gathered),
+        "implicit_accuracy": _accuracy("implicit_accuracy", judged[len(both.likely) :], gathered),
+        "model_choice": counted,
+        "observability": observability_rows(gathered, used, best.calibration),
+        "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
+        "requirements": _requirements(gathered, asked, best, fitted),
+    }
+    return Outcome(
+        {name: found.table(identifier) for name, found in rows.items()},
+        read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
+        left_out="; ".join(filter(None, (gathered.left_out, _bad_poses(best, used.poses), *both.failed))) or "nothing",
+        figure=_figure(best, len(judged), measured.roles),
+    )
+
+
+def _calibrations(gathered: Gathered, fitted: NDArray, progress: Progress) -> Both:
+    """Return all calibrations; poses that errors in variables leaves out as wrong are left out by the other too."""
+    every = list(cases(gathered, structures(gathered.machine)))
+    used = gathered.measured.chosen(fitted)
+    likely, closed, failed = [], [], []
+    for done, case in enumerate(every):
+        progress(done, len(every), _words(case))
+        try:
+            found = maximum_likelihood(gathered, used, case)
+            likely.append(found)
+            closed.append(implicit(gathered, used, case, found.kept))
+        except np.linalg.LinAlgError:
+            failed.append(f"{_words(case)}: the equations became singular")
+    return Both(tuple(likely), tuple(closed), tuple(failed))
+
+
+def _words(case: Case) -> str:
+    deformation = {"none": "rigid platform", "linear": "linear deformation", "matrix": "matrix deformation"}
+    return f"{case.structure.name}, {deformation[case.deformation]}"
+
+
+def _judged(gathered: Gathered, calibration: Calibration, fitted: NDArray) -> Judged:
+    """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
+    measured, legs = gathered.measured, gathered.machine.legs.count
+    held = measured.chosen(~fitted)
+    squares = misfit(calibration, held, gathered.reading_sigma) if len(held.poses) else np.zeros(0)
+    errors = pose_errors(calibration, measured, gathered.reading_sigma, fitted) if legs >= LEAST_LEGS else None
+    return Judged(calibration, errors, squares, legs)
+
+
+def _accuracy(artifact: str, judged: Sequence[Judged], gathered: Gathered) -> Rows:
+    told = [(one.calibration, one.errors) for one in judged if one.errors is not None]
+    return accuracy_rows(artifact, [one for one, _ in told], [errors for _, errors in told], gathered.measured)
+
+
+def _requirements(gathered: Gathered, asked: Requirement, best: Judged, fitted: NDArray) -> Rows:
+    if best.errors is None:
+        return Rows("requirements")
+    by = ~fitted if (~fitted).any() else fitted
+    return requirement_rows(asked, best.calibration, best.errors, gathered.measured.platform.covariance, by)
+
+
+def _bad_poses(best: Judged, poses: Sequence[int | str]) -> str:
+    bad = [str(pose) for pose, kept in zip(poses, best.calibration.kept, strict=True) if not kept]
+    return f"poses that disagree with all others: {', '.join(bad)}" if bad else ""
+
+
+def _figure(best: Judged, count: int, roles: NDArray) -> str:
+    said = f"{_words(best.calibration.case)} chosen of {count // 2} models"
+    if best.errors is None:
+        return said
+    held = roles == "verification"
+    which = "held-out" if held.any() else "calibration"
+    told = best.errors.position[held if held.any() else ~held] * 1e6
+    return f"{said}: {which} position error {np.nanmean(told):.1f} um mean, {np.nanmax(told):.1f} um at most"

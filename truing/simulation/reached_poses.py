@@ -1,0 +1,41 @@
+"""Where a calibrated machine says the platform stands, and how sure it is: readings and parameters propagated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.kinematics import solve_rows
+from truing.simulation.legs import Change
+from truing.simulation.structure import Machine, Structure, poses_at
+
+
+@dataclass(frozen=True)
+class ReachedPoses:
+    """Poses p (B, 3) m, R (B, 3, 3), and whether the legs closed; twist (v; omega) of the platform, base frame, per
+    reading (B, 6, L) and per parameter (B, 6, P)."""
+
+    p: NDArray
+    R: NDArray
+    by_rho: NDArray
+    by_parameter: NDArray
+    converged: NDArray
+
+    def covariance(self, reading_sigma: float, parameters: NDArray) -> NDArray:
+        """Return the covariance (B, 6, 6) from readings of one sigma, m, and from parameters (P, P)."""
+        readings = reading_sigma**2 * self.by_rho @ np.swapaxes(self.by_rho, -1, -2)
+        return readings + self.by_parameter @ parameters @ np.swapaxes(self.by_parameter, -1, -2)
+
+
+def reached_poses(structure: Structure, machine: Machine, rho: NDArray, change: Change) -> ReachedPoses:
+    """Return the poses at readings rho (B, L), m, with their derivatives by a change of the machine.
+
+    Raises ValueError for fewer than six legs, whose readings do not say where the platform is.
+    """
+    found = poses_at(structure, machine, rho)
+    closing = structure.close(machine, found.p, found.R, rho, change)
+    twist = -solve_rows(closing.by_twist, np.concatenate([closing.by_rho, closing.by_parameter], -1))
+    legs = rho.shape[-1]
+    return ReachedPoses(found.p, found.R, twist[..., :legs], twist[..., legs:], found.converged)
