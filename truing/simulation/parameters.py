@@ -34,8 +34,9 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Return what it is called where legs are not apart: a_x3, legs from 1."""
-        return self.name if self.leg == SHARED else f"{self.name}{self.leg + 1}"
+        """Return what it is called where legs are not apart: a_x3, legs from 1; K14 says its leg itself."""
+        own = self.leg == SHARED or self.name.startswith("K")
+        return self.name if own else f"{self.name}{self.leg + 1}"
 
 
 @dataclass(frozen=True)
