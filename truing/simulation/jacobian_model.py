@@ -100,18 +100,21 @@ def _home_slope(machine: Machine, home: _Home, twist: NDArray, change: Change) -
     They are second derivatives of the closure, which a closure of a lab's own need not state for that.
     """
     nudge = 1j * _STEP * np.moveaxis(twist, -1, 0)
-    there = _rows(_nudged(machine, change), home.p + nudge[..., :3], exp_so3(nudge[..., 3:]) @ home.R)
+    there = _rows(_nudged(machine, change, home.p.ndim - 1), home.p + nudge[..., :3], exp_so3(nudge[..., 3:]) @ home.R)
     slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (there.by_twist, there.by_rho))
     return _Home(home.p, home.R, *slopes)
 
 
-def _nudged(machine: Machine, change: Change) -> Machine:
-    """Return the machine a complex step along each parameter, which lead its batch (P, ...)."""
+def _nudged(machine: Machine, change: Change, batch: int) -> Machine:
+    """Return the machine a complex step along each parameter, which lead its batch of so many axes: (P, ..., L, 3)."""
     arrays = {}
-    for name in ("a", "b", "u", "l", "rho0", "deformation"):
+    for name, rank in {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2}.items():
         held = machine.deformation if name == "deformation" else getattr(machine.legs, name)
-        slope = change.fields.get(name)
-        arrays[name] = held if slope is None else held + 1j * _STEP * np.moveaxis(slope, -1, 0)
+        if name in change.fields:
+            slope = np.moveaxis(change.fields[name], -1, 0)
+            missing = tuple(range(1, 2 + batch + rank - slope.ndim))
+            held = held + 1j * _STEP * np.expand_dims(slope, missing)
+        arrays[name] = held
     deformation = arrays.pop("deformation")
     return replace(machine, legs=machine.legs.replace(**arrays), deformation=deformation)
 
