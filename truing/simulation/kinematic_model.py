@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.kinematics import attachment_change, attachments
+from truing.simulation.kinematics import attachments
 from truing.simulation.legs import Change
 from truing.simulation.structure import Closing, Machine
 
@@ -34,9 +34,10 @@ class KinematicModel:
         along = np.sum(towards * R[..., None, :, 2], -1)  # of the closing by delta_bz
         own = reading_change(machine, upper, rho)
         by_rho = own[..., None] * np.eye(legs.count) + along[..., None] * machine.deformation
-        moved = np.einsum("...li,...lip->...lp", towards, attachment_change(legs, R, shifting(machine, rho, change)))
+        bent = along[..., None] * shift_change(machine, rho, change)
         by_twist = np.concatenate([towards, np.cross(arms, towards)], -1)
-        return Closing(value, by_twist, by_rho, moved + legs.closure.close_change(legs, upper, rho, change))
+        moved = np.einsum("...li,...lip->...lp", towards @ R, change.get("b", (legs.count, 3)))
+        return Closing(value, by_twist, by_rho, legs.closure.close_change(legs, upper, rho, change) + moved + bent)
 
 
 def reading_change(machine: Machine, upper: NDArray, rho: NDArray) -> NDArray:
@@ -46,12 +47,17 @@ def reading_change(machine: Machine, upper: NDArray, rho: NDArray) -> NDArray:
     return legs.closure.close_change(legs, upper, rho, driven)[..., 0]
 
 
-def shifting(machine: Machine, rho: NDArray, change: Change) -> Change:
-    """Return a change of the machine with what it makes of the attachments' shift K (rho - rho0) (eq. 2)."""
+def shift_change(machine: Machine, rho: NDArray, change: Change) -> NDArray:
+    """Return the derivative (..., L, P) of the attachments' shift K (rho - rho0) (eq. 2) by the parameters of a change."""
     bent, moved = change.fields.get("deformation"), change.fields.get("rho0")
     shift = np.zeros((machine.legs.count, change.size))
     if bent is not None:
         shift = shift + np.einsum("...ijp,...j->...ip", bent, rho - machine.legs.rho0)
     if moved is not None:
-        shift = shift - np.einsum("...ij,...jp->...ip", machine.deformation, moved)
-    return Change({**change.fields, "delta_bz": shift}, change.size)
+        shift = shift - machine.deformation @ moved
+    return shift
+
+
+def shifting(machine: Machine, rho: NDArray, change: Change) -> Change:
+    """Return a change of the machine with what it makes of the attachments' shift, as ``delta_bz``."""
+    return Change({**change.fields, "delta_bz": shift_change(machine, rho, change)}, change.size)

@@ -33,9 +33,12 @@ class SixPus(Closure):
 
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
         """Return dc = da + u drho + rho du, (..., L, 3, P)."""
-        vector, scalar = (legs.count, 3), (legs.count,)
-        driven = legs.u[..., None] * change.get("rho", scalar)[..., None, :]
-        return change.get("a", vector) + driven + rho[..., None, None] * change.get("u", vector)
+        moved = change.get("a", (legs.count, 3))
+        if "rho" in change.fields:
+            moved = moved + legs.u[..., None] * change.fields["rho"][..., None, :]
+        if "u" in change.fields:
+            moved = moved + rho[..., None, None] * change.fields["u"]
+        return moved
 
     def length_change(self, legs: Legs, change: Change) -> NDArray:
         """Return dl, (..., L, P)."""
