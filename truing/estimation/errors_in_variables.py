@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.covariance import symmetric
 from truing.estimation.errors_in_variables_agreement import Judgement, LinearPoses, agreeing, judge
-from truing.estimation.errors_in_variables_descent import NEAR, Descent, Prior, column_scale, descend, weighted_normal
+from truing.estimation.errors_in_variables_descent import JUDGED, Descent, Objective, Prior, column_scale, descend
 from truing.estimation.errors_in_variables_elimination import (
     Constraint,
     Eliminated,
@@ -104,21 +104,18 @@ def fit_errors_in_variables(
     values = np.atleast_1d(np.array(start, float))
     measured = Measured(constrain, _checked_covariance(covariance))
     known = _checked_prior(prior, len(values))
-    _check_noise(measured, values)
     with np.errstate(all="ignore"):  # where the model has no value at a trial, the trial is rejected
-        return _fit(measured, values, known, robust)
+        return _fit(measured, _linearised(measured, values), known, robust)
 
 
-def _fit(measured: Measured, start: NDArray, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
+def _fit(measured: Measured, at: Eliminated, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
     """Return the fit to the poses that agree, chosen anew after each fit until they are the same.
 
     They are chosen before the first fit too: it would carry gross errors far off, where nothing is linear any more.
     """
-    everything = np.ones(len(measured.covariance))
-    at = project(measured, start, np.zeros(measured.covariance.shape[:2]), everything, NEAR)
-    kept, iterations = _agreeing(at, prior) if robust else everything > 0, 0
+    kept, iterations = _agreeing(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
-        found = descend(measured, at.values, at.settled_pull, prior, kept.astype(float))
+        found = descend(Objective(measured, prior, kept.astype(float)), at)
         at, iterations = found.at, iterations + found.iterations
         agree = _agreeing(at, prior) if robust else kept
         # late in the search no pose comes back, so that it ends
@@ -130,8 +127,9 @@ def _fit(measured: Measured, start: NDArray, prior: Prior, robust: bool) -> Erro
 
 
 def _agreeing(at: Eliminated, prior: Prior) -> NDArray:
-    information = weighted_normal(at, np.ones(len(at.residual)))[0] + prior.information
-    scale = column_scale(information)
+    """Return which poses (B,) agree where all are linearised."""
+    rows = at.jacobian.reshape(-1, len(at.values))
+    scale = column_scale(np.diag(np.sum(rows**2, 0)) + prior.information)
     known = prior.information / np.outer(scale, scale)
     return agreeing(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
 
@@ -184,10 +182,15 @@ def _checked_prior(prior: Prior | None, size: int) -> Prior:
     return prior
 
 
-def _check_noise(measured: Measured, values: NDArray) -> None:
-    """Raise ValueError where the equations of a pose do not all hold something that was measured with an error."""
+def _linearised(measured: Measured, start: NDArray) -> Eliminated:
+    """Return the model at the start.
+
+    Raises ValueError where the equations of a pose do not all hold something that was measured with an error.
+    """
+    poses, size = measured.covariance.shape[:2]
     try:
-        linearise(measured, values, np.zeros(measured.covariance.shape[:2]))
+        first = linearise(measured, start, np.zeros((poses, size)))
+        return project(measured, start, first.settled_pull, np.ones(poses), JUDGED * float(first.chi_square.sum()))
     except np.linalg.LinAlgError as error:
         raise ValueError(
             "covariance: found a pose whose equations contain combinations without any error, expected noise on each"

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 FALSE_ALARM = 0.005
 # Share of a pose's noise that is left in its residual where nothing else holds some value: not a test.
 _REDUNDANT = 1e-6
-_RESISTANT_ROUNDS = 30
-_RESISTANT_SETTLED = 0.01
+_RESISTANT_ROUNDS = 15
+_RESISTANT_SETTLED = 0.05
 _FREE_ROUNDS = 10  # afterwards no pose comes back, so that it ends
-_STUDENT = 2.0  # degrees of freedom of the tails that the second half of the resistant rounds expects
+_STUDENT = 2.0  # degrees of freedom of the tails that a resistant fit expects
 _LEAST_DAMPING = 1e-13
 
 
@@ -56,10 +56,16 @@ class PoseFit:
         """Return the length (B,) of each pose's residual."""
         return np.sqrt(np.sum(self.residual**2, -1))
 
+    @property
+    def distance(self) -> NDArray:
+        """Return the length (B,) of each pose's residual over the middle one."""
+        length = self.length
+        return length / max(float(np.median(length)), np.finfo(float).tiny)
+
     def judged(self) -> Judgement:
         """Return how each pose stands to the others, for weights that are 0 or 1."""
         jacobian = self.problem.jacobian
-        follows = jacobian @ np.linalg.solve(self.normal, np.swapaxes(jacobian, 1, 2))
+        follows = jacobian @ np.linalg.inv(self.normal) @ np.swapaxes(jacobian, 1, 2)
         return judge(self.residual, follows, self.weight > 0)
 
 
@@ -142,17 +148,22 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
 
 
 def _resistant(problem: LinearPoses) -> PoseFit:
-    """Return a fit in which a pose pulls no harder for being further off, then less and less."""
-    from scipy.special import chdtri
-
-    equations = problem.residual.shape[1]
-    typical = np.sqrt(chdtri(equations, 0.5))
+    """Return a fit in which a pose pulls no harder for being further off, and then one in which it pulls less."""
     fit = problem.fit(np.ones(len(problem.residual)))
-    for k in range(_RESISTANT_ROUNDS):
-        distance = fit.length / max(np.median(fit.length) / typical, np.finfo(float).tiny)
-        near = typical / np.maximum(distance, 0.1 * typical)
-        weight = near if 2 * k < _RESISTANT_ROUNDS else (_STUDENT + equations) / (_STUDENT + distance**2)
-        fit, before = problem.fit(weight), fit.weight
-        if 2 * k >= _RESISTANT_ROUNDS and np.all(np.abs(weight - before) <= _RESISTANT_SETTLED * weight):
-            break
+    for weights in (_no_harder, _less):
+        for _ in range(_RESISTANT_ROUNDS):
+            fit, before = problem.fit(weights(fit)), fit.weight
+            if np.all(np.abs(fit.weight - before) <= _RESISTANT_SETTLED * fit.weight):
+                break
     return fit
+
+
+def _no_harder(fit: PoseFit) -> NDArray:
+    """Return the weights (B,) whose fit has the least sum of lengths of the residuals."""
+    return 1 / np.maximum(fit.distance, 0.1)
+
+
+def _less(fit: PoseFit) -> NDArray:
+    """Return the weights (B,) of Student's t in as many dimensions as there are equations."""
+    equations = fit.residual.shape[1]
+    return (_STUDENT + equations) / (_STUDENT + equations * fit.distance**2)
