@@ -87,7 +87,8 @@ def _fit_figures(one: Judged) -> list[Figure]:
     from scipy.special import chdtrc
 
     calibration = one.calibration
-    told = calibration.pull[np.isfinite(calibration.pull)]
+    geometry = [entry.name != "kappa" and not entry.name.startswith("K") for entry in calibration.parameters.entries]
+    told = calibration.pull[np.isfinite(calibration.pull) & geometry]
     figures: list[Figure] = [
         ("parameters", float(len(calibration.values)), "1"),
         ("poses", float(calibration.kept.sum()), "1"),

@@ -107,9 +107,6 @@ def observation_covariance(measured: Measured, problem: CalibrationProblem, read
     covariance = np.zeros((len(measured.rho), problem.deviations, problem.deviations))
     covariance[:, :6, :6] = measured.platform.covariance
     covariance[:, 6 : 6 + legs, 6 : 6 + legs] = np.eye(legs) * reading_sigma**2
-    for place, leg in enumerate(()):
-        own = slice(6 + legs + 6 * place, 12 + legs + 6 * place)
-        covariance[:, own, own] = measured.legs[leg].covariance
     return covariance
 
 
