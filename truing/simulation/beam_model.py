@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.flexure import Distance, circle_distance
+from truing.simulation.flexure import BendLaw, Distance, circle_distance
 from truing.simulation.home_pose import Home, home_change, home_pose
 from truing.simulation.kinematic_model import shifting
 from truing.simulation.kinematics import attachment_change, closure_rows, leg_vectors
 from truing.simulation.legs import Change, Legs
 from truing.simulation.structure import Closing, Machine
-
-BendLaw = Callable[[NDArray, NDArray], Distance]
 
 
 @dataclass(frozen=True)

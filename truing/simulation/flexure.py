@@ -36,6 +36,10 @@ class Distance:
     by_length: NDArray
 
 
+# From the flexure's length l_b (...), m, and the cosine of its bend (...).
+BendLaw = Callable[[NDArray, NDArray], Distance]
+
+
 def deflection(length: ArrayLike, slope: ArrayLike) -> tuple[NDArray, NDArray]:
     """Return shortening and deflection (dx, dy) (...), m, of the end, as the arc of a parabola over l_b (eq. 12).
 
