@@ -84,7 +84,8 @@ def linearise(
     scale = np.maximum(scale, column)
     scale = np.where(scale > 0.0, scale, 1.0)
     size = jacobian.shape[2]
-    reduced = np.linalg.qr(np.concatenate([jacobian / scale[:, None, :], residual[..., None]], -1), mode="r")
+    augmented = np.concatenate([jacobian / scale[:, None, :], residual[..., None]], -1)
+    reduced = np.asarray(np.linalg.qr(augmented, mode="r"))
     left, singular, direction = np.linalg.svd(reduced[..., :size], full_matrices=False)
     along = np.einsum("bik,bi->bk", left, reduced[..., size])
     kept = np.where(singular > tolerance * singular[:, :1], singular, 0.0)
