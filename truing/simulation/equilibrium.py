@@ -9,6 +9,7 @@ moved to the platform's origin, is the external load.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from truing.simulation.home_pose import Home, home_pose
 from truing.simulation.kinematics import attachments
 from truing.simulation.leg_chain import Chain, assembled, beam_axes, condensed, in_frame, nodes
 from truing.simulation.legs import Legs
-from truing.simulation.structure import Machine
+from truing.simulation.structure import Machine, Section
 
 PLATFORM_END = slice(6, 12)  # b' among the ends of a condensed chain
 
@@ -61,7 +62,9 @@ def chain_of(machine: Machine) -> Chain:
     if l_b is None or flexure is None or tube is None:
         raise ValueError("stiffness: found a machine without flexure_length, flexure or tube, expected all three")
     length = legs.closure.length(legs, legs.rho0)
-    return Chain(l_b + 0.0 * length, length - l_b, flexure, tube)
+    beams = [np.asarray(k)[..., None] for beam in (flexure, tube) for k in (beam.bending, beam.axial, beam.torsion)]
+    parts: list[Any] = list(np.broadcast_arrays(l_b, length - l_b, *beams))
+    return Chain(parts[0], parts[1], Section(*parts[2:5]), Section(*parts[5:]))
 
 
 def at_rest(machine: Machine) -> Rest:
