@@ -12,6 +12,8 @@ from stages.calibration_accuracy import ARCSEC, PoseErrors
 from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration
 from stages.response_tables import Rows
 from truing.estimation.held_out import Choice, Contender, choose_model
+from truing.simulation.structure import Machine
+from truing.simulation.structures import departure, structures
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,21 @@ def nominal_rows(model: str, errors: PoseErrors, roles: NDArray) -> Rows:
     """Return the figures of the machine before any calibration."""
     rows = Rows("model_choice")
     _add(rows, model, "none", "nominal", _error_figures(errors, roles))
+    return rows
+
+
+def departure_rows(machine: Machine, readings: NDArray) -> Rows:
+    """Return how far every other model of the structure departs from rigid legs, over the campaign's own readings."""
+    rows = Rows("model_choice")
+    for structure in structures(machine)[1:]:
+        found = departure(structure, machine, readings) * 1e6
+        told = found[np.isfinite(found)]
+        if len(told):
+            figures = [
+                ("reading_rms_from_rigid_legs", float(np.sqrt(np.mean(told**2))), "um"),
+                ("reading_max_from_rigid_legs", float(np.max(np.abs(told))), "um"),
+            ]
+            _add(rows, structure.name, "none", "nominal", figures)
     return rows
 
 

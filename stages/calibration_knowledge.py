@@ -92,6 +92,8 @@ def _add(rows: Rows, model: str, deformation: str, leg: int | None, found: Obser
     for name, value in figures.items():
         rows.add(**common, figure=name, value=value if np.isfinite(value) else None)
     rows.add(**common, figure="identifiable_set", value=float(len(best.labels)), combination=" ".join(best.labels))
+    for label, sigma in zip(found.labels, found.sigma / found.scales, strict=True):
+        rows.add(**common, figure="sigma", value=float(sigma) if np.isfinite(sigma) else None, combination=label)
     for value in found.singular_values:
         rows.add(**common, figure="singular_value", value=float(value))
     for group in inseparable(found):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
-from stages.calibration_choice import Judged, choice, choice_rows, nominal_rows
+from stages.calibration_choice import Judged, choice, choice_rows, departure_rows, nominal_rows
 from stages.calibration_data import Gathered
 from stages.calibration_fits import Calibration, Case, cases, implicit, maximum_likelihood
 from stages.calibration_knowledge import absorption_rows, observability_rows
@@ -49,6 +49,7 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
         structure = structures(gathered.machine)[0]
         before = nominal_errors(structure, gathered.machine, measured)
         counted.extend(nominal_rows(structure.name, before, measured.roles))
+        counted.extend(departure_rows(gathered.machine, measured.rho))
     rows = {
         "calibration": parameter_rows("calibration", both.likely),
         "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
