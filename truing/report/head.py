@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from truing.report.calibrations import chosen_calibration, figures_by_calibration
 from truing.report.numbers import count, plain, printed, quantity, sign
 from truing.report.page import Head
 from truing.report.reasons import why_no_diagnosis
+from truing.report.requirement_section import chosen_requirements, tally
 from truing.report.tables import Tables, filled
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
+_HELD_OUT = {"position": "um", "orientation": "arcsec"}
 # Findings that the head tells; the section tells all.
 _TOLD = 3
 
@@ -21,7 +24,8 @@ Verdict = tuple[str, str]
 
 def build_head(campaign: str, tables: Tables) -> Head:
     """The sentences that a busy person acts on, and the figures that place them."""
-    verdicts = sorted([*_diagnosis(tables), *_quality(tables)], key=lambda verdict: verdict[0] == "none")
+    told = [*_diagnosis(tables), *_requirements(tables), *_quality(tables)]
+    verdicts = sorted(told, key=lambda verdict: verdict[0] == "none")
     return Head(campaign, tuple(verdicts), tuple(_tiles(tables)))
 
 
@@ -71,6 +75,17 @@ def _quality(tables: Tables) -> list[Verdict]:
     return [("pass", f"None of the {len(qa)} quality checks failed or calls for a look.{said}")]
 
 
+def _requirements(tables: Tables) -> list[Verdict]:
+    own = chosen_requirements(tables)
+    if own is None:
+        return []
+    failed = own[own["verdict"] == "fails"]
+    if len(failed):
+        worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
+        return [("fail", f"{tally(own)}. Worst: {worst['axis']}, {plain(worst['ratio'])} times what is required.")]
+    return [("warn" if (own["verdict"] == "undecided").any() else "pass", f"{tally(own)} by the calibrated model.")]
+
+
 def _tiles(tables: Tables) -> list[tuple[str, str]]:
     tiles = []
     points, steps, residuals = (filled(tables, name) for name in ("observations", "displacement", "residuals"))
@@ -81,7 +96,7 @@ def _tiles(tables: Tables) -> list[tuple[str, str]]:
     if residuals is not None:
         out = int(residuals["rejected"].sum())
         tiles.append(("points left out", f"{out:,} ({100 * out / len(residuals):.1f} %)"))
-    return tiles + _model_tiles(tables)
+    return tiles + _model_tiles(tables) + _calibration_tiles(tables)
 
 
 def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
@@ -94,3 +109,14 @@ def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
     if whole["unit"].nunique() > 1:
         whole = whole[whole["model"].isin([whole["model"].iloc[0], whole["model"].iloc[-1]])]
     return [(_MODEL_WORDS.get(r.model, r.model), quantity(r.value, r.unit)) for r in whole.itertuples()]
+
+
+def _calibration_tiles(tables: Tables) -> list[tuple[str, str]]:
+    """How far the chosen model misses on average where nothing was fitted to."""
+    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    if figures is None or chosen is None:
+        return []
+    facts = figures.loc[chosen]
+    sizes = [(facts.get(f"{what}_mean_verification"), unit) for what, unit in _HELD_OUT.items()]
+    said = [quantity(size, unit) for size, unit in sizes if size is not None and size == size]
+    return [("held-out error, calibrated", ", ".join(said))] if said else []

@@ -26,3 +26,25 @@ def why_no_deformation(tables: Tables) -> str:
 def _has_readings(tables: Tables) -> bool:
     readings = filled(tables, "configurations")
     return readings is not None and any(str(column).startswith("rho") for column in readings.columns)
+
+
+def why_no_calibration(tables: Tables) -> str:
+    """Why no model was calibrated."""
+    if not _has_readings(tables):
+        return "Nothing to calibrate: no mechanism with actuator readings."
+    poses = filled(tables, "poses")
+    if poses is None or not (poses["body"] == "platform").any():
+        return "No pose of the platform was measured that a model could be fitted to."
+    return "No model of this mechanism could be fitted: too few poses with readings, or too few targets."
+
+
+def why_not_known(tables: Tables) -> str:
+    """Why nothing is said of what can be known."""
+    return why_no_calibration(tables) if filled(tables, "calibration") is None else "No calibration says what it saw."
+
+
+def why_no_requirement(tables: Tables) -> str:
+    """Why no requirement was judged."""
+    if filled(tables, "calibration") is None:
+        return why_no_calibration(tables)
+    return "campaign.toml states no accuracy in [requirement]."

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from truing.report.calibration_section import calibration
 from truing.report.deformation_section import deformation
 from truing.report.diagnosis_section import diagnosis
 from truing.report.exclusion_section import excluded
+from truing.report.identifiability_section import knowledge
 from truing.report.measured_section import measured
 from truing.report.page import Listing, Section
 from truing.report.pose_section import poses
 from truing.report.quality_section import quality
+from truing.report.requirement_section import requirements
 from truing.report.tables import Tables
 
 
@@ -20,7 +23,8 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
     ``provenance``: the metadata of each artifact.
     """
-    drawn = (part(tables) for part in (measured, quality, diagnosis, poses, deformation, excluded))
+    parts = (measured, quality, diagnosis, calibration, knowledge, requirements, poses, deformation, excluded)
+    drawn = (part(tables) for part in parts)
     return [*(section for section in drawn if section is not None), _provenance(provenance)]
 
 

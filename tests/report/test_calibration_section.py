@@ -1,0 +1,320 @@
+"""The page says which calibration is chosen and why, what it found, what can be known, and what is required."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.report.calibration_tables import MODELS, calibration_tables
+from tests.report.campaign_tables import campaign_tables
+from tests.report.test_page import ATTACKS, PLOTLY, Reader
+from truing.report.calibration_section import calibration
+from truing.report.head import build_head
+from truing.report.identifiability_section import knowledge
+from truing.report.page import Section, render_page
+from truing.report.requirement_section import requirements
+from truing.report.sections import build_sections
+
+PARTS = (calibration, knowledge, requirements)
+OURS = ("calibration", "knowledge", "requirements")
+MANDATORY = ("calibration", "observability", "requirements")
+SMALL = {"legs": 3, "models": ("6-pus", "beam"), "deformations": ("linear", "matrix")}
+
+
+def sections_of(tables) -> dict[str, Section]:
+    found = [section for part in PARTS if (section := part(tables)) is not None]
+    return {section.id: section for section in found}
+
+
+def page_of(tables) -> Reader:
+    return Reader(render_page(build_head("c", tables), list(sections_of(tables).values())))
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return calibration_tables()
+
+
+@pytest.fixture(scope="module")
+def sections(tables):
+    return sections_of(tables)
+
+
+def listing(section, words):
+    return next(item for item in section.listings if words in item.caption)
+
+
+def test_the_sections_stand_after_the_diagnosis():
+    order = [section.id for section in build_sections({**campaign_tables(poses=3), **calibration_tables(**SMALL)}, {})]
+    assert order[order.index("diagnosis") + 1 :][:3] == list(OURS)
+
+
+def test_every_section_has_its_figures(sections):
+    assert [len(sections[name].figures) for name in OURS] == [3, 3, 1]
+
+
+def test_every_figure_says_what_it_shows(sections):
+    for name in OURS:
+        for figure, caption in sections[name].figures:
+            assert len(figure.layout.title.text) > 10
+            assert len(figure.layout.title.subtitle.text) > 20
+            assert caption.endswith(".")
+
+
+def test_the_lead_names_the_choice_and_its_reasons(sections):
+    lead = sections["calibration"].lead
+    for words in ("the 6-pus model with matrix deformation", "3 µm and 6 arcsec", "1.02 times what noise", "1 to 7"):
+        assert words in lead
+
+
+def test_the_gain_over_the_nominal_is_said_where_it_is_known():
+    tables = calibration_tables()
+    rows = [("6-pus", "none", "nominal", f"{what}_mean_verification", 300.0) for what in ("position", "orientation")]
+    columns = ["model", "deformation", "method", "figure", "value"]
+    nominal = pd.DataFrame(rows, columns=columns).assign(unit="um")
+    tables["model_choice"] = pd.concat([tables["model_choice"], nominal], ignore_index=True)
+    lead = calibration(tables).lead
+    assert "The nominal numbers miss by 300 µm" in lead
+    assert "100 times as far" in lead
+
+
+def test_all_twelve_calibrations_stand_side_by_side_in_both_ways(sections):
+    ours, theirs = (item for item in sections["calibration"].listings if "held out / noise" in item.heads)
+    assert len(ours.rows) == len(theirs.rows) == 12
+    assert [row[:3] for row in ours.rows if row[0]] == [("chosen", "6-pus", "matrix")]
+    assert not ours.folded
+    assert theirs.folded
+
+
+def test_what_simpler_models_cost_is_said(sections):
+    caption = sections["calibration"].figures[0][1]
+    assert "jacobian 12 µm" in caption
+    assert "not alike" in caption
+
+
+def test_bars_hold_the_mean_and_the_maximum_of_each_calibration(tables, sections):
+    figure = sections["calibration"].figures[0][0]
+    own = tables["accuracy"].query("model == 'beam' and deformation == 'linear' and role == 'verification'")
+    bars = [t for t in figure.data if t.offsetgroup == "verification"][:2]
+    place = list(zip(*bars[0].y, strict=True)).index(("linear", "beam"))
+    assert bars[0].x[place] == own["position_error_um"].max()
+    assert bars[1].x[place] == pytest.approx(own["position_error_um"].mean(), rel=1e-12)
+    assert [shape.x0 for shape in figure.layout.shapes] == pytest.approx([3.3, 6.4], rel=1e-12)
+
+
+def test_deviations_stand_in_a_row_per_kind_and_a_column_per_leg(tables, sections):
+    shown = listing(sections["calibration"], "Parameters of the 6-pus model with matrix deformation")
+    assert shown.heads == ("parameter", *(f"leg {k}" for k in range(1, 7)))
+    rows = {row[0]: row[1:] for row in shown.rows}
+    assert set(rows) == {
+        *(f"{name} (mm)" for name in ("a_x", "a_y", "b_x", "b_y", "l")),
+        "u_x (mrad)",
+        *(f"K, actuator {k} (µm/mm)" for k in range(1, 7)),
+    }
+    assert all(cell.endswith("*") for cell in rows["b_y (mm)"])
+    own = tables["calibration"].query("model == '6-pus' and deformation == 'matrix' and parameter == 'K23'").iloc[0]
+    said = rows["K, actuator 3 (µm/mm)"][1].replace("\u00a0", " ")
+    assert float(said.split()[0]) == pytest.approx(1e3 * own["identified"], abs=1e3 * own["sigma"])
+    assert said.endswith(f"({own['pull']:.1f})")
+
+
+def test_tables_of_all_calibrations_are_folded_by_deformation(sections):
+    folded = [item for item in sections["calibration"].listings if item.caption.startswith("All parameters")]
+    assert len(folded) == 6
+    assert all(item.folded for item in folded)
+    assert [row[0] for row in folded[0].rows] == [model for model in MODELS for _ in range(6)]
+
+
+def test_strong_correlations_are_listed_and_all_are_drawn(sections):
+    strong = listing(sections["calibration"], "Correlations")
+    assert strong.rows == (("a_x of leg 1", "a_y of leg 1", "-0.970"),)
+    heat = sections["calibration"].figures[2][0].data[0]
+    z = np.asarray(heat.z)
+    assert z.shape == (72, 72)
+    assert (z == z.T).all()
+    assert z[0, 1] == -97
+    assert list(heat.x[:2]) == ["a_x of leg 1", "a_y of leg 1"]
+
+
+def test_the_picture_states_its_amplification_and_amplifies_by_it(tables, sections):
+    figure = sections["calibration"].figures[1][0]
+    gain = float(figure.layout.title.text.rpartition("amplified ")[2].split()[0])
+    linear = next(t for t in figure.data if t.marker.symbol == "x")
+    own = tables["calibration"].query("model == '6-pus' and deformation == 'linear' and parameter == 'a_x'").iloc[0]
+    assert linear.x[0] == pytest.approx(own["nominal"] + gain * (own["identified"] - own["nominal"]), rel=1e-12)
+    assert [t.marker.symbol for t in figure.data if t.legendgroup and t.mode == "markers"] == [
+        "circle",
+        "x",
+        "triangle-up",
+    ]
+
+
+def test_what_cannot_be_told_apart_is_said_in_words(sections):
+    assert "determine 30; 6 combinations, such as a_z1 - b_z1 + 0.99 l1," in sections["knowledge"].lead
+    assert len(listing(sections["knowledge"], "cannot tell apart").rows) == 6
+
+
+def test_the_lead_names_the_parameters_that_swallow_most():
+    tables = calibration_tables()
+    absorbed = tables["absorption"]
+    most = (absorbed["predicted"] / np.where(absorbed["unit"] == "1", 0.002, 0.5)).abs().idxmax()
+    absorbed.loc[most, ["predicted", "observed", "sigma"]] *= 3.0
+    name = f"{absorbed.loc[most, 'parameter']} of leg {absorbed.loc[most, 'leg']}"
+    lead = knowledge(tables).lead
+    assert f"{name.replace('kappa', 'κ')} takes" in lead.partition(";")[0] + lead.partition(";")[2].partition(";")[0]
+
+
+def test_predicted_and_observed_meet_on_the_line(tables, sections):
+    figure = sections["knowledge"].figures[2][0]
+    points = [t for t in figure.data if t.mode == "markers"]
+    own = tables["absorption"].query("parameter == 'a_x' and deformation == 'none'")
+    assert any(np.array_equal(np.asarray(t.x), own["predicted"]) for t in points)
+    assert "r = 1.000" in figure.layout.annotations[0].text or "r = 0.99" in figure.layout.annotations[0].text
+    assert all(t.x == t.y for t in figure.data if t.mode == "lines")
+
+
+def test_requirements_have_their_verdicts_and_their_colours(sections):
+    shown = listing(sections["requirements"], "With the 6-pus model with matrix deformation")
+    assert [row[0] for row in shown.rows] == ["meets", "meets", "fails", "undecided", "meets", "not evaluated"]
+    assert shown.marks == ("pass", "pass", "fail", "warn", "pass", "none")
+    assert shown.rows[2][2:5] == ("100 µm", "200 µm", "160 µm to 260 µm")
+    assert sections["requirements"].lead.startswith("3 of 5 requirements met, 1 not met, 1 undecided")
+    names = {trace.name: list(trace.y) for trace in sections["requirements"].figures[0][0].data}
+    assert names == {"meets": ["x", "y", "ry"], "undecided": ["rx"], "fails": ["z"]}
+
+
+def test_the_head_tells_what_is_not_met_and_the_error():
+    head = build_head("c", calibration_tables())
+    assert ("fail", "3 of 5 requirements met, 1 not met, 1 undecided. Worst: z, 2 times what is required.") in (
+        head.verdicts
+    )
+    assert dict(head.tiles)["held-out error, calibrated"] == "3 µm, 6 arcsec"
+
+
+@pytest.mark.parametrize("name", MANDATORY)
+def test_empty_tables_are_not_evaluated_and_say_why(name):
+    tables = calibration_tables(**SMALL)
+    tables[name] = tables[name].iloc[:0]
+    found = sections_of(tables).values()
+    states = {s.id: s.lead for s in found if s.state == "not evaluated"}
+    assert len(states) == 1
+    assert all(len(lead) > 20 for lead in states.values())
+    Reader(render_page(build_head("c", tables), list(found)))
+
+
+def test_a_campaign_without_readings_says_that_there_is_nothing_to_calibrate():
+    tables = {name: table.iloc[:0] for name, table in calibration_tables().items()}
+    states = {s.id: s.lead for s in sections_of(tables).values() if s.id in OURS}
+    assert list(states) == list(OURS)
+    assert all("no mechanism with actuator readings" in lead for lead in states.values())
+
+
+@pytest.mark.parametrize("name", list(calibration_tables(**SMALL)))
+def test_every_table_may_be_absent(name):
+    tables = calibration_tables(**SMALL)
+    del tables[name]
+    assert "nan" not in page_of(tables).text.split()
+    alone = {name: calibration_tables(**SMALL)[name]}
+    page_of(alone)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {"legs": 3, "models": ("ups",), "parameters": ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")},
+        {"legs": 10, "models": ("ups",)},
+        {"models": ("6-pus",), "deformations": ("none",)},
+        {"models": ("6-pus",), "deformations": ("none",), "parameters": ("l",)},
+    ],
+)
+def test_any_mechanism_has_its_page(kind):
+    tables = calibration_tables(**kind)
+    found = sections_of(tables)
+    legs = kind.get("legs", 6)
+    shown = listing(found["calibration"], "Parameters of")
+    assert len(shown.heads) == 1 + legs
+    assert all(len(row) == 1 + legs for row in shown.rows)
+    page = Reader(render_page(build_head("c", tables), list(found.values())))
+    assert not page.open
+    assert "nan" not in page.text.split()
+
+
+def test_optional_columns_may_be_absent():
+    tables = calibration_tables(**SMALL)
+    dropped = {
+        "calibration": ["tolerance", "pull", "identifiable", "status"],
+        "accuracy": ["position_noise_um", "orientation_noise_arcsec"],
+        "observability": ["combination", "leg"],
+        "requirements": ["message"],
+    }
+    for name, columns in dropped.items():
+        tables[name] = tables[name].drop(columns=columns)
+    page = page_of(tables)
+    assert "nan" not in page.text.split()
+
+
+def test_parameters_of_no_leg_have_a_column_of_their_own():
+    tables = calibration_tables(models=("6-pus",), deformations=("none",))
+    shared = tables["calibration"].iloc[:1].assign(leg=np.nan, parameter="flexure_bending", unit="N m2", nominal=0.09)
+    tables["calibration"] = pd.concat([tables["calibration"], shared], ignore_index=True)
+    shown = listing(calibration(tables), "Parameters of")
+    assert shown.heads[-1] == "all legs"
+    assert [row[0] for row in shown.rows if row[-1]] == ["flexure_bending (N·m²)"]
+
+
+def test_calibrations_that_did_not_converge_are_named():
+    tables = calibration_tables()
+    bad = (tables["calibration"]["model"] == "beam") & (tables["calibration"]["deformation"] == "linear")
+    tables["calibration"].loc[bad, "status"] = "diverged"
+    section = calibration(tables)
+    assert "1 calibration did not come to an end" in section.lead
+    rows = next(item for item in section.listings if "held out / noise" in item.heads).rows
+    assert [row[:3] for row in rows if row[0] == "diverged"] == [("diverged", "beam", "linear")]
+
+
+def test_no_choice_is_no_claim():
+    tables = calibration_tables()
+    choice = tables["model_choice"]
+    choice.loc[choice["figure"] == "chosen", "value"] = 0.0
+    lead = calibration(tables).lead
+    assert "none of them chosen" in lead
+    assert "Chosen for" not in lead
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_names_cannot_inject_anything(attack):
+    tables = calibration_tables(**SMALL)
+    for name in calibration_tables(**SMALL):
+        for column in ("model", "deformation", "parameter", "other_parameter", "effect", "message", "combination"):
+            if column in tables[name]:
+                tables[name][column] = tables[name][column].replace({"beam": attack, "linear": attack, "l": attack})
+        if "combination" in tables[name]:
+            tables[name].loc[tables[name]["combination"].notna(), "combination"] = attack
+    clean, tainted = page_of(calibration_tables(**SMALL)), page_of(tables)
+    assert {tag for tag, _ in tainted.elements} == {tag for tag, _ in clean.elements}
+    assert attack in tainted.text
+    for script in tainted.scripts[1:]:
+        assert "<img" not in script
+        assert "<svg" not in script
+        assert "</" not in script
+
+
+def test_markup_in_names_stays_text_in_figures():
+    tables = calibration_tables(**SMALL)
+    for name in calibration_tables(**SMALL):
+        for column in ("model", "deformation", "parameter", "other_parameter", "effect"):
+            if column in tables[name]:
+                tables[name][column] = tables[name][column].replace({"6-pus": "<b>P</b>", "matrix": "<b>K</b>"})
+                tables[name][column] = tables[name][column].replace({"l": "<b>l</b>"})
+    for section in sections_of(tables).values():
+        for figure, _ in section.figures:
+            assert "<b>" not in json.dumps(figure.to_plotly_json(), default=str)
+
+
+def test_the_page_stays_small_and_is_the_same_for_the_same_tables(tables, sections):
+    page = render_page(build_head("c", tables), list(sections.values()))
+    assert page == render_page(build_head("c", tables), list(sections_of(calibration_tables()).values()))
+    assert len(page.replace(PLOTLY, "").encode()) < 3e5

@@ -1,0 +1,83 @@
+"""What is to be said of the absorption map: which parameters swallow an effect, and whether the fit did the same."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truing.report.numbers import count, plain, with_uncertainty
+from truing.report.parameter_names import name_of, shown_in
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_EFFECTS = {
+    "platform-deformation-linear": "the linear deformation of the platform",
+    "platform-deformation-matrix": "the deformation of the platform",
+}
+# How many parameters a sentence names.
+_NAMED = 3
+
+
+def effect_words(effect: str, deformation: str) -> str:
+    """What is left out: ``the deformation of the platform is ignored``."""
+    words = _EFFECTS.get(effect, effect)
+    return f"{words} is ignored" if deformation == "none" else f"{words} is taken as {deformation}"
+
+
+def groups(absorbed: pd.DataFrame) -> list[tuple[tuple[str, str], pd.DataFrame]]:
+    """Rows by effect and deformation model, those that bend parameters farthest first."""
+    parts = list(absorbed.groupby(["effect", "deformation"], sort=False))
+    return sorted(parts, key=lambda part: -_largest(part[1]))
+
+
+def _largest(rows: pd.DataFrame) -> float:
+    size = float(np.nanmax(np.append(_size(rows), 0.0)))
+    return size
+
+
+def _size(rows: pd.DataFrame) -> Any:
+    """How far a parameter is predicted to go: in its tolerances, where none has one in standard deviations."""
+    scale = rows["tolerance"] if rows["tolerance"].notna().any() else rows["sigma"]
+    return np.abs(rows["predicted"] / scale).to_numpy(dtype=float)
+
+
+def swallowed(absorbed: pd.DataFrame | None) -> str:
+    """The parameters that take most of the effect that bends the model most; empty where none is known."""
+    if absorbed is None or not len(absorbed):
+        return ""
+    (effect, deformation), rows = groups(absorbed)[0]
+    top = rows.assign(size=_size(rows)).dropna(subset=["size"]).nlargest(_NAMED, "size", keep="first")
+    named = [_taken(r) for r in top.itertuples()]
+    if not named:
+        return ""
+    return f"If {effect_words(effect, deformation)}, {'; '.join(named)}."
+
+
+def _taken(r: Any) -> str:
+    factor, unit = shown_in(r.parameter, r.unit)
+    said = f"{name_of(r.parameter, r.leg)} takes {plain(factor * r.predicted)} {unit}".strip()
+    if r.tolerance == r.tolerance:
+        said += f", {r.size:.1f} tolerances"
+    if r.observed == r.observed:
+        said += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma)})"
+    return said
+
+
+def agreement(absorbed: pd.DataFrame) -> str:
+    """How closely the fit did what linear algebra had predicted."""
+    both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
+    off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
+    within = int((off <= 1.96).sum())
+    said = f"{within} of {count(len(both), 'parameter')} lie within their bars of the line"
+    return f"{said}; what is far off it points to a cause beyond the one that was left out."
+
+
+def correlation(predicted: Any, observed: Any) -> float | None:
+    """Correlation of two lists, where there are enough of them and both vary."""
+    x, y = np.asarray(predicted, float), np.asarray(observed, float)
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < 3 or np.ptp(x[known]) == 0.0 or np.ptp(y[known]) == 0.0:
+        return None
+    return float(np.corrcoef(x[known], y[known])[0, 1])

@@ -1,0 +1,70 @@
+"""Tables of identified less nominal parameters, a column per leg (telescope report, tables 5 to 7)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from truing.report.calibrations import Key, called, deformation_words, in_order, keys_of, rows_of
+from truing.report.numbers import with_uncertainty
+from truing.report.page import Listing
+from truing.report.parameter_names import MEANING, kind_of, shown_in
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_CELL = "Identified − nominal ± one sigma; in brackets the pull, how many tolerances that is."
+_UNBROKEN = "\u00a0"
+_STAR = "*: the data do not determine it, its tolerance holds it."
+
+
+def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
+    """The parameters of one calibration, rows by kind and columns by leg."""
+    own = rows_of(fitted, key)
+    star = f" {_STAR}" if not _identifiable(own).all() else ""
+    caption = f"Parameters of {called(key)}. {_CELL}{star} {MEANING}"
+    heads, rows = _by_leg(own)
+    return Listing(("parameter", *heads), rows, caption=caption, held_by="calibration.parquet")
+
+
+def all_deviations(fitted: pd.DataFrame, method: str, held_by: str) -> list[Listing]:
+    """A folded table per deformation model with all models of the structure below each other."""
+    return [_of_deformation(fitted, d, method, held_by) for d in in_order(fitted["deformation"])]
+
+
+def _of_deformation(fitted: pd.DataFrame, deformation: str, method: str, held_by: str) -> Listing:
+    own = fitted[fitted["deformation"] == deformation]
+    heads, _ = _by_leg(own)
+    rows = [
+        (model, *row)
+        for model, deformation in keys_of(own)
+        for row in _by_leg(rows_of(own, (model, deformation)), heads)[1]
+    ]
+    caption = f"All parameters with {deformation_words(deformation)}, {method}"
+    return Listing(("model", "parameter", *heads), tuple(rows), caption=caption, folded=True, held_by=held_by)
+
+
+def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Heads of the columns (legs, and what belongs to none), and a row of cells per kind of parameter."""
+    legs = sorted(own["leg"].dropna().unique())
+    heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if own["leg"].isna().any() else []))
+    cells: dict[str, dict[str, str]] = {}
+    for r in own.assign(known=_identifiable(own)).itertuples():
+        kind, unit = kind_of(r.parameter, r.leg), shown_in(r.parameter, r.unit)[1]
+        column = f"leg {int(r.leg)}" if r.leg == r.leg else "all legs"
+        cells.setdefault(f"{kind} ({unit})" if unit else kind, {})[column] = _cell(r)
+    return heads, tuple((kind, *(row.get(head, "") for head in heads)) for kind, row in cells.items())
+
+
+def _cell(r: Any) -> str:
+    factor, _ = shown_in(r.parameter, r.unit)
+    said = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
+    pull = getattr(r, "pull", float("nan"))
+    said += f" ({pull:.1f})" if pull == pull else ""
+    return (said if r.known else f"{said} *").replace(" ", _UNBROKEN)
+
+
+def _identifiable(own: pd.DataFrame) -> pd.Series:
+    """Whether the data determine each parameter; taken so where the table does not say."""
+    if "identifiable" in own:
+        return own["identifiable"].astype(bool)
+    return own["parameter"].notna()

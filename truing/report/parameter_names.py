@@ -1,0 +1,37 @@
+"""Names and units of a mechanism's parameters as they are printed."""
+
+from __future__ import annotations
+
+from truing.report.numbers import sign
+
+_SYMBOLS = {"kappa": "κ", "rho0": "ρ0"}
+_UNITS = {"N m2": "N·m²"}
+
+MEANING = (
+    "a: lower joint, b: upper joint, u: direction of the actuator, l: length of the leg, ρ0: reading at the reference, "
+    "κ and K: shift of an attachment per displacement of its own actuator and of each."
+)
+
+
+def kind_of(parameter: str, leg: float) -> str:
+    """What a parameter is in every leg: ``a_x``, ``κ``, ``K, actuator 2`` for the second entry of K's row."""
+    own = f"K{int(leg)}" if leg == leg else "K"
+    if parameter.startswith(own) and parameter[len(own) :].isdigit():
+        return f"K, actuator {parameter[len(own) :]}"
+    return _SYMBOLS.get(parameter, parameter)
+
+
+def name_of(parameter: str, leg: float) -> str:
+    """One parameter as a sentence names it: ``u_x of leg 1``, ``K12``."""
+    if leg != leg or kind_of(parameter, leg).startswith("K, "):
+        return _SYMBOLS.get(parameter, parameter)
+    return f"{_SYMBOLS.get(parameter, parameter)} of leg {int(leg)}"
+
+
+def shown_in(parameter: str, unit: str) -> tuple[float, str]:
+    """Factor and unit in which a parameter is printed: directions in mrad, coefficients of deformation in um per mm."""
+    if unit == "1" and parameter.startswith("u_"):
+        return 1e3, "mrad"
+    if unit == "1" and (parameter == "kappa" or parameter.startswith("K")):
+        return 1e3, "µm/mm"
+    return 1.0, _UNITS.get(unit, sign(unit))
