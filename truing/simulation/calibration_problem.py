@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
+from truing.simulation.leg_bodies import Carried, LegBodies
+from truing.simulation.leg_joints import joints_of
 from truing.simulation.legs import Change
-from truing.simulation.parameters import ParameterSet
+from truing.simulation.parameters import Parameter, ParameterSet
 from truing.simulation.structure import Closing, Machine, Structure
 
 
@@ -40,20 +42,33 @@ class CalibrationProblem:
     p: NDArray
     R: NDArray
     rho: NDArray
+    leg_bodies: LegBodies | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the legs' own poses mean nothing to the model."""
+        if self.leg_bodies and not self.leg_bodies.fits(self.structure, self.nominal):
+            legs = f"{self.nominal.legs.closure.name} in the model {self.structure.name}"
+            raise ValueError(f"poses of legs: found {legs}, expected legs of one body each in a model of single legs")
+
+    @property
+    def entries(self) -> tuple[Parameter, ...]:
+        """Return all that is identified: the machine's parameters, then what places each leg in its survey frame."""
+        return self.parameters.entries + (self.leg_bodies.entries if self.leg_bodies else ())
 
     @property
     def start(self) -> NDArray:
         """Return the nominal values (P,), SI."""
-        return self.parameters.values(self.nominal)
+        own = [self.leg_bodies.start] if self.leg_bodies else []
+        return np.concatenate([self.parameters.values(self.nominal), *own])
 
     @property
     def deviations(self) -> int:
-        """Return the number N of deviations of a pose: the platform's twist (v; theta), then the readings."""
-        return 6 + self.rho.shape[-1]
+        """Return the number N of deviations of a pose: the platform's (v; theta), the readings, then each leg's."""
+        return 6 + self.rho.shape[-1] + (self.leg_bodies.deviations if self.leg_bodies else 0)
 
     def machine(self, values: NDArray) -> Machine:
         """Return the machine that values (..., P) stand for; a batch of them leads that of the poses."""
-        return self.parameters.machine(self.nominal, values[..., None, :] if values.ndim > 1 else values)
+        return self.parameters.machine(self.nominal, _leading(values)[..., : len(self.parameters)])
 
     def readings(self, machine: Machine) -> NDArray:
         """Return the positions of the actuators (..., B, L), m, that were read, counted as the machine counts them."""
@@ -64,17 +79,30 @@ class CalibrationProblem:
 
         Rotations deviate by exp(theta) R.
         """
-        machine = self.machine(values)
+        machine, readings = self.machine(values), 6 + self.rho.shape[-1]
         p, R = self.p + deviation[..., :3], exp_so3(deviation[..., 3:6]) @ self.R
-        rho = self.readings(machine) + deviation[..., 6 : self.deviations]
+        rho = self.readings(machine) + deviation[..., 6:readings]
         change = self.parameters.change(machine)
         closing = self.structure.close(machine, p, R, rho, change)
-        by_pose = by_deviation(closing.by_twist, deviation[..., 3:6])
-        return Constrained(
-            closing.value,
-            np.concatenate([by_pose, closing.by_rho], -1),
-            closing.by_parameter + _by_rho0(closing, change),
-        )
+        if self.leg_bodies is None:
+            return _constrained(closing, deviation, change)
+        joints = joints_of(self.leg_bodies.leg, machine, p, R, rho, change)
+        own = _leading(values)[..., len(self.parameters) :]
+        carried = self.leg_bodies.carry(own, deviation[..., readings:], closing, joints)
+        return _constrained(carried.closing, deviation, change, carried)
+
+
+def _leading(values: NDArray) -> NDArray:
+    return values[..., None, :] if values.ndim > 1 else values
+
+
+def _constrained(closing: Closing, deviation: NDArray, change: Change, carried: Carried | None = None) -> Constrained:
+    """Join the derivatives: by the platform's pose and the readings, by the parameters, and by what the legs add."""
+    by_pose = [by_deviation(closing.by_twist, deviation[..., 3:6]), closing.by_rho]
+    by_values = [closing.by_parameter + _by_rho0(closing, change)]
+    if carried is not None:
+        by_pose, by_values = [*by_pose, carried.by_deviation], [*by_values, carried.by_values]
+    return Constrained(closing.value, np.concatenate(by_pose, -1), np.concatenate(by_values, -1))
 
 
 def by_deviation(by_twist: NDArray, theta: NDArray) -> NDArray:

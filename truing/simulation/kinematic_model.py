@@ -48,7 +48,7 @@ def reading_change(machine: Machine, upper: NDArray, rho: NDArray) -> NDArray:
 
 
 def shift_change(machine: Machine, rho: NDArray, change: Change) -> NDArray:
-    """Return the derivative (..., L, P) of the attachments' shift K (rho - rho0) (eq. 2) by the parameters of a change."""
+    """Return the derivative (..., L, P) of the shift K (rho - rho0) (eq. 2) by the parameters of a change."""
     bent, moved = change.fields.get("deformation"), change.fields.get("rho0")
     shift = np.zeros((machine.legs.count, change.size))
     if bent is not None:

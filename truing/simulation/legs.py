@@ -19,6 +19,7 @@ class Closure:
 
     name: str
     geometry: tuple[str, ...] = ("a", "b", "u", "l")  # the arrays of `Legs` that the closure depends on
+    one_body: bool = False  # whether a leg is rigid from joint to joint
 
     def lower(self, legs: Legs, rho: NDArray) -> NDArray:
         """Return the lower joints (..., L, 3), base frame, m, at readings rho (..., L)."""

@@ -12,6 +12,7 @@ class SixPus(Closure):
     """6-PUS: the actuator moves the lower joint along u, the leg keeps its length (telescope report, eq. 5)."""
 
     name = "6-pus"
+    one_body = True
 
     def lower(self, legs: Legs, rho: NDArray) -> NDArray:
         """Return c = a + rho u, (..., L, 3) m."""
