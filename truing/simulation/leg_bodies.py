@@ -34,7 +34,7 @@ class LegPoses:
 
 @dataclass(frozen=True)
 class Carried:
-    """A closing with the ends of legs, and its derivatives by deviations of the legs' poses and by the legs' numbers."""
+    """A closing with the ends of legs, and its derivatives by the deviations of their poses and by their numbers."""
 
     closing: Closing
     by_deviation: NDArray  # (..., M, 6 K)
@@ -74,7 +74,7 @@ class LegBodies:
         return 6 * len(self.leg)
 
     def fits(self, structure: Structure, machine: Machine) -> bool:
-        """Return whether legs are one body each, in a model that closes a leg by its length less its joints' distance."""
+        """Return whether legs are one body each, in a model that closes a leg by length less distance of joints."""
         single = isinstance(structure, KinematicModel) or structure.name == "beam"
         return single and machine.legs.closure.one_body
 
