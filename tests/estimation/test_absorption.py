@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tests.estimation.telescope_rows import DRHO_MM, LEGS, REFERENCE, poses
 from tests.simulation.telescope import K, telescope
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.absorption import absorb
+from truing.estimation.absorption import absorb, absorb_in_full
+from truing.estimation.least_squares import SolverStatus
 
 SEEDS = st.integers(0, 2**32 - 1)
 EPS = np.finfo(float).eps
@@ -116,6 +117,25 @@ def test_u_x_swallows_kappa_by_the_slope_of_the_leg():
             assert_between(u_x * slope.mean(), 1 - 0.2, 1 + 0.2, what="u_x slope")
             assert_between(-a_x / u_x, 10.0 * (1 - 0.2), 10.0 * (1 + 0.2), what="rho0")
             assert found.absorbed[0] > 0.95
+
+
+@pytest.mark.parametrize("leg", LEGS)
+@pytest.mark.parametrize("fifth", ["ux", "kappa"])
+def test_in_full_the_prediction_is_the_fit(fifth, leg):
+    model = Leg(leg, fifth)
+    start = model.residual(np.zeros(6))
+    found = absorb_in_full(lambda x: (model.residual(x) - start, model.jacobian(x)), start, None, 6)
+    assert found.status == SolverStatus.CONVERGED
+    fitted = model.fit()
+    sigma = np.sqrt(np.diag(np.linalg.inv(model.jacobian(fitted).T @ model.jacobian(fitted)))) * np.linalg.norm(start)
+    assert_close((found.shift - fitted) / sigma, np.zeros(6), atol=1e-6)
+    assert_close(found.left, model.residual(fitted), atol=1e-6 * np.linalg.norm(start))
+
+
+def test_in_full_a_linear_model_with_a_prior_gives_the_linear_answer():
+    _, N, s, scales, labels = draw(3)
+    found = absorb_in_full(lambda x: (N @ x, N), s[:, 0], scales, 6)
+    assert_close(found.shift, absorb(N, s[:, 0], labels, scales).shift[:, 0], atol=1e-9)
 
 
 def draw(seed):

@@ -3,17 +3,19 @@
 A fit answers what it has no parameter for with the parameters that it has. Where the effect moves the whitened residual
 by s, and the parameters move it by the Jacobian N, the fit shifts by -(N'N + Lambda^-1)^-1 N's: what lies in the space
 of the columns disappears from the residual, and only the rest of it is left for anybody to notice. First order: what
-the fit does in full differs by the square of the effect.
+the fit does in full differs by the square of the effect; `absorb_in_full` follows the model where that is not small.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.least_squares import SolverStatus, least_squares
 
 Against = Literal["fit", "truth", "nominal"]
 
@@ -83,6 +85,36 @@ def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales:
         covariance=root @ root.T,
         prior=None if tolerance is None else np.diag(tolerance**2),
     )
+
+
+@dataclass(frozen=True)
+class FullAnswer:
+    """What a non-linear fit of P parameters does with an effect: shift (P,), left (N,) of the residual, status."""
+
+    shift: NDArray
+    left: NDArray
+    status: SolverStatus
+
+
+def absorb_in_full(
+    model: Callable[[NDArray], tuple[NDArray, NDArray]], signature: NDArray, scales: ArrayLike | None, size: int
+) -> FullAnswer:
+    """Return the answer of ``size`` parameters P to an effect of signature (N,), along the curved model.
+
+    model(shift (P,)): the whitened residual's change (N,), zero for no shift, and its derivative (N, P). scales (P,):
+    tolerances as prior, None without.
+    """
+    weight = np.zeros((0, size)) if scales is None else np.diag(1.0 / np.asarray(scales, float))
+
+    def residuals(x: NDArray) -> tuple[NDArray, NDArray]:
+        changes, slopes = zip(*(model(shift) for shift in x), strict=True)
+        value = np.concatenate([signature + np.stack(changes), x @ weight.T], axis=1)
+        prior = np.broadcast_to(weight, (len(x), *weight.shape))
+        return value, np.concatenate([np.stack(slopes), prior], axis=1)
+
+    found = least_squares(residuals, np.zeros(size))
+    shift = found.x[0]
+    return FullAnswer(shift, signature + model(shift)[0], SolverStatus(found.status[0]))
 
 
 def _root(N: NDArray, labels: Sequence[str], tolerance: NDArray | None) -> NDArray:
