@@ -32,6 +32,22 @@ class QaGate(StrEnum):
     FAIL = "fail"
 
 
+class Method(StrEnum):
+    """How `design` searches."""
+
+    EXCHANGE = "exchange"
+    DIRECT = "direct"
+    IOOPS = "ioops"
+    RANDOM = "random"
+
+
+class Within(StrEnum):
+    """What limits the configurations that `design` may choose."""
+
+    WORKSPACE = "workspace"
+    ACTUATORS = "actuators"
+
+
 Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders that hold a campaign.toml.")]
 OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="A folder that holds a campaign.toml.")]
 Out = Annotated[
@@ -131,6 +147,54 @@ def predict(
     from pipeline.predict_command import predict_file
 
     _end(lambda: predict_file(model, inputs, out))
+
+
+@app.command()
+def design(
+    campaign: OneCampaign,
+    poses: Annotated[int, typer.Option("--poses", min=1, help="How many configurations to choose.")] = 40,
+    verification: Annotated[
+        int, typer.Option("--verification", min=0, help="How many more to hold out, among the chosen.")
+    ] = 0,
+    extend: Annotated[
+        Path | None, typer.Option("--extend", metavar="FILE", help="Keep the poses of this table, and add to them.")
+    ] = None,
+    avoid: Annotated[
+        Path | None,
+        typer.Option("--avoid", metavar="FILE", help="Forbidden regions, a row each: x_min_mm, rho1_max_mm, ..."),
+    ] = None,
+    method: Annotated[Method, typer.Option("--method", help="How to search.")] = Method.EXCHANGE,
+    within: Annotated[
+        Within, typer.Option("--within", help="All limits of [workspace], or rho_mm alone.")
+    ] = Within.WORKSPACE,
+    parameters: Annotated[
+        str,
+        typer.Option("--parameters", metavar="NAMES", help="Of each leg: a_x,b_x,l; default: all that can be known."),
+    ] = "",
+    trade_off: Annotated[
+        float, typer.Option("--trade-off", min=0.0, max=1.0, help="Order: 0 short travel, 1 time apart from poses.")
+    ] = 0.75,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
+    ] = None,
+) -> None:
+    """Choose where to measure: the configurations from which a calibration learns most, and how near the best they are.
+
+    A campaign.toml with a mechanism and a [workspace] is enough; poses measured already are judged by the same measure.
+
+    Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
+    """
+
+    def choose() -> ExitCode:
+        from pipeline.design_command import DesignFiles, design_campaign
+        from stages.design import DesignWish
+
+        names = tuple(name.strip() for name in parameters.split(",") if name.strip())
+        wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed)
+        return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
+
+    _end(choose)
 
 
 def _end(*actions: Callable[[], ExitCode]) -> None:

@@ -1,0 +1,78 @@
+"""`truing design`: where to measure, from a campaign.toml alone or beside what has been measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.campaign_folder import CampaignFolder, open_campaign
+from pipeline.given_table import ENDINGS, read_given, table_bytes
+from pipeline.problems import ExitCode
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.design import DesignTables, DesignWish
+
+
+@dataclass(frozen=True)
+class DesignFiles:
+    """The files that a call names, each of which may be absent."""
+
+    extend: Path | None = None
+    avoid: Path | None = None
+    out: Path | None = None
+
+
+def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCode:
+    """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
+    from stages.design import design
+    from stages.design_words import words_of
+
+    if files.out is not None and files.out.suffix not in ENDINGS:
+        raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out))])
+    campaign = open_campaign(place)
+    found = design(campaign.validated(), wish, _tables(campaign, files))
+    voice = Voice(quiet=False)
+    for line in words_of(found):
+        voice.say(line)
+    _hand_over(found.table, files.out, voice)
+    return ExitCode.DONE
+
+
+def _hand_over(table: pa.Table, out: Path | None, voice: Voice) -> None:
+    from pipeline.whole_file import write_whole
+
+    if out is None:
+        voice.say(table_bytes(table, ".csv").decode().rstrip("\n"))
+        return
+    write_whole(out, table_bytes(table, out.suffix))
+    voice.say(f"{table.num_rows} poses, in the order in which to measure them: {out}; fill in time_s when measuring")
+
+
+def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
+    from stages.design import DesignTables
+
+    extend = None if files.extend is None else read_given(files.extend, "a configurations table")
+    avoid = None if files.avoid is None else read_given(files.avoid, "a table of forbidden regions")
+    existing, survey = _measured(campaign)
+    return DesignTables(extend, str(files.extend), avoid, str(files.avoid), existing, survey)
+
+
+def _measured(campaign: CampaignFolder) -> tuple[pa.Table | None, pa.Table | None]:
+    """Return the campaign's own configurations and survey; None for what it does not hold yet, or holds with faults."""
+    from stages.ingest_tables import read_configurations, read_survey
+    from truing.formats.faultlog import FaultLog
+    from truing.formats.source import CampaignFiles
+
+    settings = campaign.validated()
+    source = CampaignFiles(campaign.folder, settings)
+    tables: list[pa.Table | None] = []
+    for name, read in (("configurations", read_configurations), ("targets", read_survey)):
+        log = FaultLog()
+        found = read(source, settings, log) if source.entries(name) else None
+        tables.append(None if log or found is None else found.table)
+    return tables[0], tables[1]

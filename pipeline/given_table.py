@@ -1,0 +1,43 @@
+"""Tables that the command line names: read as they are, with a fault where that cannot be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ENDINGS = (".csv", ".parquet")
+
+
+def read_given(path: Path, what: str) -> pa.Table:
+    """Return the table in a .csv or .parquet file; raises CampaignFaults where there is none."""
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    if path.suffix not in ENDINGS:
+        raise CampaignFaults([Fault(str(path), f"{what}, .csv or .parquet")])
+    try:
+        return pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
+    except (FileNotFoundError, IsADirectoryError):
+        raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
+    except pa.ArrowInvalid as error:
+        raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
+
+
+def table_bytes(table: pa.Table, ending: str) -> bytes:
+    """Return a table as the bytes of a .csv or .parquet file."""
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    sink = pa.BufferOutputStream()
+    if ending == ".parquet":
+        pa.parquet.write_table(table, sink)
+    else:
+        pa.csv.write_csv(table, sink, pa.csv.WriteOptions(quoting_style="none"))
+    return bytes(sink.getvalue())

@@ -1,0 +1,219 @@
+"""Where to measure: configurations from which a calibration learns most, in the order in which to measure them.
+
+Not a stage of a run, for it comes before there is anything to run: tables in, a table and words out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import CampaignFaults, Fault
+from stages.design_choice import Bounded, bounded, choose, verification
+from stages.design_problem import DesignProblem, design_problem, limits_of
+from stages.point_arrays import number_column
+from truing.estimation.design_bound import efficiency, sum_log_det
+from truing.estimation.pose_order import TRADE_OFF, PoseOrder, order_poses
+from truing.estimation.pose_selection import information_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from truing.simulation.pose_regressors import Placed
+
+
+@dataclass(frozen=True)
+class DesignWish:
+    """What is asked for.
+
+    method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
+    readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`.
+    """
+
+    poses: int
+    verification: int = 0
+    method: str = "exchange"
+    within: str = "workspace"
+    parameters: tuple[str, ...] = ()
+    trade_off: float = TRADE_OFF
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class DesignTables:
+    """What there is beside campaign.toml; each may be absent. ``extend``: poses to keep; ``existing``: to compare."""
+
+    extend: pa.Table | None = None
+    extend_file: str = "--extend"
+    avoid: pa.Table | None = None
+    avoid_file: str = "--avoid"
+    existing: pa.Table | None = None
+    survey: pa.Table | None = None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Configurations (N,) as a calibration sees them: their number, information (L, q, q), how many lie outside."""
+
+    count: int
+    information: NDArray
+    outside: int
+
+    @property
+    def log_det(self) -> float:
+        """Return O1, the log determinant over all legs."""
+        return sum_log_det(self.information)
+
+
+@dataclass(frozen=True)
+class Design:
+    """Chosen configurations and what can be said of them.
+
+    placed: calibration poses, then verification poses; whole: the chosen with those kept; existing: the campaign's own;
+    candidates: what the bound is about, and the bound.
+    """
+
+    problem: DesignProblem
+    wish: DesignWish
+    placed: Placed
+    whole: Judged
+    kept: Judged | None
+    existing: Judged | None
+    candidates: Bounded
+    order: PoseOrder
+    table: pa.Table = field(repr=False)
+
+    @property
+    def efficiency(self) -> float:
+        """Return the share of the best possible."""
+        return efficiency(self.whole.log_det, self.candidates.upper, self.problem.size)
+
+    @property
+    def existing_efficiency(self) -> float | None:
+        """Return what share of the best of as many poses the campaign's own are; None where there are none to judge."""
+        if self.existing is None or self.kept is not None:
+            return None
+        best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.wish.poses))
+        return efficiency(self.existing.log_det, best, self.problem.size)
+
+
+def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design:
+    """Return configurations for a calibration and how far they are from the best; raises CampaignFaults."""
+    limits = limits_of(settings, pose_too=wish.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file)
+    kept_rho = None if tables.extend is None else readings_of(tables.extend, limits.readings.size, tables.extend_file)
+    measured = wish.poses + (0 if kept_rho is None else len(kept_rho))
+    problem = design_problem(settings, limits, wish.parameters, tables.survey)
+    _check_wish(wish, problem, measured)
+    kept = None if kept_rho is None else _judged(problem, kept_rho, tables.extend_file)
+    rng = np.random.default_rng(wish.seed)
+    given = None if kept is None else kept.information
+    candidates = _bounded(problem, wish, given, rng, tables.avoid_file)
+    x = choose(problem, candidates, wish.method, wish.poses, given, rng)
+    whole = Judged(measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside)
+    existing = _existing(problem, tables.existing)
+    check = verification(problem, x, wish.verification, rng)
+    placed = problem.regressors.at(np.concatenate([x, check]))
+    order = _ordered(problem, placed, wish, kept_rho, rng)
+    table = _table(placed.rho, order, problem.regressors.machine.legs.rho0, wish, tables.extend)
+    return Design(problem, wish, placed, whole, kept, existing, candidates, order, table)
+
+
+def _bounded(
+    problem: DesignProblem, wish: DesignWish, given: NDArray | None, rng: np.random.Generator, avoid_file: str
+) -> Bounded:
+    try:
+        return bounded(problem, wish.poses, given, rng)
+    except ValueError as error:
+        raise CampaignFaults([Fault(avoid_file, str(error))]) from None
+
+
+def _check_wish(wish: DesignWish, problem: DesignProblem, measured: int) -> None:
+    least = len(problem.names)
+    if measured < least:
+        expected = f"at least {least} configurations, one for each parameter of a leg"
+        raise CampaignFaults([Fault("--poses", expected, value=str(measured))])
+
+
+def readings_of(table: pa.Table, legs: int, file: str, role: str = "verification") -> NDArray:
+    """Return the readings (N, L), m, of all poses but those of a role; raises CampaignFaults where they are none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    names = [f"rho{leg + 1}_mm" for leg in range(legs)]
+    missing = [name for name in names if name not in table.schema.names]
+    if missing:
+        raise CampaignFaults(Fault(file, "a column of that name", column=name) for name in missing)
+    if "role" in table.schema.names:
+        table = table.filter(pc.fill_null(pc.not_equal(table.column("role").cast(pa.string()), role), True))
+    try:
+        values = np.column_stack([number_column(table, name) for name in names]) * 1e-3
+    except ValueError:
+        raise CampaignFaults([Fault(file, "numbers", column="rho1_mm ..")]) from None
+    if not np.isfinite(values).all():
+        raise CampaignFaults([Fault(file, "a reading of every actuator in every pose")])
+    return values
+
+
+def _judged(problem: DesignProblem, rho: NDArray, file: str) -> Judged:
+    try:
+        placed = problem.placed_at(rho)
+    except ValueError as error:
+        raise CampaignFaults([Fault(file, str(error))]) from None
+    # A hundredth beyond a limit is the actuator's noise, not another range.
+    outside = problem.region.excess(problem.regressors.coordinates(placed)) > 1.01
+    return Judged(len(rho), information_of(problem.rows(placed)), int(outside.sum()))
+
+
+def _existing(problem: DesignProblem, table: pa.Table | None) -> Judged | None:
+    """Return the campaign's own calibration poses as judged by the same measure; None where they cannot be."""
+    if table is None:
+        return None
+    try:
+        rho = readings_of(table, problem.legs, "configurations")
+        return _judged(problem, rho, "configurations") if len(rho) >= len(problem.names) else None
+    except CampaignFaults:
+        return None
+
+
+def _ordered(
+    problem: DesignProblem, placed: Placed, wish: DesignWish, kept_rho: NDArray | None, rng: np.random.Generator
+) -> PoseOrder:
+    """Return the order, time being kept apart from every leg's regressors and from the drives."""
+    rho0 = problem.regressors.machine.legs.rho0
+    legs = np.moveaxis(problem.rows(placed), 1, 0)
+    drives = placed.rho - rho0
+    size = max(legs.shape[-1], problem.legs)
+    groups = [*legs, drives]
+    padded = np.stack([np.pad(group, ((0, 0), (0, size - group.shape[-1]))) for group in groups])
+    start = rho0 if kept_rho is None else kept_rho[-1]
+    return order_poses(placed.rho, start, padded, rng, wish.trade_off)
+
+
+def _table(rho: NDArray, order: PoseOrder, rho0: NDArray, wish: DesignWish, extend: pa.Table | None) -> pa.Table:
+    """Return the configurations in the order of measurement, times still empty; a new set begins at the reference."""
+    import pyarrow as pa
+
+    roles = np.repeat(["calibration", "verification"], [wish.poses, wish.verification])[order.order].tolist()
+    values, first = rho[order.order], _first_number(extend)
+    if extend is None:
+        roles, values, first = ["reference", *roles], np.concatenate([rho0[None], values]), 0
+    columns: dict[str, object] = {
+        "pose": pa.array(np.arange(len(values)) + first),
+        "role": pa.array(roles, pa.string()),
+        "time_s": pa.nulls(len(values), pa.float64()),
+    }
+    return pa.table(columns | {f"rho{i + 1}_mm": np.round(column * 1e3, 6) for i, column in enumerate(values.T)})
+
+
+def _first_number(extend: pa.Table | None) -> int:
+    """Return the first free number of a pose."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if extend is None or "pose" not in extend.schema.names or not pa.types.is_integer(extend.schema.field("pose").type):
+        return 1
+    return int(pc.max(extend.column("pose")).as_py() or 0) + 1

@@ -1,0 +1,116 @@
+"""The search for configurations: candidates, the bound over all of them, the methods, and poses to hold out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import CampaignFaults, Fault
+from stages.design_problem import DesignProblem
+from truing.estimation.continuous_selection import largest_sensitivity, optimise_directly
+from truing.estimation.design_bound import DesignBound, bound_design, sum_log_det
+from truing.estimation.pose_selection import exchange, information_of, ioops, rounded_design
+
+_DENSE = 2000  # points spread over the region, beside its corners
+_CLIMBERS = 60  # from which more sensitive points than those are sought
+_ROUNDS = 4  # in which what climbs have found joins the candidates
+_RAISED = 1e-4  # of the bound, as a share of the measurements, that needs no further round
+_STARTS = 10
+_POLISH = 50  # iterations
+_NEAR = 0.9  # of the largest sensitivity: candidates less sensitive than that are in no good design
+_HULL = 7  # configurations that a verification pose is a mean of: one more than a pose has coordinates
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Candidates x (C, 6), the first of them corners; the best design on them; upper: with what lies between them."""
+
+    x: NDArray
+    corners: int
+    dense: int
+    bound: DesignBound
+    upper: float
+
+    @property
+    def raised(self) -> float:
+        """Return by how much, in log det, the points between candidates raise the bound."""
+        return self.upper - self.bound.upper
+
+    @property
+    def climbed(self) -> int:
+        """Return how many candidates climbs have found."""
+        return len(self.x) - self.corners - self.dense
+
+
+def bounded(problem: DesignProblem, poses: int, given: NDArray | None, rng: np.random.Generator) -> Bounded:
+    """Return what no choice of poses can exceed; raises ValueError where forbidden regions leave no room."""
+    corners = problem.region.corners()
+    x = np.concatenate([corners, problem.region.draw(_DENSE, rng)])
+    for _ in range(_ROUNDS):
+        bound = bound_design(problem.rows_at(x), poses, given)
+        start = x[
+            np.concatenate([np.argsort(bound.sensitivity)[::-1][: _CLIMBERS // 2], rng.choice(len(x), _CLIMBERS // 2)])
+        ]
+        found = largest_sensitivity(problem.region, problem.rows_and_changes, bound, start)
+        result = Bounded(x, len(corners), _DENSE, bound, bound.with_sensitivity(found.value))
+        if result.raised <= _RAISED * problem.size:
+            break
+        x = np.concatenate([x, found.x])
+    return result
+
+
+def choose(
+    problem: DesignProblem,
+    candidates: Bounded,
+    method: str,
+    poses: int,
+    given: NDArray | None,
+    rng: np.random.Generator,
+) -> NDArray:
+    """Return the coordinates (N, 6) of the configurations that a method finds: exchange, direct, ioops or random."""
+    if method == "exchange":
+        return _by_exchange(problem, candidates, poses, given, rng)
+    start = problem.region.draw(poses, rng)
+    if method == "direct":
+        return optimise_directly(problem.region, problem.rows_and_changes, start, given).x
+    if method == "ioops":
+        pool = np.concatenate([start, candidates.x])
+        return pool[ioops(problem.rows_at(pool), np.arange(poses), given).chosen]
+    return start
+
+
+def _by_exchange(
+    problem: DesignProblem, candidates: Bounded, poses: int, given: NDArray | None, rng: np.random.Generator
+) -> NDArray:
+    """Return the best of exchanges from the rounded optimum and from random starts, moved on to between candidates."""
+    sensitivity = candidates.bound.sensitivity
+    pool = np.flatnonzero(sensitivity >= _NEAR * sensitivity.max())
+    rows, place = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)
+    place[pool] = np.arange(len(pool))
+    starts = [place[rounded_design(candidates.bound, poses)]]
+    starts += [rng.choice(len(pool), poses, replace=len(pool) < poses) for _ in range(_STARTS)]
+    found = [exchange(rows, s, given) for s in starts if np.isfinite(sum_log_det(information_of(rows[s], given)))]
+    best = max(found, key=lambda selection: selection.log_det)
+    start = candidates.x[pool[best.chosen]]
+    moved = optimise_directly(problem.region, problem.rows_and_changes, start, given, _POLISH)
+    return moved.x if moved.value > best.log_det else start
+
+
+def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.Generator) -> NDArray:
+    """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other."""
+    if not count:
+        return np.empty((0, 6))
+    picked = rng.permuted(np.tile(np.arange(len(x)), (100 * count, 1)), axis=1)[:, :_HULL]
+    shares = rng.dirichlet(np.ones(picked.shape[1]), len(picked))
+    inside = problem.region.pulled_in(np.einsum("nk,nki->ni", shares, x[picked]))
+    inside = inside[problem.region.allowed(inside)]
+    if len(inside) < count:
+        raise CampaignFaults([Fault("--verification", "room within the hull of the chosen poses", value=str(count))])
+    near = np.linalg.norm(inside[:, None] - x[None], axis=-1).min(1)
+    chosen: list[int] = []
+    for _ in range(count):
+        chosen.append(int(np.argmax(near)))
+        near = np.minimum(near, np.linalg.norm(inside - inside[chosen[-1]], axis=-1))
+    return inside[chosen]

@@ -1,0 +1,184 @@
+"""A region between limits, less forbidden boxes: its corners, points spread evenly in it, and the way back into it.
+
+Points are coordinates x (B, n). What is limited are K quantities of x, nearly linear and zero at the origin, given by a
+function with their exact derivative; corners are those of the linearised region, carried to the exact limits by Newton.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Quantities = Callable[[NDArray], tuple[NDArray, NDArray]]  # x (B, n) -> values (B, K), derivatives (B, K, n)
+
+_ROUNDS = 8  # of Newton, and of pulling in: each squares what is left
+_STEPS_OF_A_WALK = 60
+_SWEEPS = 60
+_TOUCHING = 1e-9  # of a half range
+_DRAWS = 50  # times as many points drawn as asked for, before the region counts as forbidden altogether
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """Conditions sign * quantity[index] <= bound."""
+
+    index: NDArray
+    sign: NDArray
+    bound: NDArray
+
+    def and_also(self, index: int, sign: float, bound: float) -> _Faces:
+        return _Faces(np.append(self.index, index), np.append(self.sign, sign), np.append(self.bound, bound))
+
+
+@dataclass(frozen=True)
+class FeasibleRegion:
+    """Points x (B, size) whose quantities lie within half ranges (K,) and in no forbidden box.
+
+    half_range: infinite where there is none. lower, upper (F, K): the boxes, in the quantities, infinite where a box
+    has no end; their faces themselves are allowed.
+    """
+
+    size: int
+    quantities: Quantities
+    half_range: NDArray
+    lower: NDArray
+    upper: NDArray
+
+    @cached_property
+    def normals(self) -> NDArray:
+        """Return the derivative (K, size) of the quantities at the origin."""
+        return self.quantities(np.zeros((1, self.size)))[1][0]
+
+    @cached_property
+    def limited(self) -> NDArray:
+        """Return which quantities have limits, as indices."""
+        return np.flatnonzero(np.isfinite(self.half_range))
+
+    def excess(self, x: NDArray) -> NDArray:
+        """Return the largest quantity (B,) in units of its half range: at most 1 within the limits."""
+        return np.asarray(np.max(np.abs(self.quantities(x)[0] / self.half_range), -1))
+
+    def allowed(self, x: NDArray) -> NDArray:
+        """Return which points (B,) lie in no forbidden box."""
+        value = self.quantities(x)[0][:, None]
+        slack = _TOUCHING * np.where(np.isfinite(self.half_range), self.half_range, 0.0)
+        return ~np.any(np.all((value > self.lower + slack) & (value < self.upper - slack), -1), -1)
+
+    def pulled_in(self, x: NDArray) -> NDArray:
+        """Return points moved towards the origin until they are within the limits."""
+        for _ in range(_ROUNDS):
+            excess = self.excess(x)
+            if excess.max(initial=0.0) <= 1.0 + 1e-12:
+                break
+            x = x / np.maximum(1.0, excess)[:, None]
+        return x
+
+    def draw(self, count: int, rng: np.random.Generator) -> NDArray:
+        """Return points (count, size) spread evenly over the region; raises ValueError where all of it is forbidden."""
+        found = np.empty((0, self.size))
+        for _ in range(_DRAWS):
+            x = self.pulled_in(self._walk(count, rng))
+            found = np.concatenate([found, x[self.allowed(x)]])
+            if len(found) >= count:
+                return found[:count]
+        raise ValueError("forbidden regions that leave room for configurations")
+
+    def _walk(self, count: int, rng: np.random.Generator) -> NDArray:
+        """Return points spread evenly within the linearised limits (hit and run, Smith, Oper. Res. 32 (1984) 1296)."""
+        normals = self.normals[self.limited] / self.half_range[self.limited, None]
+        x = np.zeros((count, self.size))
+        for _ in range(_STEPS_OF_A_WALK):
+            along = rng.normal(size=x.shape)
+            slope, at = along @ normals.T, x @ normals.T
+            reach = (np.sign(slope) - at) / slope, (-np.sign(slope) - at) / slope
+            far, near = reach[0].min(-1), reach[1].max(-1)
+            x = x + (near + (far - near) * rng.uniform(size=count))[:, None] * along
+        return x
+
+    def corners(self) -> NDArray:
+        """Return the corners (C, size) of the limits and of each forbidden box with them, outside of all boxes.
+
+        Where two boxes meet, the corners of their common edges are not among them.
+        """
+        k = self.limited
+        faces = _Faces(np.tile(k, 2), np.repeat([1.0, -1.0], len(k)), np.tile(self.half_range[k], 2))
+        parts = [self._corners_between(faces)]
+        for low, high in zip(self.lower, self.upper, strict=True):
+            parts += [
+                self._corners_between(faces.and_also(int(i), 1.0, low[i])) for i in np.flatnonzero(np.isfinite(low))
+            ]
+            parts += [
+                self._corners_between(faces.and_also(int(i), -1.0, -high[i])) for i in np.flatnonzero(np.isfinite(high))
+            ]
+        x = np.concatenate(parts)
+        return _distinct(x[self.allowed(x)])
+
+    def _corners_between(self, faces: _Faces) -> NDArray:
+        """Return the corners (C, size) of the points between faces; none where there are no such points."""
+        from scipy.spatial import HalfspaceIntersection
+
+        normals = self.normals[faces.index] * faces.sign[:, None]
+        length = np.linalg.norm(normals, axis=-1)
+        inside = (
+            np.zeros(self.size)
+            if (faces.bound > 0).all()
+            else _deepest(normals / length[:, None], faces.bound / length)
+        )
+        if inside is None:
+            return np.empty((0, self.size))
+        x = HalfspaceIntersection(np.column_stack([normals, -faces.bound]) / length[:, None], inside).intersections
+        x = _distinct(x[np.isfinite(x).all(-1)])
+        touched = np.abs(x @ normals.T - faces.bound) <= 1e-7 * length * np.linalg.norm(x, axis=-1).max()
+        return self._onto(x, faces, touched)
+
+    def _onto(self, x: NDArray, faces: _Faces, touched: NDArray) -> NDArray:
+        """Return points moved until the faces that they touch (B, M) are met exactly (Newton)."""
+        for _ in range(_ROUNDS):
+            value, slope = self.quantities(x)
+            scale = touched / np.linalg.norm(self.normals[faces.index], axis=-1)
+            missing = (faces.sign * faces.bound - value[:, faces.index]) * scale
+            inverse = np.linalg.pinv(slope[:, faces.index] * scale[..., None], rcond=1e-6)
+            x = x + (inverse @ missing[..., None])[..., 0]
+        return self.pulled_in(x)
+
+    def project(self, x: NDArray, about: NDArray) -> NDArray:
+        """Return the nearest points within the limits, these linearised at the points ``about`` (Dykstra 1983)."""
+        value, slope = self.quantities(about)
+        half = self.half_range[self.limited]
+        normal = slope[:, self.limited] / half[:, None]
+        offset = value[:, self.limited] / half - np.einsum("bki,bi->bk", normal, about)
+        square, pull = np.sum(normal**2, -1), np.zeros(offset.shape)
+        for _ in range(_SWEEPS):
+            before = x
+            for k in range(len(half)):
+                x = x + pull[:, k, None] * normal[:, k]
+                along = np.sum(normal[:, k] * x, -1) + offset[:, k]
+                pull[:, k] = (along - np.clip(along, -1.0, 1.0)) / square[:, k]
+                x = x - pull[:, k, None] * normal[:, k]
+            if np.abs(x - before).max() <= 1e-12:
+                break
+        return x
+
+
+def _deepest(normals: NDArray, bound: NDArray) -> NDArray | None:
+    """Return the centre of the largest ball between faces ``normals x <= bound`` of unit normals, None without one."""
+    from scipy.optimize import linprog
+
+    size = normals.shape[1]
+    aim = np.append(np.zeros(size), -1.0)
+    found = linprog(
+        aim, np.column_stack([normals, np.ones(len(normals))]), bound, bounds=[(None, None)] * size + [(0, None)]
+    )
+    return found.x[:size] if found.status == 0 and found.x[size] > 1e-9 * np.abs(bound).max() else None
+
+
+def _distinct(x: NDArray) -> NDArray:
+    """Return points (C, n) each once, to a billionth of the largest coordinate."""
+    if not len(x):
+        return x
+    grid = np.round(x / (_TOUCHING * 10 * np.abs(x).max()))
+    return x[np.sort(np.unique(grid, axis=0, return_index=True)[1])]

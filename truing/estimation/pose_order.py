@@ -1,0 +1,162 @@
+"""The order in which to measure poses: little travel, and time that cannot be mistaken for a pose.
+
+Whatever drifts with time while poses are measured looks like every regressor that happens to change with time. Poses
+are taken to need equally long; what counts is the share R of a straight line in time that regressors can imitate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_KICKS = 60  # of the best order, each followed by all reversals that help
+_RANDOM = 200  # orders that travel is compared with
+# Travel is cheap until drift all but vanishes; docs/design.md shows what other values buy.
+TRADE_OFF = 0.75
+
+
+@dataclass(frozen=True)
+class PoseOrder:
+    """An order (N,) of poses; what it travels, and what a random order does on average, m; time beside the poses.
+
+    drift: largest share (R, from 0 to 1) of a line in time that one group of regressors imitates; random_drift: the
+    same of random orders, on average.
+    """
+
+    order: NDArray
+    travel: float
+    random_travel: float
+    drift: float
+    random_drift: float
+
+
+@dataclass(frozen=True)
+class _Task:
+    """distance (N + 1, N + 1) with the start last; groups (G, N, k) orthonormal, orthogonal to one, zero-filled."""
+
+    distance: NDArray
+    groups: NDArray
+    travel: float
+    trade_off: float
+
+    @property
+    def count(self) -> int:
+        return self.groups.shape[1]
+
+    def shares(self, seen: NDArray) -> NDArray:
+        """Return R^2 (..., G) from the projections (..., G, k) of time on the groups."""
+        total = self.count * (self.count**2 - 1) / 12.0
+        return np.asarray(np.sum(seen**2, -1) / total)
+
+    def cost(self, travel: NDArray, seen: NDArray) -> NDArray:
+        drift = np.sqrt(np.mean(self.shares(seen), -1))
+        return np.asarray((1.0 - self.trade_off) * travel / self.travel + self.trade_off * drift)
+
+
+def order_poses(
+    drives: NDArray,
+    start: NDArray,
+    regressors: NDArray,
+    rng: np.random.Generator,
+    trade_off: float = TRADE_OFF,
+) -> PoseOrder:
+    """Return an order of poses with readings drives (N, L), m, measured from a start (L,) onwards.
+
+    regressors (G, N, k): groups of columns from which time shall be kept apart, one group per leg for instance.
+    trade_off: 0 for the shortest travel alone, 1 for time apart alone. A move takes as long as its longest drive. Found
+    by reversals of parts (2-opt) and kicks (Martin, Otto and Felten, Complex Systems 5 (1991) 299). Raises ValueError
+    for a trade-off outside of 0 to 1.
+    """
+    if not 0.0 <= trade_off <= 1.0:
+        raise ValueError(f"trade-off: found {trade_off}, expected 0 to 1")
+    places = np.concatenate([drives, start[None]])
+    distance = np.abs(places[:, None] - places[None]).max(-1)
+    groups = np.stack([_orthonormal(group) for group in regressors])
+    shuffled = np.array([rng.permutation(len(drives)) for _ in range(_RANDOM)])
+    usual = _travel(distance, shuffled)
+    task = _Task(distance, groups, max(float(usual.mean()), np.finfo(float).tiny), trade_off)
+    order = _search(task, rng)
+    drift = np.sqrt(task.shares(_seen(task, np.concatenate([order[None], shuffled]))).max(-1))
+    return PoseOrder(order, float(_travel(distance, order)), task.travel, float(drift[0]), float(drift[1:].mean()))
+
+
+def _orthonormal(columns: NDArray) -> NDArray:
+    """Return an orthonormal basis (N, k) of what columns (N, k) hold beyond a constant; zeros fill it up."""
+    centred = columns - columns.mean(0)
+    norm = np.linalg.norm(columns, axis=0)
+    basis, value, _ = np.linalg.svd(centred / np.where(norm > 0, norm, 1.0), full_matrices=False)
+    kept = basis * (value > 1e-9 * max(value[0], 1e-300))
+    return np.pad(kept, ((0, 0), (0, columns.shape[1] - kept.shape[1])))
+
+
+def _travel(distance: NDArray, order: NDArray) -> NDArray:
+    """Return the way (...,) of orders (..., N) from the start, which is the last place."""
+    before = np.concatenate([np.full((*order.shape[:-1], 1), len(distance) - 1), order[..., :-1]], -1)
+    return np.asarray(distance[before, order].sum(-1))
+
+
+def _seen(task: _Task, order: NDArray) -> NDArray:
+    """Return the projections (..., G, k) of time on the groups for orders (..., N)."""
+    time = np.arange(task.count) - (task.count - 1) / 2.0
+    return np.einsum("n,g...nk->...gk", time, task.groups[:, order])
+
+
+def _search(task: _Task, rng: np.random.Generator) -> NDArray:
+    best = _descended(task, _nearest_first(task.distance))
+    least = _cost(task, best)
+    for _ in range(_KICKS if task.count > 3 else 0):
+        trial = _descended(task, _kicked(best, rng))
+        cost = _cost(task, trial)
+        if cost < least:
+            best, least = trial, cost
+    return best
+
+
+def _cost(task: _Task, order: NDArray) -> float:
+    return float(task.cost(_travel(task.distance, order), _seen(task, order)))
+
+
+def _nearest_first(distance: NDArray) -> NDArray:
+    """Return the order that goes to the nearest pose not yet measured."""
+    left, at, order = list(range(len(distance) - 1)), len(distance) - 1, []
+    while left:
+        at = left.pop(int(np.argmin(distance[at, left])))
+        order.append(at)
+    return np.array(order)
+
+
+def _kicked(order: NDArray, rng: np.random.Generator) -> NDArray:
+    """Return an order whose middle parts have changed places (double bridge)."""
+    a, b, c = np.sort(rng.choice(np.arange(1, len(order)), 3, replace=False))
+    return np.concatenate([order[:a], order[b:c], order[a:b], order[c:]])
+
+
+def _descended(task: _Task, order: NDArray) -> NDArray:
+    """Return the order after all reversals that help, the best one first."""
+    first, last = np.triu_indices(task.count, 1)
+    while True:
+        cost = _costs_of_reversals(task, order, first, last)
+        best = int(np.argmin(cost))
+        if not cost[best] < _cost(task, order) - 1e-12:
+            return order
+        part = slice(first[best], last[best] + 1)
+        order = np.concatenate([order[: part.start], order[part][::-1], order[part.stop :]])
+
+
+def _costs_of_reversals(task: _Task, order: NDArray, first: NDArray, last: NDArray) -> NDArray:
+    """Return the cost (M,) after reversing each part first .. last: travel changes at its two ends, time within."""
+    distance, home = task.distance, len(task.distance) - 1
+    before, after = np.append(home, order[:-1]), np.append(order[1:], home)
+    here, there = order[first], order[last]
+    open_end = last < task.count - 1
+    gain = distance[before[first], there] - distance[before[first], here]
+    gain = gain + open_end * (distance[here, after[last]] - distance[there, after[last]])
+    columns = np.moveaxis(task.groups[:, order], 0, 1)
+    zero = np.zeros((1, *columns.shape[1:]))
+    sums = np.concatenate([zero, np.cumsum(columns, 0)])
+    moments = np.concatenate([zero, np.cumsum(np.arange(task.count)[:, None, None] * columns, 0)])
+    turned = (first + last)[:, None, None] * (sums[last + 1] - sums[first])
+    turned = turned - 2.0 * (moments[last + 1] - moments[first])
+    return task.cost(_travel(distance, order) + gain, _seen(task, order) + turned)
