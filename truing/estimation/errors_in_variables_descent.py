@@ -26,7 +26,7 @@ _SETTLED = 1e-10
 _STILL, JUDGED = 1e-12, 1e-3
 # Damping that rounding alone would need where nothing is known of some combination of values.
 _LEAST_DAMPING = 1e-13
-_FIRST_DAMPING, _HOPELESS = 1e-6, 1e12
+_FIRST_DAMPING = 1e-6
 _LARGEST_BEND = 0.75  # of the step's length (Transtrum and Sethna)
 
 
@@ -169,31 +169,30 @@ def descend(objective: Objective, start: Eliminated) -> Descent:
         return Descent(point.at, point.cost, 0, SolverStatus.NOT_FINITE)
     for iteration in range(MAX_ITERATIONS):
         step, promise = point.step(damping.value)
-        if damping.value == 0.0 and _stands(promise, before):
+        if _stands(promise, before):
             point = point.settled()
-            if point.step(0.0)[1] < NEAR:
-                return Descent(point.at, point.cost, iteration, SolverStatus.CONVERGED)
             step, promise = point.step(0.0)
+            if promise < NEAR or damping.value > 0.0:
+                status = SolverStatus.CONVERGED if promise < NEAR else SolverStatus.STALLED
+                return Descent(point.at, point.cost, iteration, status)
         trial = _lower(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
             point, before = trial, promise
-        elif damping.value > _HOPELESS:
-            return Descent(point.at, point.cost, iteration, SolverStatus.STALLED)
         else:
             damping = damping.raised()
     return Descent(point.at, point.cost, MAX_ITERATIONS, SolverStatus.ITERATION_LIMIT)
 
 
 def _stands(promise: float, before: float) -> bool:
-    """Return whether a full step that promises so little, after one that promised so much, is not worth taking."""
+    """Return whether a step that promises so little, after one that promised so much, is not worth taking."""
     return promise < _SETTLED or before / 2 < promise < NEAR
 
 
 def _lower(point: Point, step: NDArray, promise: float, damping: float) -> Point | None:
     """Return a lower point at the end of a step, straight or bent, or None."""
     straight = point.objective.trial(point, step, promise)
-    if straight is None or straight.cost < point.cost or promise < NEAR:
+    if straight is None or straight.cost < point.cost or (promise < NEAR and damping == 0.0):
         return straight
     bend = point.bend(straight, step, damping)
     bent = None if bend is None else point.objective.trial(point, step + bend, promise)
