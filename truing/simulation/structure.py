@@ -7,13 +7,14 @@ exact derivatives. Pose from readings, readings from pose and every calibration 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematics import SMALL_STEP, Forward, bounded_steps, forward, inverse
+from truing.simulation.kinematics import SMALL_STEP, Forward, bounded_steps, forward, in_pieces, inverse, is_batched
 from truing.simulation.legs import Change, Legs
 
 _MAX_ITERATIONS = 30
@@ -94,12 +95,18 @@ class Readings:
 
 
 def poses_at(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
-    """Return the poses reached with readings rho (B, L), m, by Newton from those of the rigid mechanism.
+    """Return the poses reached with readings rho (B, L), m, by Newton from those of rigid legs on the same platform.
 
     Where the structure does not close, the pose is the last one tried and does not count as converged.
     Raises ValueError for fewer than six legs.
     """
-    start = forward(machine.legs, rho)
+    if is_batched(machine.legs) or machine.deformation.ndim > 2:
+        return _newton(structure, machine, rho)
+    return in_pieces(partial(_newton, structure, machine), rho)
+
+
+def _newton(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
+    start = forward(machine.legs, rho, machine.delta_bz(rho))
     p, R, lost, converged = start.p, start.R, ~start.converged, np.zeros(len(rho), bool)
     for _ in range(_MAX_ITERATIONS):
         closing = structure.close(machine, p, R, rho, NO_CHANGE)
