@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from stages.calibration_data import Deformation, Gathered, Measured, SurveyedAttachments
 from truing.estimation.errors_in_variables import ErrorsInVariablesFit, Prior, fit_errors_in_variables
-from truing.estimation.least_squares import least_squares
+from truing.estimation.identifiable_set import choose_identifiable
+from truing.estimation.least_squares import SolverStatus, least_squares
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.parameters import ParameterSet, full_set, report_set
 from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M
@@ -20,6 +21,8 @@ DEFORMATIONS = ("none", "linear", "matrix")
 MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
 # What nothing is known of: a deformation coefficient may still be this large.
 _FREE_DEFORMATION = 0.1
+# A calibration that has not settled by then will not.
+_ITERATIONS = 200
 # A parameter counts as identified where the data say at least as much of it as its tolerance does.
 _TOLD = np.sqrt(0.5)
 
@@ -134,7 +137,7 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case) -> Cali
         fit.judgement.chi_square,
         float(fit.judgement.freedom),
         _log_evidence(fit, prior),
-        "ok" if fit.ok else f"{fit.status}: {fit.status.remedy}",
+        _ending(fit.status),
     )
 
 
@@ -210,7 +213,7 @@ def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
 
 def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
     """Return the calibration by least squares on the closure alone, over the poses kept (B,): the report's own way."""
-    problem = _problem(case, report_set(case.nominal, case.deformation), fitted.chosen(kept))
+    problem = _problem(case, _implicit_set(gathered, fitted.chosen(kept), case), fitted.chosen(kept))
     nominal = problem.parameters.values(case.nominal)
     still = np.zeros((int(kept.sum()), problem.deviations))
 
@@ -221,7 +224,7 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
             np.stack([one.by_values.reshape(-1, len(nominal)) for one in found]),
         )
 
-    solution = least_squares(residuals, nominal, method="levenberg-marquardt")
+    solution = least_squares(residuals, nominal, method="levenberg-marquardt", max_iterations=_ITERATIONS)
     values = solution.x[0]
     at = problem.constrain(values, still)
     freedom = max(at.value.size - len(nominal), 1)
@@ -241,5 +244,31 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
         float("nan"),
         float(freedom),
         float("nan"),
-        "ok" if solution.ok[0] else f"{solution.status[0]}: {solution.status[0].remedy}",
+        _ending(SolverStatus(solution.status[0])),
     )
+
+
+def _implicit_set(gathered: Gathered, fitted: Measured, case: Case) -> ParameterSet:
+    """Return what the report identifies of legs as it has them, on actuators of their own; of others what can be.
+
+    That is a largest set of joints, lengths and kappa that the data tell better than their tolerances do, the same
+    for every leg.
+    """
+    if "u" in case.nominal.legs.closure.geometry:
+        return report_set(case.nominal, case.deformation)
+    deformation = "none" if case.deformation == "none" else "linear"
+    candidates = _free(full_set(case.nominal, deformation), gathered)
+    problem = _problem(case, candidates, fitted)
+    at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
+    noise = observation_covariance(fitted, problem, gathered.reading_sigma)
+    sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
+    rows = (at.by_values / sigma[..., None]).reshape(-1, len(candidates))
+    tolerance = tolerances(gathered, case, candidates)
+    scales = np.where(np.isfinite(tolerance), tolerance, widest(candidates))
+    names = [entry.name for entry in candidates.entries]
+    chosen = choose_identifiable(rows, scales, candidates.labels, groups=names).chosen
+    return ParameterSet(tuple(entry for entry, told in zip(candidates.entries, chosen, strict=True) if told))
+
+
+def _ending(status: SolverStatus) -> str:
+    return "ok" if status == SolverStatus.CONVERGED else f"{status}: {status.remedy}"

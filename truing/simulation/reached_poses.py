@@ -11,10 +11,14 @@ from truing.simulation.kinematics import solve_rows
 from truing.simulation.legs import Change
 from truing.simulation.structure import Machine, Structure, poses_at
 
+# A platform whose legs hold one of its motions so much less than another is not held; motions counted in m and rad.
+_SINGULAR = 1e8
+_LENGTHS = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # what a rad moves, m
+
 
 @dataclass(frozen=True)
 class ReachedPoses:
-    """Poses p (B, 3) m, R (B, 3, 3), and whether the legs closed; twist (v; omega) of the platform, base frame, per
+    """Poses p (B, 3) m, R (B, 3, 3), and whether the legs closed and hold it; twist (v; omega) of the platform, base frame, per
     reading (B, 6, L) and per parameter (B, 6, P)."""
 
     p: NDArray
@@ -36,6 +40,8 @@ def reached_poses(structure: Structure, machine: Machine, rho: NDArray, change: 
     """
     found = poses_at(structure, machine, rho)
     closing = structure.close(machine, found.p, found.R, rho, change)
-    twist = -solve_rows(closing.by_twist, np.concatenate([closing.by_rho, closing.by_parameter], -1))
+    fixed = found.converged & (np.linalg.cond(closing.by_twist / _LENGTHS) < _SINGULAR)
+    rows = np.where(fixed[:, None, None], closing.by_twist, np.eye(rho.shape[-1], 6))
+    twist = -solve_rows(rows, np.concatenate([closing.by_rho, closing.by_parameter], -1))
     legs = rho.shape[-1]
-    return ReachedPoses(found.p, found.R, twist[..., :legs], twist[..., legs:], found.converged)
+    return ReachedPoses(found.p, found.R, twist[..., :legs], twist[..., legs:], fixed)
