@@ -203,3 +203,17 @@ def test_a_place_out_of_reach_has_no_reading() -> None:
     rho = inverse(telescope(), p, np.broadcast_to(np.eye(3), (2, 3, 3)))
     assert np.isfinite(rho[0]).all()
     assert np.isnan(rho[1]).any()
+
+
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(["6-pus", "ups"]), reach=st.floats(0.0, 0.5))
+def test_whatever_is_asked_for_the_status_is_true(seed: int, kind: str, reach: float) -> None:
+    """Converged means that all legs meet the platform; nothing raises or warns, and no pose is other than a number."""
+    legs = telescope(kind)
+    rho = legs.rho0 + np.random.default_rng(seed).uniform(-reach, reach, (8, 6))
+    found = forward(legs, rho)
+    short, _ = legs.closure.close(legs, upper_joints(legs, found.p, found.R), rho)
+    assert np.isfinite(found.p).all()
+    assert np.isfinite(found.R).all()
+    met = np.abs(short[found.converged])
+    assert_close(met, np.zeros_like(met), atol=1e-12, what="closing, m")
+    assert found.converged.all() or reach > 0.02
