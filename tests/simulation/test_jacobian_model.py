@@ -8,10 +8,11 @@ import pytest
 from tests.simulation.telescope import KAPPA, REFERENCE, K, readings, telescope, vector
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.jacobian_model import JacobianModel, linearisation_error
 from truing.simulation.kinematics import forward
 from truing.simulation.legs import Legs
-from truing.simulation.parameters import full_set
+from truing.simulation.parameters import full_set, report_set
 from truing.simulation.structure import NO_CHANGE, Machine, poses_at, readings_at
 
 MODEL = JacobianModel()
@@ -120,3 +121,19 @@ def test_fewer_than_six_legs_have_no_home() -> None:
     three = legs.replace(**{name: getattr(legs, name)[:3] for name in ("a", "b", "u", "l", "rho0")})
     assert MODEL.fits(_rigid())
     assert not MODEL.fits(Machine(three, np.zeros((3, 3))))
+
+
+def test_a_machine_without_a_home_has_no_closing_and_leaves_the_others_alone() -> None:
+    """A solver's trial may leave the sphere of directions, or tear the legs apart: NaN, without error or warning."""
+    rng = np.random.default_rng(7)
+    machine, rho = _rigid(), readings(rng, 3)
+    problem = CalibrationProblem(MODEL, machine, report_set(machine, "none"), *_at(machine.legs, rho), rho)
+    values = np.stack([problem.start] * 3)
+    values[0, problem.parameters.labels.index("u_x2")] = 1.2
+    values[1, [problem.parameters.labels.index(f"l{leg}") for leg in (1, 3, 5)]] = 0.05
+    found = problem.constrain(values, np.zeros((3, 3, 12)))
+    assert not np.isfinite(found.value[0]).all()
+    assert not np.isfinite(found.value[1]).all()
+    alone = problem.constrain(problem.start, np.zeros((3, 12)))
+    assert_close(found.value[2], alone.value, atol=1e-15, what="f, m")
+    assert_close(found.by_values[2], alone.by_values, atol=1e-13, what="derivatives")

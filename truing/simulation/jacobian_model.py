@@ -74,9 +74,9 @@ def _by_parameter(
 
 
 def _home(machine: Machine) -> _Home:
-    """Return the home of a machine, batched as its arrays are."""
+    """Return the home of a machine, batched as its arrays are; NaN where it has none."""
     home = forward(machine.legs, machine.legs.rho0)
-    return _rows(machine, home.p, home.R)
+    return _rows(machine, np.where(home.converged[..., None], home.p, np.nan), home.R)
 
 
 def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Home:
@@ -100,7 +100,9 @@ def _home_slope(machine: Machine, home: _Home, twist: NDArray, change: Change) -
     They are second derivatives of the closure, which a closure of a lab's own need not state for that.
     """
     nudge = 1j * _STEP * np.moveaxis(twist, -1, 0)
-    there = _rows(_nudged(machine, change, home.p.ndim - 1), home.p + nudge[..., :3], exp_so3(nudge[..., 3:]) @ home.R)
+    with np.errstate(invalid="ignore"):  # where there is no home, and nothing is a number
+        turned = exp_so3(nudge[..., 3:]) @ home.R
+        there = _rows(_nudged(machine, change, home.p.ndim - 1), home.p + nudge[..., :3], turned)
     slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (there.by_twist, there.by_rho))
     return _Home(home.p, home.R, *slopes)
 

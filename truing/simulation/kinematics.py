@@ -95,7 +95,7 @@ def in_pieces(solve: Callable[..., Forward], *arrays: NDArray) -> Forward:
 def _newton(legs: Legs, rho: NDArray, delta_bz: NDArray | float) -> Forward:
     p, R = _centred_start(legs, rho)
     lost = converged = np.zeros(p.shape[:-1], bool)
-    size = np.abs(legs.l).max()
+    size = np.abs(legs.l).max(-1)
     for _ in range(_MAX_ITERATIONS):
         short, towards = legs.closure.close(legs, upper_joints(legs, p, R, delta_bz), rho)
         rows = closure_rows(legs, R, -towards, delta_bz)
@@ -147,7 +147,7 @@ def _alignment(legs: Legs) -> NDArray:
     """Return the rotation (..., 3, 3) that best lays the platform's joints over the lower ones at the reference."""
     lower = legs.closure.lower(legs, legs.rho0).real
     spread = np.swapaxes(lower - lower.mean(-2, keepdims=True), -1, -2) @ (legs.b - legs.b.mean(-2, keepdims=True)).real
-    left, _, right = np.linalg.svd(spread)
+    left, _, right = np.linalg.svd(np.nan_to_num(spread))  # legs that are not numbers close nowhere, but raise nothing
     left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]
     return left @ right
 

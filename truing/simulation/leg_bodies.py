@@ -106,7 +106,8 @@ class LegBodies:
         free = np.eye(3)[self._free()]
         largest = 1.0 - free.sum(1)
         across = np.einsum("...kj,kji->...ki", parts[..., 3:], free)
-        rest = np.sqrt(1.0 - np.sum(across * across, -1)) * np.sign(np.sum(largest * self.w, -1))
+        square = 1.0 - np.sum(across * across, -1)
+        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square)) * np.sign(np.sum(largest * self.w, -1))
         follows = largest[..., None] * (parts[..., None, 3:] / rest[..., None, None])
         return parts[..., :3], across + rest[..., None] * largest, np.swapaxes(free, -1, -2) - follows
 

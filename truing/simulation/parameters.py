@@ -88,7 +88,7 @@ class ParameterSet:
         return values
 
     def machine(self, nominal: Machine, values: NDArray) -> Machine:
-        """Return the nominal machine with these values (..., P); directions u stay of unit length.
+        """Return the nominal machine with these values (..., P); directions u stay of unit length, or become NaN.
 
         Raises ValueError where a component of u is among the parameters that follows from the others.
         """
@@ -119,7 +119,8 @@ class ParameterSet:
         if np.any(largest[..., leg, 0] == axis):
             raise ValueError("u: found its largest component among the parameters, expected the two smallest")
         np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), 0.0, -1)
-        rest = np.sqrt(1.0 - np.sum(u * u, -1, keepdims=True))
+        square = 1.0 - np.sum(u * u, -1, keepdims=True)
+        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square))
         sign = np.sign(np.take_along_axis(nominal, largest, -1).real)
         np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), sign * rest, -1)
         return u

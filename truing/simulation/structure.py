@@ -113,7 +113,7 @@ def _newton(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
         twist, length = bounded_steps(closing.by_twist, -closing.value)
         lost = lost | (length == np.inf)
         p, R = p + twist[..., :3], exp_so3(twist[..., 3:]) @ R
-        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max())
+        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max(-1))
         if np.all(converged | lost):
             break
     return Forward(p, R, converged)
@@ -131,7 +131,7 @@ def readings_at(structure: Structure, machine: Machine, p: NDArray, R: NDArray) 
         closing = structure.close(machine, p, R, rho, NO_CHANGE)
         step, length = bounded_steps(closing.by_rho, -closing.value)
         lost, rho = lost | (length == np.inf), rho + step
-        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max())
+        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max(-1))
         if np.all(converged | lost):
             break
     return Readings(rho, converged)
