@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.covariance import symmetric
 from truing.estimation.errors_in_variables_agreement import Judgement, LinearPoses, agreeing, judge
-from truing.estimation.errors_in_variables_descent import JUDGED, Descent, Objective, Prior, column_scale, descend
+from truing.estimation.errors_in_variables_descent import Descent, Objective, Prior, column_scale, descend
 from truing.estimation.errors_in_variables_elimination import (
     Constraint,
     Eliminated,
@@ -30,23 +30,21 @@ _SELECTIONS = 10
 # Eigenvalue of the information, columns scaled, below which a combination of values is not determined.
 _UNDETERMINED = 1e-12
 _TAKES_PART = 1e-5  # share of a value in such a combination
+_NEARLY_SETTLED = 1e-9  # squared change of deviations, in sigmas
 
 
 @dataclass(frozen=True)
 class ErrorsInVariablesFit:
-    """The values at the maximum and what is known of them; all of it without the poses of weight zero.
-
-    ``judgement`` has, per pose, its surprise (a chi-square against what the others predict of it), the degrees of
-    freedom of that, its p-value, and its redundancy, which is the freedom of ``chi_square``.
-    """
+    """The values at the maximum and what is known of them; all of it without the poses of weight zero."""
 
     values: NDArray  # (P,)
     deviations: NDArray  # (B, n) estimated truth minus measured
     weight: NDArray  # (B,) 1, or 0 for a pose that was left out
     chi_square: NDArray  # (B,) what each pose's deviations cost, also of those left out
-    judgement: Judgement
     residual: NDArray  # (B, m) whitened equations at the maximum
     jacobian: NDArray  # (B, m, P) their derivatives: whitened by the noise of all that was measured
+    information: NDArray  # (P, P) what the data alone say of the values, at the declared noise
+    covariance: NDArray  # (P, P) of the values at the declared noise; NaN for what is not determined
     prior: Prior
     cost: float  # sum of weight * chi_square, and of the prior's squared distance
     iterations: int
@@ -57,21 +55,15 @@ class ErrorsInVariablesFit:
         """Return whether the fit stands at a maximum in which all values are determined."""
         return self.status == SolverStatus.CONVERGED
 
-    @cached_property
-    def information(self) -> NDArray:
-        """Return what the data alone say of the values (P, P), at the declared noise."""
-        rows = self.jacobian[self.weight > 0].reshape(-1, len(self.values))
-        return rows.T @ rows
-
-    @cached_property
-    def covariance(self) -> NDArray:
-        """Return the covariance (P, P) of the values at the declared noise; NaN for what is not determined."""
-        return self.covariance_at(1.0)
-
     def covariance_at(self, noise_ratio: float) -> NDArray:
         """Return the covariance (P, P) where the noise is so many times the declared one; the prior stays as it is."""
-        inverse, determined = inverse_where_determined(self.information / noise_ratio**2 + self.prior.information)
-        return np.where(determined & determined[:, None], inverse, np.nan)
+        return _covariance(self.information / noise_ratio**2 + self.prior.information)
+
+    @cached_property
+    def judgement(self) -> Judgement:
+        """Return how each pose stands to the others, with the redundancy that is the freedom of its chi-square."""
+        inverse = _inverse_where_determined(self.information + self.prior.information)[0]
+        return judge(self.residual, self.jacobian @ inverse @ np.swapaxes(self.jacobian, 1, 2), self.weight > 0)
 
     @property
     def noise_ratio(self) -> float:
@@ -116,47 +108,70 @@ def _fit(measured: Measured, at: Eliminated, prior: Prior, robust: bool) -> Erro
     kept, iterations = _agreeing(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
         found = descend(Objective(measured, prior, kept.astype(float)), at)
-        at, iterations = found.at, iterations + found.iterations
+        at, iterations = _settled(measured, found.at, kept), iterations + found.iterations
         agree = _agreeing(at, prior) if robust else kept
         # late in the search no pose comes back, so that it ends
         agree = agree & kept if 2 * selection > _SELECTIONS else agree
         if np.array_equal(agree, kept):
-            return _result(measured, found, prior, kept, iterations)
+            break
         used, kept = kept, agree
-    return _result(measured, replace(found, status=SolverStatus.ITERATION_LIMIT), prior, used, iterations)
+    else:
+        found, kept = replace(found, status=SolverStatus.ITERATION_LIMIT), used
+    return _result(measured, replace(found, at=at, iterations=iterations), prior, kept)
+
+
+def _settled(measured: Measured, at: Eliminated, kept: NDArray) -> Eliminated:
+    """Return the model with the deviations settled of poses that were not kept, as far as they do."""
+    if kept.all():
+        return at
+    try:
+        return project(measured, at.values, at.settled_pull, np.ones(len(kept)), _NEARLY_SETTLED)
+    except np.linalg.LinAlgError:
+        return at
 
 
 def _agreeing(at: Eliminated, prior: Prior) -> NDArray:
-    """Return which poses (B,) agree where all are linearised."""
+    """Return which poses (B,) agree where all are linearised; all of them where the model has no value."""
+    if not (np.isfinite(at.residual).all() and np.isfinite(at.jacobian).all()):
+        return np.ones(len(at.residual), bool)
     rows = at.jacobian.reshape(-1, len(at.values))
     scale = column_scale(np.diag(np.sum(rows**2, 0)) + prior.information)
     known = prior.information / np.outer(scale, scale)
     return agreeing(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
 
 
-def _result(measured: Measured, found: Descent, prior: Prior, kept: NDArray, iterations: int) -> ErrorsInVariablesFit:
+def _result(measured: Measured, found: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:
     at = found.at
     rows = at.jacobian[kept].reshape(-1, len(at.values))
-    inverse, determined = inverse_where_determined(rows.T @ rows + prior.information)
-    follows = at.jacobian @ inverse @ np.swapaxes(at.jacobian, 1, 2)
-    deficient = found.status == SolverStatus.CONVERGED and not determined.all()
+    information = rows.T @ rows
+    covariance = _covariance(information + prior.information)
+    deficient = found.status == SolverStatus.CONVERGED and bool(np.isnan(covariance).any())
     return ErrorsInVariablesFit(
         values=at.values,
         deviations=times(measured.covariance, at.settled_pull),
         weight=kept.astype(float),
         chi_square=at.chi_square,
-        judgement=judge(at.residual, follows, kept),
         residual=at.residual,
         jacobian=at.jacobian,
+        information=information,
+        covariance=covariance,
         prior=prior,
         cost=found.cost,
-        iterations=iterations,
+        iterations=found.iterations,
         status=SolverStatus.RANK_DEFICIENT if deficient else found.status,
     )
 
 
-def inverse_where_determined(information: NDArray) -> tuple[NDArray, NDArray]:
+def _covariance(information: NDArray) -> NDArray:
+    """Return the inverse (P, P) of an information, NaN for the values that it does not determine."""
+    inverse, determined = _inverse_where_determined(information)
+    return np.where(determined & determined[:, None], inverse, np.nan)
+
+
+def _inverse_where_determined(information: NDArray) -> tuple[NDArray, NDArray]:
     """Return the inverse (P, P) of an information over what it determines, and which values (P,) it determines."""
+    if not np.isfinite(information).all():
+        return np.full_like(information, np.nan), np.zeros(len(information), bool)
     scale = column_scale(information)
     strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
     seen = strength > _UNDETERMINED
@@ -168,7 +183,7 @@ def _checked_covariance(covariance: ArrayLike) -> NDArray:
     C = np.asarray(covariance, float)
     if C.ndim != 3 or C.shape[1] != C.shape[2] or not C.size:
         raise ValueError(f"covariance: found shape {C.shape}, expected (B, n, n), one matrix per pose")
-    if not np.allclose(C, np.swapaxes(C, 1, 2), rtol=1e-9, atol=0.0):
+    if not np.all(np.abs(C - np.swapaxes(C, 1, 2)) <= 1e-9 * np.abs(C)):
         raise ValueError("covariance: found an asymmetric or non-finite matrix, expected covariances")
     return symmetric(C)
 
@@ -189,8 +204,7 @@ def _linearised(measured: Measured, start: NDArray) -> Eliminated:
     """
     poses, size = measured.covariance.shape[:2]
     try:
-        first = linearise(measured, start, np.zeros((poses, size)))
-        return project(measured, start, first.settled_pull, np.ones(poses), JUDGED * float(first.chi_square.sum()))
+        return linearise(measured, start, np.zeros((poses, size)))
     except np.linalg.LinAlgError as error:
         raise ValueError(
             "covariance: found a pose whose equations contain combinations without any error, expected noise on each"

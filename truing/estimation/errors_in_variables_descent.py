@@ -21,9 +21,9 @@ MAX_ITERATIONS = 200
 NEAR = 1e-6
 # By how much the next step would still lower the cost: nothing moves by more than a hundred-thousandth of its sigma.
 _SETTLED = 1e-10
-# Squared change of the deviations that is none, and the share of what a step promises, or of the cost at the start, by
-# which they may still change where costs are compared.
-_STILL, JUDGED = 1e-12, 1e-3
+# Squared change of the deviations that is none, and the share of a step's promise by which they may still change where
+# it is judged.
+_STILL, _JUDGED = 1e-12, 1e-3
 # Damping that rounding alone would need where nothing is known of some combination of values.
 _LEAST_DAMPING = 1e-13
 _FIRST_DAMPING = 1e-6
@@ -67,7 +67,7 @@ class Objective:
 
     def trial(self, start: Point, step: NDArray, promise: float) -> Point | None:
         """Return the objective after a step, or None where it has no value that can be judged."""
-        allowed = max(JUDGED * promise, _STILL)
+        allowed = max(_JUDGED * promise, _STILL)
         try:
             found = self.point(start.at.values + step, start.at.pull_after(step), allowed)
         except np.linalg.LinAlgError:
@@ -117,8 +117,6 @@ class Point:
 
     def settled(self) -> Point:
         """Return the same with its deviations where they belong, as near as it matters."""
-        if self.unsettled <= _STILL:
-            return self
         return self.objective.point(self.at.values, self.at.settled_pull, _STILL)
 
     def bend(self, straight: Point, step: NDArray, damping: float) -> NDArray | None:
@@ -161,27 +159,31 @@ class Descent:
 
 
 def descend(objective: Objective, start: Eliminated) -> Descent:
-    """Return the least of an objective near where its model was linearised."""
+    """Return the least of an objective near where its model was linearised, the deviations settled there or not."""
     point, damping, before = objective.standing(start), _Damping(), np.inf
-    if point.unsettled > JUDGED * point.cost:
-        point = objective.point(start.values, start.settled_pull, NEAR)
     if not np.isfinite(point.cost):
         return Descent(point.at, point.cost, 0, SolverStatus.NOT_FINITE)
+    sure = False
     for iteration in range(MAX_ITERATIONS):
         step, promise = point.step(damping.value)
-        if _stands(promise, before):
-            point = point.settled()
-            step, promise = point.step(0.0)
-            if promise < NEAR or damping.value > 0.0:
-                status = SolverStatus.CONVERGED if promise < NEAR else SolverStatus.STALLED
-                return Descent(point.at, point.cost, iteration, status)
-        trial = _lower(point, step, promise, damping.value)
+        stands = _stands(promise, before)
+        trial = None if stands else _lower(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
-            point, before = trial, promise
+            point, before, sure = trial, promise, trial.unsettled <= _STILL
+        elif not sure:
+            point, sure = point.settled(), True
+        elif stands:
+            return Descent(point.at, point.cost, iteration, _ended(point, damping))
         else:
             damping = damping.raised()
     return Descent(point.at, point.cost, MAX_ITERATIONS, SolverStatus.ITERATION_LIMIT)
+
+
+def _ended(point: Point, damping: _Damping) -> SolverStatus:
+    """Return whether it is a minimum where no step promises anything, or only the damping that forbids all steps."""
+    least = damping.value == 0.0 or point.step(0.0)[1] < NEAR
+    return SolverStatus.CONVERGED if least else SolverStatus.STALLED
 
 
 def _stands(promise: float, before: float) -> bool:
