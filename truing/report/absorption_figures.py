@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.report.absorption_words import correlation, effect_words, groups
+from truing.report.absorption_words import Group, correlation, group_words, groups, leading_groups
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.numbers import plain
 from truing.report.parameter_names import kind_of, name_of, shown_in
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 _BAR = 1.96
-_PANELS = 4
+# One parameter may go a hundred tolerances; the others are to be seen beside it.
+_CLIPPED = 10.0
 _COLOURS = (BLUE, ORANGE, GREEN, RED)
 _SYMBOLS = ("circle", "x", "triangle-up", "diamond")
 
@@ -25,8 +26,8 @@ def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
     """Predicted change of every parameter per effect left out: number in its unit, colour in its tolerances."""
     from plotly.subplots import make_subplots
 
-    parts = groups(absorbed.assign(kind=_kinds(absorbed)))[:_PANELS]
-    titles = [f"If {effect_words(*key)}" for key, _ in parts]
+    parts = leading_groups(absorbed.assign(kind=_kinds(absorbed)))
+    titles = [f"If {group_words(key)}" for key, _ in parts]
     heights = [rows["kind"].nunique() for _, rows in parts]
     room = 70.0 / (30.0 * sum(heights) + 70.0 * len(parts))
     grid = make_subplots(
@@ -34,12 +35,11 @@ def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
     )
     for row, (_, rows) in enumerate(parts, 1):
         grid.add_trace(_panel(rows), row=row, col=1)
-    bound = float(np.nanmax([np.nanmax(np.abs(rows["predicted"] / rows["tolerance"])) for _, rows in parts]))
-    subtitle = "Number: in the parameter's unit. Colour: in tolerances of the parameter"
+    subtitle = f"Number: in the parameter's unit. Colour: in tolerances of the parameter, clipped at {_CLIPPED:g}"
     height = 140 + 30 * sum(heights) + 70 * len(parts)
     style(grid, "Absorption: what parameters take of an effect that is left out", subtitle, height)
     bar = {"title": {"text": "tolerances"}, "thickness": 16}
-    grid.update_layout(coloraxis={"colorscale": "RdBu_r", "cmin": -bound, "cmax": bound, "colorbar": bar})
+    grid.update_layout(coloraxis={"colorscale": "RdBu_r", "cmin": -_CLIPPED, "cmax": _CLIPPED, "colorbar": bar})
     grid.update_layout(margin={"t": 110})
     grid.update_xaxes(type="category", showgrid=False)
     grid.update_yaxes(type="category", autorange="reversed", automargin=True, showgrid=False)
@@ -98,7 +98,7 @@ def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
     columns = min(3, len(kinds))
     rows = -(-len(kinds) // columns)
     titles = [_panel_title(kind, told[told["kind"] == kind]) for kind in kinds]
-    gap = min(0.16, 0.8 / rows)
+    gap = 0.3 / rows
     grid = make_subplots(rows=rows, cols=columns, subplot_titles=titles, vertical_spacing=gap, horizontal_spacing=0.09)
     named: set[Any] = set()
     for k, kind in enumerate(kinds):
@@ -115,7 +115,9 @@ def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
     grid.update_xaxes(title={"text": "predicted", "standoff": 4}, row=rows)
     grid.update_yaxes(title={"text": "observed"}, col=1)
     grid.update_annotations(font={"size": 13})
-    grid.update_layout(legend={"orientation": "h", "y": -0.12, "yanchor": "top", "x": 0.0}, margin={"t": 100})
+    grid.update_layout(
+        legend={"orientation": "h", "y": -0.16 / rows - 0.02, "yanchor": "top", "x": 0.0}, margin={"t": 100}
+    )
     return grid
 
 
@@ -132,7 +134,7 @@ def _equality(rows: pd.DataFrame) -> go.Scatter:
     return go.Scatter(x=reach, y=reach, mode="lines", line={"color": GREY}, hoverinfo="skip", showlegend=False)
 
 
-def _points(rows: pd.DataFrame, key: tuple[str, str], number: int, named: bool) -> go.Scatter:
+def _points(rows: pd.DataFrame, key: Group, number: int, named: bool) -> go.Scatter:
     import plotly.graph_objects as go
 
     colour, symbol = _COLOURS[number % len(_COLOURS)], _SYMBOLS[number % len(_SYMBOLS)]
@@ -144,7 +146,7 @@ def _points(rows: pd.DataFrame, key: tuple[str, str], number: int, named: bool) 
         error_y={"type": "data", "array": rows["bar"], "thickness": 1, "width": 0},
         text=[label(name_of(name, leg)) for name, leg in zip(rows["parameter"], rows["leg"], strict=True)],
         hovertemplate="%{text}: predicted %{x:.3g}, observed %{y:.3g}<extra></extra>",
-        name=label(effect_words(*key)),
+        name=label(group_words(key)),
         legendgroup=str(number),
         showlegend=named,
     )

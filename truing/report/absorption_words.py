@@ -16,8 +16,17 @@ _EFFECTS = {
     "platform-deformation-linear": "the linear deformation of the platform",
     "platform-deformation-matrix": "the deformation of the platform",
 }
+_ESTIMATORS = {"implicit": "implicit objectives", "errors-in-variables": "maximum likelihood"}
 # How many parameters a sentence names.
 _NAMED = 3
+
+
+Group = tuple[str, str, str]  # effect, deformation, estimator
+
+
+def group_words(group: Group) -> str:
+    """What is left out of which fit: ``the deformation of the platform is ignored (implicit objectives)``."""
+    return f"{effect_words(*group[:2])} ({_ESTIMATORS.get(group[2], group[2])})"
 
 
 def effect_words(effect: str, deformation: str) -> str:
@@ -26,15 +35,22 @@ def effect_words(effect: str, deformation: str) -> str:
     return f"{words} is ignored" if deformation == "none" else f"{words} is taken as {deformation}"
 
 
-def groups(absorbed: pd.DataFrame) -> list[tuple[tuple[str, str], pd.DataFrame]]:
-    """Rows by effect and deformation model, those that bend parameters farthest first."""
-    parts = list(absorbed.groupby(["effect", "deformation"], sort=False))
+def groups(absorbed: pd.DataFrame) -> list[tuple[Group, pd.DataFrame]]:
+    """Rows by effect, deformation model and estimator, those that bend parameters farthest first."""
+    parts = [(key, rows) for key, rows in absorbed.groupby(["effect", "deformation", "estimator"], sort=False)]
     return sorted(parts, key=lambda part: -_largest(part[1]))
 
 
+def leading_groups(absorbed: pd.DataFrame) -> list[tuple[Group, pd.DataFrame]]:
+    """Of every estimator the group that bends parameters farthest."""
+    found: dict[str, tuple[Group, pd.DataFrame]] = {}
+    for key, rows in groups(absorbed):
+        found.setdefault(key[2], (key, rows))
+    return list(found.values())
+
+
 def _largest(rows: pd.DataFrame) -> float:
-    size = float(np.nanmax(np.append(_size(rows), 0.0)))
-    return size
+    return float(np.nanmax(np.append(_size(rows), 0.0)))
 
 
 def _size(rows: pd.DataFrame) -> Any:
@@ -47,19 +63,17 @@ def swallowed(absorbed: pd.DataFrame | None) -> str:
     """The parameters that take most of the effect that bends the model most; empty where none is known."""
     if absorbed is None or not len(absorbed):
         return ""
-    (effect, deformation), rows = groups(absorbed)[0]
+    group, rows = groups(absorbed)[0]
     top = rows.assign(size=_size(rows)).dropna(subset=["size"]).nlargest(_NAMED, "size", keep="first")
     named = [_taken(r) for r in top.itertuples()]
-    if not named:
-        return ""
-    return f"If {effect_words(effect, deformation)}, {'; '.join(named)}."
+    return f"If {group_words(group)}, {'; '.join(named)}." if named else ""
 
 
 def _taken(r: Any) -> str:
     factor, unit = shown_in(r.parameter, r.unit)
     said = f"{name_of(r.parameter, r.leg)} takes {plain(factor * r.predicted)} {unit}".strip()
     if r.tolerance == r.tolerance:
-        said += f", {r.size:.1f} tolerances"
+        said += f", {r.size:.0f} tolerances" if r.size >= 9.5 else f", {r.size:.1f} tolerances"
     if r.observed == r.observed:
         said += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma)})"
     return said
@@ -71,7 +85,7 @@ def agreement(absorbed: pd.DataFrame) -> str:
     off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
     within = int((off <= 1.96).sum())
     said = f"{within} of {count(len(both), 'parameter')} lie within their bars of the line"
-    return f"{said}; what is far off it points to a cause beyond the one that was left out."
+    return f"{said}; what is far off it is too large for linear algebra, or has another cause besides."
 
 
 def correlation(predicted: Any, observed: Any) -> float | None:

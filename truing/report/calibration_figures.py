@@ -30,6 +30,7 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
     from plotly.subplots import make_subplots
 
     grid = make_subplots(rows=2, cols=1, vertical_spacing=0.11)
+    accuracy = accuracy.assign(role=accuracy["role"].replace("reference", "calibration"))
     sizes = _mean_and_largest(accuracy)
     floors = []
     for row, (error, noise, words, unit) in enumerate(_ERRORS, 1):

@@ -21,11 +21,15 @@ _HEADS = (
     "held out (µm)",
     "(arcsec)",
     "held out / noise",
+    "p",
     "rms pull",
     "χ² / freedom",
-    "p",
+    "poses",
 )
-_ERRORS = "Errors of the poses that were fitted to and of those held out: mean / maximum."
+_ERRORS = (
+    "Errors of the poses that were fitted to and of those held out, mean / maximum; p: of the held-out ones by chance."
+)
+_MARKS = {"": "", "chosen": "pass", "indistinguishable": "none"}
 _STRONG = 0.9
 _OPEN = 12
 
@@ -34,7 +38,7 @@ def all_calibrations(figures: pd.DataFrame, fitted: pd.DataFrame | None, caption
     """A row per model and deformation: errors (mean / maximum) where it was fitted and held out, and how it fits."""
     ended = _status(fitted)
     rows = tuple(_row(key, dict(row), ended.get(key, "")) for key, row in figures.iterrows())
-    marks = tuple("pass" if row[0] == "chosen" else "warn" if row[0] else "" for row in rows)
+    marks = tuple(_MARKS.get(row[0], "warn") for row in rows)
     return Listing(_HEADS, rows, marks, f"{caption}. {_ERRORS}", folded, "model_choice.parquet")
 
 
@@ -45,7 +49,7 @@ def _status(fitted: pd.DataFrame | None) -> dict[Any, str]:
 
 
 def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
-    chosen = "chosen" if figures.get("chosen") == 1.0 else ""
+    chosen = next((name for name in ("chosen", "indistinguishable") if figures.get(name) == 1.0), "")
     ended = status if status and status not in GOOD else ""
     pairs = [
         f"{plain(figures.get(f'{what}_mean_{role}'))} / {plain(figures.get(f'{what}_max_{role}'))}"
@@ -57,10 +61,17 @@ def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
         *key,
         *pairs,
         plain(figures.get("heldout_ratio")),
+        p_value(figures.get("p_value")),
         plain(figures.get("rms_pull")),
         f"{plain(figures.get('chi_square'))} / {plain(figures.get('freedom'))}",
-        p_value(figures.get("p_value")),
+        _poses(figures),
     )
+
+
+def _poses(figures: dict[str, float]) -> str:
+    """How many poses the fit used, of how many."""
+    used, left = figures.get("poses", float("nan")), figures.get("poses_downweighted", 0.0)
+    return plain(used) if not left else f"{plain(used)} of {plain(used + left)}"
 
 
 def strong_correlations(own: pd.DataFrame) -> Listing:

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 from truing.report import calibration_figures
 from truing.report.calibration_listing import all_calibrations, strong_correlations
 from truing.report.calibration_words import cost_of_models, lead, method_words
-from truing.report.calibrations import IMPLICIT, chosen_calibration, figures_by_calibration, rows_of, shown_calibration
+from truing.report.calibrations import (
+    ERRORS_IN_VARIABLES,
+    IMPLICIT,
+    chosen_calibration,
+    figures_by_calibration,
+    rows_of,
+    shown_calibration,
+)
 from truing.report.geometry_figure import geometry_picture, has_geometry
 from truing.report.numbers import plain
 from truing.report.page import Listing, Section
@@ -19,7 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Drawn = list[tuple[object, str]]
-_BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives of the telescope report"
+_BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
 
 
 def calibration(tables: Tables) -> Section | None:
@@ -41,18 +48,23 @@ def _errors(tables: Tables) -> Drawn:
 
 
 def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
-    own = fitted[fitted["model"] == shown_calibration(tables, fitted)[0]]
-    if not has_geometry(own):
-        return []
-    return [(geometry_picture(own), _pull_words(own))]
+    """The picture of the chosen model of the structure: as the telescope report fits, and by maximum likelihood."""
+    model = shown_calibration(tables, fitted)[0]
+    fits = {_AS_REPORTED: filled(tables, "implicit_calibration"), _BY_DEFAULT: fitted}
+    own = {name: table[table["model"] == model] for name, table in fits.items() if table is not None}
+    own = {name: table for name, table in own.items() if has_geometry(table)}
+    return [(geometry_picture(own), _pull_words(tables, model))] if own else []
 
 
-def _pull_words(own: pd.DataFrame) -> str:
-    if "pull" not in own or own["pull"].isna().all():
-        return "The nearer to its nominal place, the less a joint had to bend to what is not modelled."
-    rms = own["pull"].pow(2).groupby(own["deformation"], sort=False).mean() ** 0.5
-    said = ", ".join(f"{name} {plain(value)}" for name, value in rms.items())
-    return f"What a model leaves out, its geometry has to swallow. Rms pull of all parameters, in tolerances: {said}."
+def _pull_words(tables: Tables, model: str) -> str:
+    said = "What a model leaves out, its geometry has to swallow, as far as tolerances and surveyed joints let it."
+    for words, estimator in ((_AS_REPORTED, IMPLICIT), (_BY_DEFAULT, ERRORS_IN_VARIABLES)):
+        figures = figures_by_calibration(tables, estimator)
+        if figures is None or "rms_pull" not in figures or model not in figures.index.get_level_values("model"):
+            continue
+        pulls = figures.loc[model, "rms_pull"].dropna()
+        said += f" Rms pull {words}: {', '.join(f'{d} {plain(pull)}' for d, pull in pulls.items())}."
+    return said
 
 
 def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:

@@ -17,10 +17,13 @@ from truing.report.calibrations import (
     keys_of,
 )
 from truing.report.numbers import count, plain, quantity
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_HELD_OUT = "position_mean_verification"
+_DEPARTS = "reading_rms_from_rigid_legs"
 
 
 def lead(tables: Tables, fitted: pd.DataFrame) -> str:
@@ -29,20 +32,23 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
     ended = _failures(fitted)
     if figures is None or chosen is None:
         return f"{count(len(keys_of(fitted)), 'calibration')}, none of them chosen for this campaign. {ended}".strip()
-    words = [_choice(chosen, figures.loc[chosen]), _gain(tables, chosen), _rivals(tables, figures, chosen), ended]
+    facts = figures.loc[chosen]
+    words = [_choice(chosen, facts), _gain(tables, chosen, facts), _rivals(figures, chosen), ended]
     return " ".join(word for word in words if word)
 
 
 def _choice(chosen: Key, facts: pd.Series) -> str:
-    role = "verification" if _known(facts, "position_mean_verification") else "calibration"
-    poses = "held-out" if role == "verification" else "calibration"
-    size = _errors(facts, role)
-    said = f"Chosen for this campaign: {called(chosen)}. On the {poses} poses it misses by {size} on average"
+    role, poses = ("verification", "held-out") if _known(facts, _HELD_OUT) else ("calibration", "calibration")
+    said = f"Chosen for this campaign: {called(chosen)}."
+    if _known(facts, f"position_mean_{role}"):
+        said += f" On the {poses} poses it misses by {_errors(facts, role)} on average."
+    because = []
     if _known(facts, "heldout_ratio"):
-        said += f"; its held-out error is {plain(facts['heldout_ratio'])} times what noise leaves"
+        because.append(f"its held-out error is {plain(facts['heldout_ratio'])} times what noise leaves")
     if _known(facts, "rms_pull"):
-        said += f", and its parameters stay {plain(facts['rms_pull'])} tolerances (rms) from nominal"
-    return said + "."
+        because.append(f"its rms pull {plain(facts['rms_pull'])} (about 1 where tolerances explain the geometry)")
+    reasons = " and ".join(because)
+    return f"{said} {reasons[:1].upper()}{reasons[1:]}." if reasons else said
 
 
 def _errors(facts: pd.Series, role: str) -> str:
@@ -54,37 +60,36 @@ def _known(facts: pd.Series, figure: str) -> bool:
     return bool(np.isfinite(facts.get(figure, np.nan)))
 
 
-def _gain(tables: Tables, chosen: Key) -> str:
-    """What calibrating brings over the numbers of the drawing, where the run predicted with them."""
-    nominal, figures = figures_by_calibration(tables, NOMINAL), figures_by_calibration(tables)
-    figure = "position_mean_verification"
-    if nominal is None or figures is None or figure not in nominal or not _known(figures.loc[chosen], figure):
+def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
+    """What calibrating brings over the numbers of the drawing, and over what the telescope report did."""
+    said = []
+    nominal, reported = (figures_by_calibration(tables, estimator) for estimator in (NOMINAL, IMPLICIT))
+    if not _known(facts, _HELD_OUT):
         return ""
-    before = nominal.loc[[key for key in nominal.index if key[0] == chosen[0]] or list(nominal.index)].iloc[0]
-    times = before[figure] / figures.loc[chosen, figure]
-    return f"The nominal numbers miss by {_errors(before, 'verification')} there, {plain(times)} times as far."
+    if nominal is not None and _HELD_OUT in nominal and nominal[_HELD_OUT].notna().any():
+        before = nominal.dropna(subset=_HELD_OUT).iloc[0]
+        times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
+        said.append(f"The nominal numbers miss by {_errors(before, 'verification')} there, {times} times as far.")
+    if reported is not None and chosen in reported.index and _known(reported.loc[chosen], _HELD_OUT):
+        size = _errors(reported.loc[chosen], "verification")
+        said.append(f"The same model by the implicit objectives of the telescope report: {size}.")
+    return " ".join(said)
 
 
-def _rivals(tables: Tables, figures: pd.DataFrame, chosen: Key) -> str:
-    """Calibrations whose held-out error chance could not tell from the chosen one's, and how far they had to bend."""
-    if "heldout_ratio" not in figures or "rms_pull" not in figures:
-        return ""
+def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
+    """Which calibrations the data cannot tell from the chosen one, and how far off the others are."""
     others = figures.drop(index=[chosen])
-    bound = figures.loc[chosen, "heldout_ratio"] * (1.0 + _chance(tables))
-    close = others[others["heldout_ratio"] <= bound]
-    if not len(close):
-        return f"Every other calibration predicts the held-out poses worse, {_from_to(others['heldout_ratio'])} times."
-    said = f"Of the {count(len(others), 'other')}, {len(close)} predict the held-out poses about as well"
-    return f"{said}, with parameters {_from_to(close['rms_pull'])} tolerances from nominal."
-
-
-def _chance(tables: Tables) -> float:
-    """Two relative standard deviations of an rms over six components of the held-out poses."""
-    accuracy = filled(tables, "accuracy")
-    if accuracy is None:
-        return 0.0
-    held_out = accuracy.loc[accuracy["role"] == "verification", "pose"].nunique()
-    return 2.0 / np.sqrt(12.0 * held_out) if held_out else 0.0
+    equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
+    said = []
+    if equal.any():
+        named = " and ".join(called((str(m), str(d))) for m, d in others.index[equal])
+        said.append(f"The data cannot tell {named} from it; the simpler one is taken.")
+    rest = others[~equal]
+    if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
+        pulls = f", with rms pulls of {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
+        who = "The other" if len(rest) == 1 else f"The {len(rest)} {'others' if equal.any() else 'other calibrations'}"
+        said.append(f"{who} miss by {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
+    return " ".join(said)
 
 
 def _from_to(values: pd.Series) -> str:
@@ -100,20 +105,27 @@ def _failures(fitted: pd.DataFrame) -> str:
 
 
 def cost_of_models(tables: Tables) -> str:
-    """How far the other models of the structure miss with the deformation of the chosen one, in its errors."""
+    """How far the other models of the structure miss with the deformation of the chosen one, and depart from it."""
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
-    figure = "position_mean_verification"
-    if figures is None or chosen is None or figure not in figures:
+    if figures is None or chosen is None or _HELD_OUT not in figures:
         return "Position: distance between measured and predicted origin of the platform; orientation: angle."
-    same = figures.xs(chosen[1], level="deformation")[figure]
-    others = same.drop(index=chosen[0]).dropna()
-    said = ", ".join(f"{model} {quantity(size, 'um')}" for model, size in others.items())
-    here = f"{chosen[0]} {quantity(float(same[chosen[0]]), 'um')}"
-    compared = f"Held-out position error with the same deformation: {here}{', ' + said if said else ''}."
-    worse = others[others > same[chosen[0]] * (1.0 + _chance(tables))]
-    if not len(worse):
-        return compared
-    return f"{compared} Over this range the models are not alike, other than the telescope report concludes."
+    same = figures.xs(chosen[1], level="deformation").dropna(subset=_HELD_OUT)
+    sizes = ", ".join(f"{model} {quantity(size, 'um')}" for model, size in same[_HELD_OUT].items())
+    said = f"Held-out position error with the same deformation: {sizes}.{_departures(tables)}"
+    apart = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
+    if not len(apart):
+        return said
+    return f"{said} Over this range the models are not alike, other than the telescope report concludes."
+
+
+def _departures(tables: Tables) -> str:
+    """What the other models ask of the actuators, against rigid legs at the same poses."""
+    nominal = figures_by_calibration(tables, NOMINAL)
+    if nominal is None or _DEPARTS not in nominal or not nominal[_DEPARTS].notna().any():
+        return ""
+    own = nominal[_DEPARTS].dropna()
+    sizes = ", ".join(f"{model} {quantity(size, 'um')}" for (model, _), size in own.items())
+    return f" At the same poses they ask for readings that depart from those of rigid legs, rms: {sizes}."
 
 
 def method_words(tables: Tables) -> str:
@@ -125,7 +137,7 @@ def method_words(tables: Tables) -> str:
     a, b = theirs.loc[chosen], ours.loc[chosen]
     parts = [
         f"{words} {plain(a[figure])} against {plain(b[figure])}"
-        for figure, words in (("heldout_ratio", "held-out / noise"), ("rms_pull", "rms pull"))
-        if figure in a and figure in b and _known(a, figure) and _known(b, figure)
+        for figure, words in (("heldout_ratio", "held out / noise"), ("rms_pull", "rms pull"))
+        if _known(a, figure) and _known(b, figure)
     ]
     return f"For the chosen model: {', '.join(parts)}" if parts else ""

@@ -16,12 +16,12 @@ _KEY = ["model", "deformation"]
 _DEFORMATION_WORDS = {"none": "the deformation ignored", "linear": "linear deformation", "matrix": "matrix deformation"}
 
 
-def figures_by_calibration(tables: Tables, method: str = ERRORS_IN_VARIABLES) -> pd.DataFrame | None:
+def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES) -> pd.DataFrame | None:
     """A row per (model, deformation), a column per figure of ``model_choice``, in the order in which they come."""
     choice = filled(tables, "model_choice")
-    if choice is None or not (choice["method"] == method).any():
+    if choice is None or not (choice["estimator"] == estimator).any():
         return None
-    own = choice[choice["method"] == method]
+    own = choice[choice["estimator"] == estimator]
     order = list(dict.fromkeys(zip(own["model"], own["deformation"], strict=True)))
     return own.pivot(index=_KEY, columns="figure", values="value").loc[order]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ _JOINTS = {"a": ("lower joint a", "square-open"), "b": ("upper joint b", "circle
 _DRAWN_AS = {"none": (ORANGE, "circle"), "linear": (BLUE, "x"), "matrix": (GREEN, "triangle-up")}
 _OTHER = (RED, "diamond")
 # The largest deviation is drawn so long, in parts of the mechanism's width.
-_LARGEST = 0.12
+_LARGEST = 0.25
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
 
 
@@ -28,31 +29,41 @@ def has_geometry(fitted: pd.DataFrame) -> bool:
     return any(len(_places(fitted, joint)) for joint in _JOINTS)
 
 
-def geometry_picture(fitted: pd.DataFrame) -> go.Figure:
-    """Nominal joints from above, and where each deformation model puts them, of one model of the structure."""
-    import plotly.graph_objects as go
+def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
+    """Nominal joints from above, and where each deformation model puts them, of one model of the structure.
 
-    places = {joint: found for joint in _JOINTS if len(found := _places(fitted, joint))}
-    gain = _gain(list(places.values()))
-    figure = go.Figure()
-    for trace in _legs(places):
-        figure.add_trace(trace)
-    for joint, found in places.items():
-        figure.add_trace(_nominal(found, joint))
-        for circle in _tolerances(found, gain):
-            figure.add_trace(circle.update(showlegend=joint == next(iter(places))))
-    for deformation in in_order(fitted["deformation"]):
-        for trace in _moved(list(places.values()), deformation, gain):
-            figure.add_trace(trace)
-    extent = _extent(list(places.values()))
+    ``fits``: parameters by what the estimator is called, a panel each.
+    """
+    from plotly.subplots import make_subplots
+
+    panels = [{joint: found for joint in _JOINTS if len(found := _places(own, joint))} for own in fits.values()]
+    every = [found for places in panels for found in places.values()]
+    gain, extent = _gain(every), _extent(every)
+    figure = make_subplots(rows=1, cols=len(panels), subplot_titles=[label(name) for name in fits])
+    for column, (places, own) in enumerate(zip(panels, fits.values(), strict=True), 1):
+        for trace in _traces(places, in_order(own["deformation"]), gain):
+            trace.showlegend = trace.showlegend is not False and column == 1
+            figure.add_trace(trace, row=1, col=column)
+        figure.update_yaxes(scaleanchor=f"x{column}" if column > 1 else "x", row=1, col=column)
     step = round_gain(extent / 10.0)
     subtitle = f"{quantity(step, 'mm')} on the axes = {quantity(step / gain, 'mm')} of deviation"
     title = f"Identified joints seen from above, deviations amplified {gain:g} times"
-    style(figure, title, subtitle, 640)
+    style(figure, title, subtitle, 620)
     figure.update_xaxes(title_text="x (mm)", constrain="domain", zeroline=False)
-    figure.update_yaxes(title_text="y (mm)", scaleanchor="x", constrain="domain", zeroline=False)
-    figure.update_layout(legend={"orientation": "h", "y": -0.1, "yanchor": "top", "x": 0.0})
+    figure.update_yaxes(constrain="domain", zeroline=False)
+    figure.update_yaxes(title_text="y (mm)", col=1)
+    figure.update_annotations(font={"size": 13})
+    figure.update_layout(legend={"orientation": "h", "y": -0.1, "yanchor": "top", "x": 0.0}, margin={"t": 100})
     return figure
+
+
+def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: float) -> list[go.Scatter]:
+    """Everything of one panel: legs, nominal joints with their tolerances, and the joints as identified."""
+    drawn = _legs(places)
+    for joint, found in places.items():
+        circles = _tolerances(found, gain)
+        drawn += [_nominal(found, joint), *(c.update(showlegend=joint == next(iter(places))) for c in circles)]
+    return drawn + [trace for d in deformations for trace in _moved(list(places.values()), d, gain)]
 
 
 def _places(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:

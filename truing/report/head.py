@@ -82,8 +82,8 @@ def _requirements(tables: Tables) -> list[Verdict]:
     failed = own[own["verdict"] == "fails"]
     if len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
-        return [("fail", f"{tally(own)}. Worst: {worst['axis']}, {plain(worst['ratio'])} times what is required.")]
-    return [("warn" if (own["verdict"] == "undecided").any() else "pass", f"{tally(own)} by the calibrated model.")]
+        return [("fail", f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required.")]
+    return [("warn" if (own["verdict"] == "undecided").any() else "pass", f"{tally(own)}, by the calibrated model.")]
 
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:

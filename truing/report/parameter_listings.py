@@ -14,14 +14,18 @@ if TYPE_CHECKING:
 
 _CELL = "Identified − nominal ± one sigma; in brackets the pull, how many tolerances that is."
 _UNBROKEN = "\u00a0"
-_STAR = "*: the data do not determine it, its tolerance holds it."
+_STAR = "*: the data tell it no better than its tolerance."
+_MEASURED = "Nominal κ and K: as the targets at the attachments show them."
 
 
 def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
     """The parameters of one calibration, rows by kind and columns by leg."""
     own = rows_of(fitted, key)
     star = f" {_STAR}" if not _identifiable(own).all() else ""
-    caption = f"Parameters of {called(key)}. {_CELL}{star} {MEANING}"
+    measured = (
+        f" {_MEASURED}" if (own["parameter"].str.startswith(("K", "kappa")) & (own["nominal"] != 0.0)).any() else ""
+    )
+    caption = f"Parameters of {called(key)}. {_CELL}{star} {MEANING}{measured}"
     heads, rows = _by_leg(own)
     return Listing(("parameter", *heads), rows, caption=caption, held_by="calibration.parquet")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from truing.report.numbers import sign
 
 _SYMBOLS = {"kappa": "κ", "rho0": "ρ0"}
@@ -11,6 +13,11 @@ MEANING = (
     "a: lower joint, b: upper joint, u: direction of the actuator, l: length of the leg, ρ0: reading at the reference, "
     "κ and K: shift of an attachment per displacement of its own actuator and of each."
 )
+
+
+def symbols(words: str) -> str:
+    """A combination of parameters with its symbols: ``a_z1 : ρ0_1`` for ``a_z1 : rho01``."""
+    return re.sub(r"\brho0(?=\d)", "ρ0_", re.sub(r"\brho0\b", "ρ0", re.sub(r"\bkappa(?=\d|\b)", "κ", words)))
 
 
 def kind_of(parameter: str, leg: float) -> str:

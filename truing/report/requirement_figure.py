@@ -18,7 +18,7 @@ _DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fail
 
 
 def requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
-    """Each axis' error in units of its limit, with its interval; right of the line is too much."""
+    """Each component's error in units of its limit, with its interval; right of the line is too much."""
     import plotly.graph_objects as go
 
     shown = own[own["error"].notna() & (own["requirement"] > 0.0)]
@@ -34,7 +34,7 @@ def requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
         figure.add_trace(
             go.Scatter(
                 x=error,
-                y=[label(axis) for axis in rows["axis"]],
+                y=[label(name) for name in rows["component"]],
                 mode="markers",
                 name=verdict,
                 marker={"color": colour, "size": 11, "symbol": symbol},
@@ -49,8 +49,8 @@ def requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
     style(figure, "Errors against what is required", subtitle, 170 + 42 * len(shown))
     title = sequence_title("error / requirement", kind.get("type") == "log")
     figure.update_xaxes(title_text=title, **{k: v for k, v in kind.items() if k != "dtick"})
-    axes = [label(axis) for axis in shown["axis"]]
-    figure.update_yaxes(type="category", categoryorder="array", categoryarray=axes[::-1], automargin=True)
+    names = [label(name) for name in shown["component"]]
+    figure.update_yaxes(type="category", categoryorder="array", categoryarray=names[::-1], automargin=True)
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, showlegend=True)
     figure.update_layout(margin={"t": 100})
     return figure

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 _TITLE = "Requirements"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
-_AXES = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
-_HEADS = ("axis", "required", "error", "interval (95 %)", "error / required")
+_COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
+_HEADS = ("component", "required", "95 of 100 poses below", "interval (95 %)", "in parts of the limit")
 
 
 def requirements(tables: Tables) -> Section | None:
-    """Each axis with its limit, its error, the interval of that error, and the verdict."""
+    """Each component with its limit, its error, the interval of that error, and the verdict."""
     if "requirements" not in tables:
         return None
     judged = filled(tables, "requirements")
@@ -46,7 +46,7 @@ def _lead(own: pd.DataFrame, key: Key) -> str:
     if "message" not in own:
         return said
     failed = own.loc[own["verdict"] == "fails", "message"].dropna()
-    return " ".join([said, *(printed(str(message)) for message in failed)])
+    return " ".join([said, *(f"{printed(str(message)).rstrip('.')}." for message in failed)])
 
 
 def tally(own: pd.DataFrame) -> str:
@@ -72,11 +72,13 @@ def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
 
 
 def _judged(own: pd.DataFrame, key: Key) -> Listing:
-    rows = tuple(
-        (r.verdict, *_sizes(r), printed(cell(message)))
-        for r, message in zip(own.itertuples(), own.get("message", [""] * len(own)), strict=True)
-    )
-    heads = ("verdict", *_HEADS, "what it says")
+    idle = own["verdict"] == "not evaluated"
+    if idle.any() and "message" in own:
+        remarks: list[tuple[str, ...]] = [(cell(message),) for message in own["message"].where(idle, "")]
+        heads: tuple[str, ...] = ("verdict", *_HEADS, "why")
+    else:
+        remarks, heads = [()] * len(own), ("verdict", *_HEADS)
+    rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(own.itertuples(), remarks, strict=True))
     return Listing(heads, rows, _marks(own), f"With {called(key)}", held_by="requirements.parquet")
 
 
@@ -93,7 +95,7 @@ def _marks(own: pd.DataFrame) -> tuple[str, ...]:
 def _sizes(r: Any) -> tuple[str, ...]:
     unit = cell(r.unit)
     return (
-        _AXES.get(r.axis, r.axis),
+        _COMPONENTS.get(r.component, r.component),
         quantity(r.requirement, unit),
         quantity(r.error, unit),
         _interval(r.lower, r.upper, unit),
