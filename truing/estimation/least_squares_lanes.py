@@ -28,6 +28,8 @@ MOVING, LAST_STEP, ARRIVED, UNCLEAR = 0.0, 1.0, 2.0, 3.0
 _CLEAR_PIVOT = 1e-10
 # A step that promises less than this share of the sum of squares, or than its rounding, is the last one.
 _LITTLE = 1e-13
+# The last step is taken unless it is worse by more than rounding.
+_NOT_WORSE = 1.0 + 1e-9
 _ROUNDING = 10.0 * 2.220446049250313e-16
 _GOOD, _POOR = 0.75, 0.25
 _SECULAR_STEPS = 6
@@ -60,7 +62,7 @@ def add_row(lane: NDArray, size: int) -> None:
 
 @inner
 def start(lane: NDArray, size: int) -> None:
-    """Take the sums at the first values as they are; the first radius lets every parameter change by its size."""
+    """Take the sums at the first values as they are, and where there is no radius one of the size of the parameters."""
     for j in range(LANES):
         lane[STATE * LANES + j] = MOVING if np.isfinite(lane[COST_THERE * LANES + j]) else UNCLEAR
         for i in range(size):
@@ -69,7 +71,8 @@ def start(lane: NDArray, size: int) -> None:
         square = 0.0
         for i in range(size):
             square += (lane[(SCALE + i) * LANES + j] * lane[(X + i) * LANES + j]) ** 2
-        lane[RADIUS * LANES + j] = np.sqrt(square) if square > 0.0 else 1.0
+        if lane[RADIUS * LANES + j] == 0.0:
+            lane[RADIUS * LANES + j] = np.sqrt(square) if square > 0.0 else 1.0
 
 
 @inner
@@ -96,8 +99,9 @@ def judge(lane: NDArray, size: int) -> int:
     for j in range(LANES):
         state = lane[STATE * LANES + j]
         if state == LAST_STEP:
-            move(lane, size, j)
-            lane[STATE * LANES + j] = ARRIVED if np.isfinite(lane[COST * LANES + j]) else UNCLEAR
+            if lane[COST_THERE * LANES + j] <= _NOT_WORSE * lane[COST * LANES + j]:
+                move(lane, size, j)
+            lane[STATE * LANES + j] = ARRIVED
         elif state == MOVING:
             gain = (lane[COST * LANES + j] - lane[COST_THERE * LANES + j]) / lane[PROMISED * LANES + j]
             length, radius = lane[LENGTH * LANES + j], lane[RADIUS * LANES + j]
@@ -197,26 +201,45 @@ def raise_damping(lane: NDArray, size: int) -> int:
 
 
 @inner
+def fill_promise(lane: NDArray, size: int) -> None:
+    """Fill the decrease of the sum of squares that a linear problem would have from the step."""
+    for j in range(LANES):
+        promised = lane[DAMPING * LANES + j] * lane[LENGTH * LANES + j] ** 2
+        for i in range(size):
+            slope = lane[(GRADIENT + i) * LANES + j] / lane[(SCALE + i) * LANES + j]
+            promised -= lane[(STEP + i) * LANES + j] * slope
+        lane[PROMISED * LANES + j] = promised
+
+
+@inner
+def mark_last_steps(lane: NDArray, size: int) -> None:
+    """Mark the lanes whose undamped step promises less than the sum of squares can tell."""
+    fill_promise(lane, size)
+    for j in range(LANES):
+        effect = 0.0
+        for i in range(size):
+            effect += (lane[(SCALE + i) * LANES + j] * lane[(X + i) * LANES + j]) ** 2
+        norm = np.sqrt(lane[COST * LANES + j])
+        little = lane[PROMISED * LANES + j] <= norm * (_LITTLE * norm + _ROUNDING * np.sqrt(effect))
+        if little and lane[STATE * LANES + j] == MOVING:
+            lane[STATE * LANES + j] = LAST_STEP
+
+
+@inner
 def propose(lane: NDArray, size: int) -> None:
     """Fill the trials: the minimum of the linear problem, or where it is outside of the radius the one on it."""
     lane[DAMPING * LANES : (DAMPING + 1) * LANES] = 0.0
     damped_step(lane, size)
+    mark_last_steps(lane, size)
     for _ in range(_SECULAR_STEPS):
         if raise_damping(lane, size) == 0:
             break
         damped_step(lane, size)
-    for j in range(LANES):
-        promised, effect = lane[DAMPING * LANES + j] * lane[LENGTH * LANES + j] ** 2, 0.0
-        for i in range(size):
+    fill_promise(lane, size)
+    for i in range(size):
+        for j in range(LANES):
             step = lane[(STEP + i) * LANES + j] / lane[(SCALE + i) * LANES + j]
-            promised -= step * lane[(GRADIENT + i) * LANES + j]
-            effect += (lane[(SCALE + i) * LANES + j] * lane[(X + i) * LANES + j]) ** 2
             lane[(TRIAL + i) * LANES + j] = lane[(X + i) * LANES + j] + step
-        lane[PROMISED * LANES + j] = promised
-        norm = np.sqrt(lane[COST * LANES + j])
-        little = promised <= norm * (_LITTLE * norm + _ROUNDING * np.sqrt(effect))
-        if little and lane[DAMPING * LANES + j] == 0.0 and lane[STATE * LANES + j] == MOVING:
-            lane[STATE * LANES + j] = LAST_STEP
 
 
 @inner

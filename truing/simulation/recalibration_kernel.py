@@ -17,6 +17,7 @@ from truing.estimation.lane_arithmetic import LANES, apply, compiled, dot, get3,
 from truing.estimation.least_squares_lanes import (
     ARRIVED,
     COST,
+    RADIUS,
     REGISTERS,
     RESIDUAL,
     ROW,
@@ -37,15 +38,18 @@ _FIELDS = 13  # per pose and lane: p, R, rho
 # A leg's numbers, in this order: a, b, u, l, kappa, rho0.
 A, B, U, L, KAPPA, RHO0 = 0, 3, 6, 9, 10, 11
 _NUMBERS = 12
+# Columns after the values where a draw has got to.
+_COST, _RADIUS, _STATE, _ITERATIONS = range(4)
 _DRAWS_PER_TASK = 512
-_MAX_ITERATIONS = 60
+# After so many steps the draws that have arrived make room for those that have not.
+_STEPS_PER_ROUND = (5, 5, 10, 20, 40, 80)
 
 
 @inner
-def load_draws(p: NDArray, R: NDArray, rho: NDArray, first: int, stop: int, poses: NDArray) -> None:
-    """Turn the draws from first into lanes; lanes past stop repeat the last draw."""
+def load_draws(p: NDArray, R: NDArray, rho: NDArray, rows: NDArray, poses: NDArray) -> None:
+    """Turn up to sixteen draws into lanes; lanes past the last repeat it."""
     for j in range(LANES):
-        d = min(first + j, stop - 1)
+        d = rows[min(j, len(rows) - 1)]
         dp, dR, dr = min(d, p.shape[0] - 1), min(d, R.shape[0] - 1), min(d, rho.shape[0] - 1)
         for n in range(len(poses)):
             for i in range(3):
@@ -56,16 +60,28 @@ def load_draws(p: NDArray, R: NDArray, rho: NDArray, first: int, stop: int, pose
 
 
 @inner
-def set_leg(lane: NDArray, slots: NDArray, follows: int, leg: NDArray) -> None:
-    """Put the trial values into their places among the leg's numbers, and keep u of unit length."""
+def load_ends(ends: NDArray, rows: NDArray, size: int, lane: NDArray) -> None:
+    """Let every lane start where its draw has got to."""
+    for j in range(LANES):
+        d = rows[min(j, len(rows) - 1)]
+        for i in range(size):
+            lane[(TRIAL + i) * LANES + j] = ends[d, i]
+        lane[RADIUS * LANES + j] = ends[d, size + _RADIUS]
+
+
+@inner
+def set_leg(lane: NDArray, slots: NDArray, follows: int, numbers: NDArray, leg: NDArray) -> None:
+    """Fill the leg's numbers with the trial values in their places, and u of unit length."""
+    for i in range(_NUMBERS):
+        leg[i * LANES : (i + 1) * LANES] = numbers[i]
     for i in range(len(slots)):
         for j in range(LANES):
             leg[slots[i] * LANES + j] = lane[(TRIAL + i) * LANES + j]
+    sign = 1.0 if numbers[U + follows] > 0.0 else -1.0
     for j in range(LANES):
         rest = 1.0
         for i in range(3):
             rest -= leg[(U + i) * LANES + j] ** 2 if i != follows else 0.0
-        sign = 1.0 if leg[(U + follows) * LANES + j] > 0.0 else -1.0
         leg[(U + follows) * LANES + j] = sign * np.sqrt(rest)
 
 
@@ -102,9 +118,11 @@ def choose_columns(leg: NDArray, slots: NDArray, follows: int, full: NDArray, la
 
 
 @inner
-def evaluate(poses: NDArray, slots: NDArray, follows: int, leg: NDArray, full: NDArray, lane: NDArray) -> None:
+def evaluate(
+    poses: NDArray, slots: NDArray, follows: int, numbers: NDArray, leg: NDArray, full: NDArray, lane: NDArray
+) -> None:
     """Fill the sums over all poses at the trial values."""
-    set_leg(lane, slots, follows, leg)
+    set_leg(lane, slots, follows, numbers, leg)
     clear_sums(lane, len(slots))
     for n in range(len(poses)):
         fill_row(poses[n], leg, full, lane)
@@ -113,66 +131,59 @@ def evaluate(poses: NDArray, slots: NDArray, follows: int, leg: NDArray, full: N
 
 
 @inner
-def store(lane: NDArray, first: int, stop: int, size: int, x: NDArray, cost: NDArray, arrived: NDArray) -> None:
-    """Write the lanes as draws from first to stop."""
-    for j in range(min(LANES, stop - first)):
+def store(lane: NDArray, rows: NDArray, size: int, ends: NDArray) -> None:
+    """Write where the lanes have got to."""
+    for j in range(len(rows)):
         for i in range(size):
-            x[first + j, i] = lane[(X + i) * LANES + j]
-        cost[first + j] = lane[COST * LANES + j]
-        arrived[first + j] = lane[STATE * LANES + j] == ARRIVED
+            ends[rows[j], i] = lane[(X + i) * LANES + j]
+        ends[rows[j], size + _COST] = lane[COST * LANES + j]
+        ends[rows[j], size + _RADIUS] = lane[RADIUS * LANES + j]
+        ends[rows[j], size + _STATE] = lane[STATE * LANES + j]
 
 
 @inner
-def store_covariance(lane: NDArray, first: int, stop: int, size: int, covariance: NDArray) -> None:
+def store_covariance(lane: NDArray, rows: NDArray, size: int, covariance: NDArray) -> None:
     """Write the inverses of the normal matrices."""
     prepare_covariance(lane, size)
     for k in range(size):
         covariance_column(lane, size, k)
-        for j in range(min(LANES, stop - first)):
+        for j in range(len(rows)):
             for i in range(size):
-                covariance[first + j, i, k] = lane[(STEP + i) * LANES + j]
+                covariance[rows[j], i, k] = lane[(STEP + i) * LANES + j]
 
 
 @compiled(lane_arithmetic.__file__, least_squares_lanes.__file__, __file__)
-def solve_range(
+def solve_rows(
     numbers: NDArray,
     slots: NDArray,
     follows: int,
-    begin: NDArray,
     p: NDArray,
     R: NDArray,
     rho: NDArray,
-    first: int,
-    stop: int,
-    x: NDArray,
-    cost: NDArray,
+    rows: NDArray,
+    limit: int,
+    ends: NDArray,
     covariance: NDArray,
-    arrived: NDArray,
-    iterations: NDArray,
 ) -> None:
-    """Calibrate the draws first..stop into the output arrays."""
+    """Take up to so many steps with some of the draws, from where they have got to."""
     poses = np.empty((rho.shape[1], _FIELDS * LANES))
     lane, leg, full = np.zeros(REGISTERS * LANES), np.empty(_NUMBERS * LANES), np.empty(_NUMBERS * LANES)
     size = len(slots)
-    for draw in range(first, stop, LANES):
-        load_draws(p, R, rho, draw, stop, poses)
-        for j in range(LANES):
-            for i in range(_NUMBERS):
-                leg[i * LANES + j] = numbers[i]
-            for i in range(size):
-                lane[(TRIAL + i) * LANES + j] = begin[min(draw + j, stop - 1), i]
-        evaluate(poses, slots, follows, leg, full, lane)
+    for first in range(0, len(rows), LANES):
+        some = rows[first : first + LANES]
+        load_draws(p, R, rho, some, poses)
+        load_ends(ends, some, size, lane)
+        evaluate(poses, slots, follows, numbers, leg, full, lane)
         start(lane, size)
-        for iteration in range(_MAX_ITERATIONS):
+        for _ in range(limit):
             propose(lane, size)
-            evaluate(poses, slots, follows, leg, full, lane)
-            for j in range(min(LANES, stop - draw)):
-                if lane[STATE * LANES + j] < ARRIVED:
-                    iterations[draw + j] = iteration + 1
+            evaluate(poses, slots, follows, numbers, leg, full, lane)
+            for j in range(len(some)):
+                ends[some[j], size + _ITERATIONS] += 1.0 if lane[STATE * LANES + j] < ARRIVED else 0.0
             if judge(lane, size) == 0:
                 break
-        store_covariance(lane, draw, stop, size, covariance)
-        store(lane, draw, stop, size, x, cost, arrived)
+        store_covariance(lane, some, size, covariance)
+        store(lane, some, size, ends)
 
 
 @dataclass(frozen=True)
@@ -202,14 +213,19 @@ def solve(
     starts. The component of u that is largest follows from the others. threads as in `share_out`.
     """
     count, size = begin.shape
-    x, covariance, cost = np.empty((count, size)), np.empty((count, size, size)), np.empty(count)
-    arrived, iterations = np.zeros(count, bool), np.zeros(count, np.int64)
+    ends, covariance = np.zeros((count, size + 4)), np.empty((count, size, size))
+    ends[:, :size] = begin
     follows = int(np.argmax(np.abs(numbers[U : U + 3])))
-    arrays = [np.ascontiguousarray(array) for array in (begin, p, R, rho)]
+    arrays = [np.ascontiguousarray(array) for array in (p, R, rho)]
 
-    def part(start: int) -> None:
-        stop = min(start + _DRAWS_PER_TASK, count)
-        solve_range(numbers, slots, follows, *arrays, start, stop, x, cost, covariance, arrived, iterations)
+    def part(first: int) -> None:
+        rows = np.arange(first, min(first + _DRAWS_PER_TASK, count))
+        for limit in _STEPS_PER_ROUND:
+            solve_rows(numbers, slots, follows, *arrays, rows, limit, ends, covariance)
+            rows = rows[ends[rows, size + _STATE] < ARRIVED]
+            if len(rows) == 0:
+                break
 
     share_out(part, range(0, count, _DRAWS_PER_TASK), threads)
-    return CompiledFits(x, cost, covariance, arrived, iterations)
+    x, (cost, _, state, iterations) = ends[:, :size].copy(), ends[:, size:].T.copy()
+    return CompiledFits(x, cost, covariance, state == ARRIVED, iterations.astype(np.int64))
