@@ -102,8 +102,7 @@ def _beside(legs: pd.DataFrame) -> str:
     chosen = str(sets.index[0]).split()
     every = dict.fromkeys(numbers.loc[numbers["figure"] == "sigma", "names"])
     left = [symbols(name) for name in every if name not in chosen]
-    beside = f" Beside {symbols(' '.join(chosen))} they leave no way to tell {', '.join(left)}." if left else ""
-    return f"{beside} Shown leg by leg below." if beside else ""
+    return f" Beside {symbols(' '.join(chosen))} they leave no way to tell {', '.join(left)}." if left else ""
 
 
 def _of_any_leg(legs: pd.DataFrame) -> list[str | None]:
