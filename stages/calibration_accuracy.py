@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_data import Measured
-from stages.calibration_fits import Calibration, observation_covariance
+from stages.calibration_fits import Calibration
+from stages.calibration_question import observation_covariance
 from stages.response_tables import Rows
 from truing.estimation.held_out import held_out_misfit
 from truing.estimation.rotation import log_so3
@@ -83,7 +84,7 @@ def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -
     """Return per pose (B,) the chi-square of the closing at poses that took no part in the calibration."""
     problem = calibration.problem_at(measured)
     at = problem.constrain(calibration.values, np.zeros((len(measured.rho), problem.deviations)))
-    noise = observation_covariance(measured, problem, reading_sigma)
+    noise = observation_covariance(measured, reading_sigma)
     return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, calibration.covariance)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BodyPoses:
-    """Poses of a body in the base frame, B of them: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with
+    """Poses of a body in its parent: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with
     R <- exp(theta) R; NaN where the body was not found."""
 
     p: NDArray
@@ -43,10 +43,14 @@ class BodyPoses:
 
 @dataclass(frozen=True)
 class Measured:
-    """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets."""
+    """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets.
+
+    Platform and legs are seen from the base, the base from the measurement: its error is common to all of them.
+    """
 
     poses: tuple[int | str, ...]
     roles: NDArray  # (B,) of text
+    base: BodyPoses
     platform: BodyPoses
     rho: NDArray
     legs: Mapping[int, BodyPoses]  # by leg, counted from 0
@@ -56,6 +60,7 @@ class Measured:
         return Measured(
             tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
             self.roles[rows],
+            self.base.chosen(rows),
             self.platform.chosen(rows),
             self.rho[rows],
             {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
@@ -97,12 +102,13 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     section_ = cast("LeggedMechanism", settings.mechanism)
     count = len(section_.legs)
     poses = pose_ids(tables["configurations"])
+    base = body_poses(tables["poses"], "base", poses, parent="measurement")
     platform = body_poses(tables["poses"], "platform", poses)
     rho = _readings(tables["configurations"], poses, count)
     usable = platform.found & np.isfinite(rho).all(1)
     legs = {leg: body_poses(tables["poses"], f"leg{leg + 1}", poses) for leg in range(count)}
     carrying = {leg: found for leg, found in legs.items() if found.found.any()}
-    measured = Measured(poses, _roles(tables["configurations"], poses), platform, rho, carrying).chosen(usable)
+    measured = Measured(poses, _roles(tables["configurations"], poses), base, platform, rho, carrying).chosen(usable)
     if not usable.any():
         raise ValueError("no pose has both readings and a pose of the platform in the base")
     return Gathered(
@@ -133,11 +139,11 @@ def _section(rod: RodSection | None) -> Section | None:
     return None if rod is None else section(rod.diameter_mm * 1e-3, rod.youngs_gpa * 1e9, rod.poisson)
 
 
-def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...]) -> BodyPoses:
-    """The default poses of a body in the base, in the given order; NaN where there is none or its fit failed."""
+def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> BodyPoses:
+    """The default poses of a body in its parent, in the given order; NaN where there is none or its fit failed."""
     import pyarrow.compute as pc
 
-    own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), "base"))
+    own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
     rows = table.filter(pc.and_(own, good))
     place = positions(rows.column("pose"), poses)

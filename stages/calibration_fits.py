@@ -1,39 +1,38 @@
-"""The calibrations of a campaign: every model of the structure under every model of deformation, by two estimators."""
+"""The calibrations of a case: by errors in variables, and by the closure alone as the telescope report does."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration_data import Deformation, Gathered, Measured, SurveyedAttachments
+from stages.calibration_data import Gathered, Measured
+from stages.calibration_question import (
+    Case,
+    Question,
+    free,
+    observation_covariance,
+    problem_of,
+    question,
+    tolerances,
+    widest,
+    with_legs,
+)
 from truing.estimation.errors_in_variables import ErrorsInVariablesFit, Prior, fit_errors_in_variables
 from truing.estimation.identifiable_set import choose_identifiable
 from truing.estimation.least_squares import SolverStatus, least_squares
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.parameters import ParameterSet, full_set, report_set
-from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M
-from truing.simulation.structure import Machine, Structure
+from truing.simulation.structure import Machine
 
-DEFORMATIONS = ("none", "linear", "matrix")
 MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
-# What nothing is known of: a deformation coefficient may still be this large.
-_FREE_DEFORMATION = 0.1
+# A larger share of poses is not mismeasured; then the model is wrong.
+_MOST_BAD_POSES = 0.2
 # A calibration that has not settled by then will not.
 _ITERATIONS = 200
 # A parameter counts as identified where the data say at least as much of it as its tolerance does.
 _TOLD = np.sqrt(0.5)
-
-
-@dataclass(frozen=True)
-class Case:
-    """A model of the structure under a model of deformation, and the machine that its nominal values stand for."""
-
-    structure: Structure
-    deformation: str
-    nominal: Machine
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Calibration:
 
     def problem_at(self, measured: Measured) -> CalibrationProblem:
         """Return the same problem at other poses."""
-        return _problem(self.case, self.parameters, measured)
+        return problem_of(self.case, self.parameters, measured)
 
     @property
     def sigma(self) -> NDArray:
@@ -89,120 +88,53 @@ class Calibration:
         return (self.values - self.nominal) / np.sqrt(variance)
 
 
-def cases(gathered: Gathered, structures: tuple[Structure, ...]) -> Iterator[Case]:
-    """Return every model that the machine's numbers and the deformation stage allow."""
-    for structure in structures:
-        for deformation in DEFORMATIONS:
-            if deformation != "matrix" or "matrix" in gathered.deformations:
-                yield Case(structure, deformation, _deforming(gathered.machine, deformation, gathered.deformations))
-
-
-def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformation]) -> Machine:
-    """Return the machine with the deformation as the targets on the attachments show it; none where they do not."""
-    if deformation == "none" or deformation not in known:
-        return machine
-    return replace(machine, deformation=np.nan_to_num(known[deformation].K))
-
-
-def observation_covariance(measured: Measured, problem: CalibrationProblem, reading_sigma: float) -> NDArray:
-    """Return the covariance (B, n, n) of all that was measured per pose, in the order of the problem's deviations."""
-    legs = measured.rho.shape[1]
-    covariance = np.zeros((len(measured.rho), problem.deviations, problem.deviations))
-    covariance[:, :6, :6] = measured.platform.covariance
-    covariance[:, 6 : 6 + legs, 6 : 6 + legs] = np.eye(legs) * reading_sigma**2
-    return covariance
-
-
-def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case) -> Calibration:
-    """Return the calibration by errors in variables, with tolerances, survey and deformation as prior."""
-    parameters = _free(full_set(case.nominal, case.deformation, rho0="rho0" in gathered.tolerance), gathered)
-    problem = _problem(case, parameters, fitted)
-    covariance = observation_covariance(fitted, problem, gathered.reading_sigma)
-    nominal = problem.parameters.values(case.nominal)
-    tolerance = tolerances(gathered, case, problem.parameters)
-    prior = _prior(gathered.surveyed, problem.parameters, nominal, tolerance)
-    fit = fit_errors_in_variables(problem.constrain, covariance, nominal, prior)
-    found = fit.covariance_at(max(fit.noise_ratio, 1.0))
-    wide = np.where(np.isfinite(tolerance), tolerance, widest(problem.parameters))
+def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
+    """Return the calibration by errors in variables over the poses kept (B,), what is known beforehand as prior."""
+    used = fitted.chosen(kept)
+    asked = question(gathered, used, case)
+    fit = answer(asked, robust=False)
+    # Models that know of no single legs are weighed on the same data: without the legs' own targets.
+    evidence, count = _log_evidence(fit, asked.prior), asked.count
+    if (more := with_legs(asked, used)) is not None:
+        fit = answer(more, fit.values, robust=False)
+    found = fit.covariance_at(max(fit.noise_ratio, 1.0))[:count, :count]
+    known = np.where(np.isfinite(asked.tolerance), asked.tolerance, widest(asked.problem.parameters))
     return Calibration(
         case,
         MAXIMUM_LIKELIHOOD,
-        problem,
-        nominal,
-        fit.values,
+        asked.problem,
+        asked.problem.start,
+        fit.values[:count],
         found,
-        tolerance,
-        np.sqrt(np.diag(found)) < _TOLD * wide,
-        fit.weight > 0,
+        asked.tolerance,
+        np.sqrt(np.diag(found)) < _TOLD * known,
+        kept,
         fit.judgement.chi_square,
         float(fit.judgement.freedom),
-        _log_evidence(fit, prior),
+        evidence,
         _ending(fit.status),
     )
 
 
-def _problem(case: Case, parameters: ParameterSet, measured: Measured) -> CalibrationProblem:
-    return CalibrationProblem(
-        case.structure, case.nominal, parameters, measured.platform.p, measured.platform.R, measured.rho
-    )
+def answer(asked: Question, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
+    """Return the fit, from the machine's numbers (P,) in ``start`` or from the nominal ones."""
+    values = asked.problem.start
+    if start is not None:
+        values = np.concatenate([start, values[len(start) :]])
+    return fit_errors_in_variables(asked.problem.constrain, asked.noise, values, asked.prior, robust=robust)
 
 
-def _free(parameters: ParameterSet, gathered: Gathered) -> ParameterSet:
-    """Return the parameters without those that a tolerance of zero declares exact."""
-    exact = {name for name, sigma in gathered.tolerance.items() if sigma == 0}
-    return ParameterSet(tuple(e for e in parameters.entries if e.name.partition("_")[0] not in exact))
+def good_poses(gathered: Gathered, fitted: Measured, case: Case) -> NDArray:
+    """Return which poses (B,) agree with the others under a model.
 
-
-def tolerances(gathered: Gathered, case: Case, parameters: ParameterSet) -> NDArray:
-    """Return one sigma (P,) of what is known of each parameter beforehand; NaN where nothing is."""
-    known = gathered.deformations.get(case.deformation)
-    found = np.full(len(parameters), np.nan)
-    for i, entry in enumerate(parameters.entries):
-        head = entry.name.partition("_")[0]
-        if head in gathered.tolerance:
-            found[i] = gathered.tolerance[head]
-        elif known is not None and (entry.name == "kappa" or head.startswith("K")):
-            found[i] = known.sigma.ravel()[_place(entry.name, entry.leg, len(known.K))]
-    return np.where(found > 0, found, np.nan)
-
-
-def _place(name: str, leg: int, legs: int) -> int:
-    """Return where a deformation's coefficient stands in K, row by row."""
-    column = leg if name == "kappa" else int(name.replace("_", "")[1 + len(str(leg + 1)) :]) - 1
-    return leg * legs + column
-
-
-def widest(parameters: ParameterSet) -> NDArray:
-    """Return a sigma (P,) that says nothing, and keeps the equations well scaled."""
-    heads = [entry.name.partition("_")[0] for entry in parameters.entries]
-    wide = {"u": FREE_DIRECTION, "a": FREE_LENGTH_M, "b": FREE_LENGTH_M, "l": FREE_LENGTH_M, "rho0": FREE_LENGTH_M}
-    return np.array([wide.get(head, _FREE_DEFORMATION) for head in heads])
-
-
-def _prior(
-    surveyed: SurveyedAttachments | None, parameters: ParameterSet, nominal: NDArray, tolerance: NDArray
-) -> Prior:
-    """Return what tolerances and the survey of the attachments say of the parameters beforehand."""
-    sigma = np.where(np.isfinite(tolerance), tolerance, widest(parameters))
-    information = np.diag(sigma**-2.0)
-    if surveyed is None:
-        return Prior(nominal, information)
-    weighted = information @ nominal
-    rows = survey_rows(surveyed, parameters)
-    inverse = np.linalg.inv(surveyed.covariance)
-    information = information + rows.T @ inverse @ rows
-    mean = np.linalg.solve(information, weighted + rows.T @ inverse @ surveyed.b.ravel())
-    return Prior(mean, information)
-
-
-def survey_rows(surveyed: SurveyedAttachments, parameters: ParameterSet) -> NDArray:
-    """Return the derivative (3A, P) of the surveyed places of the attachments by the parameters."""
-    rows = np.zeros((3 * len(surveyed.legs), len(parameters)))
-    for i, entry in enumerate(parameters.entries):
-        if entry.name.startswith("b_"):
-            own = np.flatnonzero(surveyed.legs == entry.leg)
-            rows[3 * own + "xyz".index(entry.name[2]), i] = 1.0
-    return rows
+    A pose that was mismeasured is a rare one: where many seem to be, the model is wrong and all of them are kept.
+    """
+    asked = question(gathered, fitted, case)
+    fit = answer(asked, robust=True)
+    if (more := with_legs(asked, fitted)) is not None:
+        fit = answer(more, fit.values, robust=True)
+    kept = fit.weight > 0
+    return kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept)
 
 
 def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
@@ -213,7 +145,7 @@ def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
 
 def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
     """Return the calibration by least squares on the closure alone, over the poses kept (B,): the report's own way."""
-    problem = _problem(case, _implicit_set(gathered, fitted.chosen(kept), case), fitted.chosen(kept))
+    problem = problem_of(case, _implicit_set(gathered, fitted.chosen(kept), case), fitted.chosen(kept))
     nominal = problem.parameters.values(case.nominal)
     still = np.zeros((int(kept.sum()), problem.deviations))
 
@@ -257,10 +189,10 @@ def _implicit_set(gathered: Gathered, fitted: Measured, case: Case) -> Parameter
     if "u" in case.nominal.legs.closure.geometry:
         return report_set(case.nominal, case.deformation)
     deformation = "none" if case.deformation == "none" else "linear"
-    candidates = _free(full_set(case.nominal, deformation), gathered)
-    problem = _problem(case, candidates, fitted)
+    candidates = free(full_set(case.nominal, deformation), gathered)
+    problem = problem_of(case, candidates, fitted)
     at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
-    noise = observation_covariance(fitted, problem, gathered.reading_sigma)
+    noise = observation_covariance(fitted, gathered.reading_sigma)
     sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
     rows = (at.by_values / sigma[..., None]).reshape(-1, len(candidates))
     tolerance = tolerances(gathered, case, candidates)

@@ -3,41 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_data import Gathered, Measured
-from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration, observation_covariance, survey_rows, widest
+from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration
+from stages.calibration_question import (
+    Question,
+    observation_covariance,
+    problem_of,
+    question,
+    survey_rows,
+    widest,
+    with_legs,
+)
 from stages.response_tables import Rows
-from truing.estimation.absorption import absorb
-from truing.estimation.combinations import inseparable
+from truing.estimation.absorption import Absorption, absorb
+from truing.estimation.combinations import Inseparable, inseparable
 from truing.estimation.identifiable_set import choose_identifiable
 from truing.estimation.observability import Observability, indices, observe
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.parameters import ParameterSet, deformation_set, full_set
-from truing.simulation.structure import Machine
 
 # A shift of the attachments per displacement that is plausible of a platform, where no target tells.
 _PLAUSIBLE_KAPPA = 0.01
 
 
 @dataclass(frozen=True)
-class Whitened:
-    """The closing's derivatives by P parameters (B, M, P), in standard deviations of the noise of each equation."""
+class Linear:
+    """Derivatives (N, Q) by some numbers, in standard deviations of all that was measured, and by the entries of K."""
 
     jacobian: NDArray
-    factor: NDArray  # (B, M, M), lower, of the closing's covariance
+    by_K: NDArray
 
 
-def whiten(problem: CalibrationProblem, values: NDArray, measured: Measured, reading_sigma: float) -> Whitened:
-    """Return the derivatives at some values, whitened by the noise of all that was measured."""
-    at = problem.constrain(values, np.zeros((len(measured.rho), problem.deviations)))
-    noise = observation_covariance(measured, problem, reading_sigma)
-    factor = np.linalg.cholesky(at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2))
-    return Whitened(np.linalg.solve(factor, at.by_values), factor)
+def linear(gathered: Gathered, asked: Question, values: NDArray, measured: Measured) -> Linear:
+    """Return how all that was measured follows the question's numbers at some values, and the entries of K (L L).
+
+    Below the closings stands what the survey of the attachments says of them.
+    """
+    problem = asked.problem
+    size = len(problem.parameters)
+    entries = deformation_set(problem.nominal, "matrix")
+    bent = replace(problem, parameters=entries, nominal=problem.machine(values))
+    still = np.zeros((len(measured.rho), problem.deviations))
+    at = problem.constrain(values, still)
+    by_K = bent.constrain(np.concatenate([bent.start[: len(entries)], values[size:]]), still).by_values
+    factor = np.linalg.cholesky(at.by_deviation @ asked.noise @ np.swapaxes(at.by_deviation, -1, -2))
+    rows = np.linalg.solve(factor, np.concatenate([at.by_values, by_K[..., : len(entries)]], -1))
+    rows = rows.reshape(-1, rows.shape[-1])
+    if gathered.surveyed is not None:
+        known = survey_rows(gathered.surveyed, problem.parameters)
+        known = np.linalg.solve(np.linalg.cholesky(gathered.surveyed.covariance), known)
+        rows = np.concatenate([rows, np.pad(known, ((0, 0), (0, rows.shape[1] - size)))])
+    return Linear(rows[:, : -len(entries)], rows[:, -len(entries) :])
 
 
 def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Rows:
@@ -45,12 +67,36 @@ def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration
     rows = Rows("observability")
     for leg, found in enumerate(_leg_by_leg(gathered, fitted)):
         _add(rows, gathered.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
-    whole = whiten(chosen.problem_at(fitted), chosen.values, fitted, gathered.reading_sigma)
-    scale = np.where(np.isfinite(chosen.tolerance), chosen.tolerance, widest(chosen.parameters))
-    seen = whole.jacobian.reshape(-1, len(scale))
-    found = observe(seen, scale, chosen.parameters.labels)
-    _add(rows, chosen.case.structure.name, chosen.case.deformation, None, found, len(fitted.poses))
+    whole = _of_chosen(gathered, fitted, chosen)
+    _add(rows, chosen.case.structure.name, chosen.case.deformation, None, whole, len(fitted.poses))
     return rows
+
+
+def _of_chosen(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Observability:
+    """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
+    attachments too, of which the deformation stage has found what they say of K."""
+    asked = question(gathered, fitted, chosen.case)
+    asked = with_legs(asked, fitted) or asked
+    values = np.concatenate([chosen.values, asked.problem.start[asked.count :]])
+    entries = chosen.parameters.entries
+    bent = np.array([entry.name == "kappa" or entry.name.startswith("K") for entry in entries])
+    known = np.flatnonzero(bent & np.isfinite(chosen.tolerance))
+    seen = linear(gathered, asked, values, fitted).jacobian
+    targets = np.zeros((len(known), seen.shape[1]))
+    targets[np.arange(len(known)), known] = 1.0 / chosen.tolerance[known]
+    seats = np.array([entry.si for entry in asked.problem.entries[asked.count :]])
+    own = np.concatenate([np.where(bent, _PLAUSIBLE_KAPPA, _scales(gathered.tolerance, chosen.parameters)), seats])
+    labels = [entry.label for entry in asked.problem.entries]
+    jacobian, units = _without(np.concatenate([seen, targets]), asked.count), chosen.parameters.units
+    return observe(jacobian * units, own[: asked.count] / units, labels[: asked.count])
+
+
+def _without(jacobian: NDArray, count: int) -> NDArray:
+    """Return the first columns with what the others, of which nothing is known, can imitate taken out of them."""
+    if count == jacobian.shape[1]:
+        return jacobian
+    others = np.linalg.qr(jacobian[:, count:])[0]
+    return jacobian[:, :count] - others @ (others.T @ jacobian[:, :count])
 
 
 def _leg_by_leg(gathered: Gathered, fitted: Measured) -> list[Observability]:
@@ -60,14 +106,15 @@ def _leg_by_leg(gathered: Gathered, fitted: Measured) -> list[Observability]:
     problem = CalibrationProblem(
         KinematicModel(machine.legs.closure.name), machine, parameters, fitted.platform.p, fitted.platform.R, fitted.rho
     )
-    found = whiten(problem, problem.start, fitted, gathered.reading_sigma)
     at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
-    sigma = np.sqrt(np.einsum("bij,bij->bi", found.factor, found.factor))
+    noise = observation_covariance(fitted, gathered.reading_sigma)
+    sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
     scale = _scales(gathered.tolerance, parameters)
     legs = np.array([entry.leg for entry in parameters.entries])
-    labels = np.array(parameters.labels)
+    labels, units = np.array(parameters.labels), parameters.units
+    told = at.by_values / sigma[..., None] * units
     return [
-        observe(at.by_values[:, leg, legs == leg] / sigma[:, leg, None], scale[legs == leg], labels[legs == leg])
+        observe(told[:, leg, legs == leg], (scale / units)[legs == leg], labels[legs == leg].tolist())
         for leg in range(machine.legs.count)
     ]
 
@@ -97,8 +144,14 @@ def _add(rows: Rows, model: str, deformation: str, leg: int | None, found: Obser
     for value in found.singular_values:
         rows.add(**common, figure="singular_value", value=float(value))
     for group in inseparable(found):
-        sigma = float(np.min(group.sigma))
-        rows.add(**common, figure="unidentifiable", value=sigma if np.isfinite(sigma) else None, combination=group.text)
+        for text, sigma in zip(_words(group), group.sigma, strict=False):
+            value = float(sigma) if np.isfinite(sigma) else None
+            rows.add(**common, figure="unidentifiable", value=value, combination=text)
+
+
+def _words(group: Inseparable) -> tuple[str, ...]:
+    """Return a sentence for the group where one says it all, else one for each change that goes unseen."""
+    return group.texts if len(group.seen) > 1 else (group.text,)
 
 
 def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence[Calibration]) -> Rows:
@@ -116,57 +169,45 @@ def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence
 
 
 def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Calibration, whole: Calibration) -> None:
-    known = gathered.deformations["matrix"]
+    known, entries = gathered.deformations["matrix"], calibration.parameters.entries
+    found = _absorption(gathered, fitted, calibration)
     size = (known.K - calibration.case.nominal.deformation).ravel()
-    jacobian, signature, scales = _against(gathered, fitted, calibration, whole.case.nominal)
-    found = absorb(jacobian, -signature, calibration.parameters.labels, scales)
-    predicted = found.shift @ size
-    spread = found.comparison_covariance(np.diag(np.nan_to_num(known.sigma).ravel() ** 2), "fit")
-    observed = calibration.values - _counterparts(calibration, whole)
-    units = calibration.parameters.units
+    spread = found.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit")
+    own, units = slice(len(entries)), calibration.parameters.units
     rows.add(
         effect="platform-deformation-matrix",
         model=calibration.case.structure.name,
         deformation=calibration.case.deformation,
         estimator=calibration.estimator,
-        leg=[entry.leg + 1 if entry.leg >= 0 else None for entry in calibration.parameters.entries],
-        parameter=[entry.name for entry in calibration.parameters.entries],
-        unit=[entry.unit for entry in calibration.parameters.entries],
-        predicted=predicted / units,
-        observed=observed / units,
-        sigma=np.sqrt(np.maximum(np.diag(spread), 0.0)) / units,
+        leg=[entry.leg + 1 for entry in entries],
+        parameter=[entry.name for entry in entries],
+        unit=[entry.unit for entry in entries],
+        predicted=(found.shift @ size)[own] / units,
+        observed=(calibration.values - _counterparts(calibration, whole)) / units,
+        sigma=np.sqrt(np.maximum(np.diag(spread), 0.0))[own] / units,
     )
 
 
-def _against(
-    gathered: Gathered, fitted: Measured, calibration: Calibration, deforming: Machine
-) -> tuple[NDArray, NDArray, NDArray | None]:
-    """Return Jacobian (N, P), signature of the entries of K (N, L L), and the prior's sigmas, before any fit.
+def _absorption(gathered: Gathered, fitted: Measured, calibration: Calibration) -> Absorption:
+    """Return what the calibration's parameters take over of each entry of K, seen from before any fit.
 
-    The maximum-likelihood fit weighs the closings by their noise and has tolerances, and the survey of the attachments
-    in rows of their own; the implicit one has neither.
+    The maximum-likelihood fit weighs what was measured by its noise, and has the tolerances as prior; the implicit one
+    has neither.
     """
-    problem = calibration.problem_at(fitted)
-    entries = deformation_set(deforming, "matrix")
-    both = CalibrationProblem(
-        problem.structure, calibration.case.nominal, entries, fitted.platform.p, fitted.platform.R, fitted.rho
-    )
-    start, shape = calibration.nominal, (-1, len(calibration.nominal))
     if calibration.estimator != MAXIMUM_LIKELIHOOD:
+        problem = problem_of(calibration.case, calibration.parameters, fitted)
+        bent = replace(problem, parameters=deformation_set(problem.nominal, "matrix"))
         still = np.zeros((len(fitted.rho), problem.deviations))
-        by_K = both.constrain(both.start, still).by_values
-        return problem.constrain(start, still).by_values.reshape(shape), by_K.reshape(-1, len(entries)), None
-    whitened = whiten(problem, start, fitted, gathered.reading_sigma)
-    by_K = whiten(both, both.start, fitted, gathered.reading_sigma).jacobian
-    scales = np.where(np.isfinite(calibration.tolerance), calibration.tolerance, widest(calibration.parameters))
-    jacobian, signature = whitened.jacobian.reshape(shape), by_K.reshape(-1, len(entries))
-    if gathered.surveyed is not None:
-        known = np.linalg.solve(
-            np.linalg.cholesky(gathered.surveyed.covariance), survey_rows(gathered.surveyed, calibration.parameters)
-        )
-        jacobian = np.concatenate([jacobian, known])
-        signature = np.concatenate([signature, np.zeros((len(known), len(entries)))])
-    return jacobian, signature, scales
+        both = [one.constrain(one.start, still).by_values for one in (problem, bent)]
+        rows = [by_values.reshape(-1, by_values.shape[-1]) for by_values in both]
+        return absorb(rows[0], -rows[1], calibration.parameters.labels)
+    asked = question(gathered, fitted, calibration.case)
+    asked = with_legs(asked, fitted) or asked
+    scales = np.where(np.isfinite(asked.tolerance), asked.tolerance, widest(calibration.parameters))
+    seats = np.diag(asked.prior.information)[asked.count :] ** -0.5
+    seen = linear(gathered, asked, asked.problem.start, fitted)
+    labels = [entry.label for entry in asked.problem.entries]
+    return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
 
 
 def _counterparts(calibration: Calibration, whole: Calibration) -> NDArray:

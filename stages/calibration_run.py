@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from stages.calibration_accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
 from stages.calibration_choice import Judged, choice, choice_rows, departure_rows, nominal_rows
-from stages.calibration_data import Gathered
-from stages.calibration_fits import Calibration, Case, cases, implicit, maximum_likelihood
+from stages.calibration_data import Gathered, Measured
+from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
 from stages.calibration_knowledge import absorption_rows, observability_rows
+from stages.calibration_question import Case, cases
 from stages.calibration_requirements import requirement_rows
 from stages.calibration_tables import correlation_rows, parameter_rows
 from stages.declaration import Outcome, Progress
@@ -70,19 +71,27 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
 
 
 def _calibrations(gathered: Gathered, fitted: NDArray, progress: Progress) -> Both:
-    """Return all calibrations; poses that errors in variables leaves out as wrong are left out by the other too."""
+    """Return all calibrations, without the poses that the rigid legs find mismeasured under all known deformation."""
     every = list(cases(gathered, structures(gathered.machine)))
     used = gathered.measured.chosen(fitted)
     likely, closed, failed = [], [], []
+    kept = _good_poses(gathered, used, every)
     for done, case in enumerate(every):
         progress(done, len(every), _words(case))
         try:
-            found = maximum_likelihood(gathered, used, case)
-            likely.append(found)
-            closed.append(implicit(gathered, used, case, found.kept))
+            likely.append(maximum_likelihood(gathered, used, case, kept))
+            closed.append(implicit(gathered, used, case, kept))
         except np.linalg.LinAlgError:
             failed.append(f"{_words(case)}: the equations became singular")
     return Both(tuple(likely), tuple(closed), tuple(failed))
+
+
+def _good_poses(gathered: Gathered, used: Measured, every: Sequence[Case]) -> NDArray:
+    richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
+    try:
+        return good_poses(gathered, used, richest)
+    except np.linalg.LinAlgError:
+        return np.ones(len(used.poses), bool)
 
 
 def _words(case: Case) -> str:

@@ -5,8 +5,9 @@ Not a stage of a run, for it comes before there is anything to run: tables in, a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from truing.simulation.pose_regressors import Placed
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -106,12 +109,12 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
     limits = limits_of(settings, pose_too=wish.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file)
     kept_rho = None if tables.extend is None else readings_of(tables.extend, limits.readings.size, tables.extend_file)
     measured = wish.poses + (0 if kept_rho is None else len(kept_rho))
-    problem = design_problem(settings, limits, wish.parameters, tables.survey)
+    problem = _with_room(tables.avoid_file, lambda: design_problem(settings, limits, wish.parameters, tables.survey))
     _check_wish(wish, problem, measured)
     kept = None if kept_rho is None else _judged(problem, kept_rho, tables.extend_file)
     rng = np.random.default_rng(wish.seed)
     given = None if kept is None else kept.information
-    candidates = _bounded(problem, wish, given, rng, tables.avoid_file)
+    candidates = _with_room(tables.avoid_file, lambda: bounded(problem, wish.poses, given, rng))
     x = choose(problem, candidates, wish.method, wish.poses, given, rng)
     whole = Judged(measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside)
     existing = _existing(problem, tables.existing)
@@ -122,11 +125,10 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
     return Design(problem, wish, placed, whole, kept, existing, candidates, order, table)
 
 
-def _bounded(
-    problem: DesignProblem, wish: DesignWish, given: NDArray | None, rng: np.random.Generator, avoid_file: str
-) -> Bounded:
+def _with_room(avoid_file: str, make: Callable[[], _T]) -> _T:
+    """Return what is made, the fault being the table of forbidden regions where they leave no room for it."""
     try:
-        return bounded(problem, wish.poses, given, rng)
+        return make()
     except ValueError as error:
         raise CampaignFaults([Fault(avoid_file, str(error))]) from None
 

@@ -35,6 +35,7 @@ _FREE = {"mm": 1e-3, "1": 1e-2}
 # Parameters are told apart where no combination of their unit columns is shorter than this. Rank, not noise, is asked
 # for, as in the report: its seven reach 1e-3 and more on the telescope, a_z or b_z beside them 4e-5 at most.
 _TOLD_APART = 2e-4
+_BETWEEN = 50  # points, in case that all corners are forbidden
 # The report's seven (section 6.3.1); others only enter where these leave room.
 _REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
 
@@ -106,7 +107,8 @@ def design_problem(
 ) -> DesignProblem:
     """Return the problem of choosing configurations for some parameters of each leg, or for all that can be told apart.
 
-    Raises CampaignFaults where the campaign does not say enough, or names a parameter that legs do not have.
+    Raises CampaignFaults where the campaign does not say enough or a parameter is none of a leg's, ValueError where
+    forbidden regions leave no room.
     """
     machine = plain_machine(settings)
     section = cast("LeggedMechanism", settings.mechanism)
@@ -213,8 +215,9 @@ def _named(names: tuple[Parameter, ...], wanted: Sequence[str]) -> list[int]:
 
 
 def _identifiable(problem: DesignProblem) -> list[int]:
-    """Return a maximal set that configurations at the corners tell apart, every leg having the same."""
-    rows = problem.rows_at(problem.region.corners())
+    """Return a maximal set that configurations at the corners and between tell apart, every leg having the same."""
+    between = problem.region.draw(_BETWEEN, np.random.default_rng(0))
+    rows = problem.rows_at(np.concatenate([problem.region.corners(), between]))
     rows = rows / np.linalg.norm(rows, axis=0)
     size = len(problem.names)
     blocks = np.zeros((problem.legs, size, problem.legs, size))

@@ -110,6 +110,19 @@ def relative(
     return compose(*invert(R_wa, p_wa, cov_wa), R_wb, p_wb, cov_wb)
 
 
+def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a: NDArray) -> NDArray:
+    """Return what the error of a pose of a, R_wa, p_wa, cov_wa (..., 6, 6), gives to K bodies seen from a, together.
+
+    p_a (..., K, 3): where they are, in a. The result (..., 6K, 6K), body by body, is the part of their poses'
+    covariance that they have in common, and all there is between different ones.
+    """
+    R_aw, p_aw, cov_aw = invert(R_wa, p_wa, cov_wa)
+    lever = p_a - p_aw[..., None, :]
+    J = _blocks(np.eye(3), -skew(lever), np.eye(3))
+    J = J.reshape(*J.shape[:-3], -1, 6)
+    return symmetric(_sandwich(J, cov_aw))
+
+
 def apply_rotation(R: NDArray, v: NDArray) -> NDArray:
     """Return ``R v`` (..., 3)."""
     return np.einsum("...ij,...j->...i", R, v)

@@ -1,0 +1,158 @@
+"""What a calibration asks: a model's numbers, the measurements with their noise, and what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration_data import Deformation, Gathered, Measured, SurveyedAttachments
+from stages.calibration_legs import leg_bodies, noise_with_legs, prior_with_legs
+from truing.estimation.errors_in_variables import Prior
+from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.parameters import ParameterSet, full_set
+from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.structure import Machine, Structure
+
+DEFORMATIONS = ("none", "linear", "matrix")
+# What nothing is known of: a deformation coefficient may still be this large.
+_FREE_DEFORMATION = 0.1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model of the structure under a model of deformation, and the machine that its nominal values stand for."""
+
+    structure: Structure
+    deformation: str
+    nominal: Machine
+
+
+def cases(gathered: Gathered, structures: tuple[Structure, ...]) -> Iterator[Case]:
+    """Return every model that the machine's numbers and the deformation stage allow."""
+    for structure in structures:
+        for deformation in DEFORMATIONS:
+            if deformation != "matrix" or "matrix" in gathered.deformations:
+                yield Case(structure, deformation, _deforming(gathered.machine, deformation, gathered.deformations))
+
+
+def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformation]) -> Machine:
+    """Return the machine with the deformation as the targets on the attachments show it; none where they do not."""
+    if deformation == "none" or deformation not in known:
+        return machine
+    return replace(machine, deformation=np.nan_to_num(known[deformation].K))
+
+
+@dataclass(frozen=True)
+class Question:
+    """A problem over measured poses, the noise (B, N, N) of all that was measured, and what is known beforehand.
+
+    tolerance (P,): one sigma of each number of the machine, NaN where campaign.toml says nothing.
+    """
+
+    problem: CalibrationProblem
+    noise: NDArray
+    tolerance: NDArray
+    prior: Prior
+
+    @property
+    def count(self) -> int:
+        """Return how many numbers are the machine's; those after them place legs in their survey frames."""
+        return len(self.problem.parameters)
+
+
+def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
+    """Return what errors in variables asks of platform and readings: all numbers of the machine, none held."""
+    parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in gathered.tolerance), gathered)
+    problem, tolerance = problem_of(case, parameters, measured), tolerances(gathered, case, parameters)
+    prior = _prior(gathered.surveyed, parameters, problem.start, tolerance)
+    return Question(problem, observation_covariance(measured, gathered.reading_sigma), tolerance, prior)
+
+
+def with_legs(asked: Question, measured: Measured) -> Question | None:
+    """Return the question with what the targets on legs say; None where there are none that the model can use."""
+    bodies = leg_bodies(asked.problem, measured)
+    if bodies is None:
+        return None
+    return replace(
+        asked,
+        problem=replace(asked.problem, leg_bodies=bodies),
+        noise=noise_with_legs(measured, bodies, asked.noise),
+        prior=prior_with_legs(bodies, asked.prior),
+    )
+
+
+def problem_of(case: Case, parameters: ParameterSet, measured: Measured) -> CalibrationProblem:
+    """Return the problem of identifying parameters of a case at measured poses."""
+    return CalibrationProblem(
+        case.structure, case.nominal, parameters, measured.platform.p, measured.platform.R, measured.rho
+    )
+
+
+def observation_covariance(measured: Measured, reading_sigma: float) -> NDArray:
+    """Return the covariance (B, 6 + L, 6 + L) of the platform's pose and of the readings."""
+    legs = measured.rho.shape[1]
+    whole = np.zeros((len(measured.rho), 6 + legs, 6 + legs))
+    whole[:, :6, :6] = measured.platform.covariance
+    whole[:, 6:, 6:] = np.eye(legs) * reading_sigma**2
+    return whole
+
+
+def free(parameters: ParameterSet, gathered: Gathered) -> ParameterSet:
+    """Return the parameters without those that a tolerance of zero declares exact."""
+    exact = {name for name, sigma in gathered.tolerance.items() if sigma == 0}
+    return ParameterSet(tuple(e for e in parameters.entries if e.name.partition("_")[0] not in exact))
+
+
+def tolerances(gathered: Gathered, case: Case, parameters: ParameterSet) -> NDArray:
+    """Return one sigma (P,) of what is known of each parameter beforehand; NaN where nothing is."""
+    known = gathered.deformations.get(case.deformation)
+    found = np.full(len(parameters), np.nan)
+    for i, entry in enumerate(parameters.entries):
+        head = entry.name.partition("_")[0]
+        if head in gathered.tolerance:
+            found[i] = gathered.tolerance[head]
+        elif known is not None and (entry.name == "kappa" or head.startswith("K")):
+            found[i] = known.sigma.ravel()[_place(entry.name, entry.leg, len(known.K))]
+    return np.where(found > 0, found, np.nan)
+
+
+def _place(name: str, leg: int, legs: int) -> int:
+    """Return where a deformation's coefficient stands in K, row by row."""
+    column = leg if name == "kappa" else int(name.replace("_", "")[1 + len(str(leg + 1)) :]) - 1
+    return leg * legs + column
+
+
+def widest(parameters: ParameterSet) -> NDArray:
+    """Return a sigma (P,) that says nothing, and keeps the equations well scaled."""
+    heads = [entry.name.partition("_")[0] for entry in parameters.entries]
+    wide = {"u": FREE_DIRECTION, "a": FREE_LENGTH_M, "b": FREE_LENGTH_M, "l": FREE_LENGTH_M, "rho0": FREE_LENGTH_M}
+    return np.array([wide.get(head, _FREE_DEFORMATION) for head in heads])
+
+
+def _prior(
+    surveyed: SurveyedAttachments | None, parameters: ParameterSet, nominal: NDArray, tolerance: NDArray
+) -> Prior:
+    """Return what tolerances and the survey of the attachments say of the parameters beforehand."""
+    sigma = np.where(np.isfinite(tolerance), tolerance, widest(parameters))
+    information = np.diag(sigma**-2.0)
+    if surveyed is None:
+        return Prior(nominal, information)
+    weighted = information @ nominal
+    rows = survey_rows(surveyed, parameters)
+    inverse = np.linalg.inv(surveyed.covariance)
+    information = information + rows.T @ inverse @ rows
+    mean = np.linalg.solve(information, weighted + rows.T @ inverse @ surveyed.b.ravel())
+    return Prior(mean, information)
+
+
+def survey_rows(surveyed: SurveyedAttachments, parameters: ParameterSet) -> NDArray:
+    """Return the derivative (3A, P) of the surveyed places of the attachments by the parameters."""
+    rows = np.zeros((3 * len(surveyed.legs), len(parameters)))
+    for i, entry in enumerate(parameters.entries):
+        if entry.name.startswith("b_"):
+            own = np.flatnonzero(surveyed.legs == entry.leg)
+            rows[3 * own + "xyz".index(entry.name[2]), i] = 1.0
+    return rows
