@@ -25,9 +25,9 @@ _MEMORY = 8  # values that a step may fall behind, without which the spectral st
 _SUFFICIENT = 1e-4
 _SHORTEST = 1e-8
 _FARTHEST = 3.0  # that a step may aim beyond the limits, which are about 1 away: more only slows the projection
-_HALVINGS = 40
-_STILL = 1e-7  # a move of the coordinates, whose limits are about 1 away, that counts as none
-_GAIN = 1e-9  # over the memory
+_HALVINGS = 12  # a shorter move is none, beside the spectral length
+_STILL = 1e-6  # a move of the coordinates, whose limits are about 1 away, that counts as none
+_GAIN = 1e-7  # of the value, over the memory, that counts as none
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def optimise_directly(
 
 
 def largest_sensitivity(
-    region: FeasibleRegion, rows_at: RowsAt, design: DesignBound, start: NDArray, max_iterations: int = 200
+    region: FeasibleRegion, rows_at: RowsAt, design: DesignBound, start: NDArray, max_iterations: int = 40
 ) -> Climb:
     """Return the most sensitive points that climbs from a start (N, n) reach; value: the sensitivity of the best.
 

@@ -19,6 +19,7 @@ _ROUNDS = 8  # of Newton, and of pulling in: each squares what is left
 _STEPS_OF_A_WALK = 60
 _SWEEPS = 60
 _TOUCHING = 1e-9  # of a half range
+_RESTING = 1e-10  # of a pull from one sweep to the next
 _DRAWS = 50  # times as many points drawn as asked for, before the region counts as forbidden altogether
 
 
@@ -100,9 +101,10 @@ class FeasibleRegion:
         return x
 
     def corners(self) -> NDArray:
-        """Return the corners (C, size) of the limits and of each forbidden box with them, outside of all boxes.
+        """Return the corners (C, size) of the limits, and of the parts that one face of a forbidden box leaves of them.
 
-        Where two boxes meet, the corners of their common edges are not among them.
+        Between them lies every point that is allowed, where there is one box. Of several that overlap, the corners of
+        parts that two of them cut are not among these.
         """
         k = self.limited
         faces = _Faces(np.tile(k, 2), np.repeat([1.0, -1.0], len(k)), np.tile(self.half_range[k], 2))
@@ -150,18 +152,28 @@ class FeasibleRegion:
         value, slope = self.quantities(about)
         half = self.half_range[self.limited]
         normal = slope[:, self.limited] / half[:, None]
-        offset = value[:, self.limited] / half - np.einsum("bki,bi->bk", normal, about)
-        square, pull = np.sum(normal**2, -1), np.zeros(offset.shape)
-        for _ in range(_SWEEPS):
-            before = x
-            for k in range(len(half)):
-                x = x + pull[:, k, None] * normal[:, k]
-                along = np.sum(normal[:, k] * x, -1) + offset[:, k]
-                pull[:, k] = (along - np.clip(along, -1.0, 1.0)) / square[:, k]
-                x = x - pull[:, k, None] * normal[:, k]
-            if np.abs(x - before).max() <= 1e-12:
-                break
-        return x
+        at = value[:, self.limited] / half + np.einsum("bki,bi->bk", normal, x - about)
+        pull = _pulls(at, normal @ np.swapaxes(normal, 1, 2))
+        return x - np.einsum("bk,bki->bi", pull, normal)
+
+
+def _pulls(at: NDArray, gram: NDArray) -> NDArray:
+    """Return how strongly (B, K) limits -1 .. 1 pull points in, where they stand ``at`` (B, K); gram of the normals.
+
+    Dykstra's projections in the pulls alone, which are its dual: one limit after the other, in sweeps.
+    """
+    pull = np.zeros(at.shape)
+    for _ in range(_SWEEPS):
+        before = pull.copy()
+        for k in range(at.shape[1]):
+            own = gram[:, k, k]
+            free = at[:, k] + pull[:, k] * own
+            wanted = (free - np.minimum(np.maximum(free, -1.0), 1.0)) / own
+            at = at - (wanted - pull[:, k])[:, None] * gram[:, k]
+            pull[:, k] = wanted
+        if np.abs(pull - before).max() <= _RESTING:
+            break
+    return pull
 
 
 def _deepest(normals: NDArray, bound: NDArray) -> NDArray | None:

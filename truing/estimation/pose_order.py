@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_KICKS = 60  # of the best order, each followed by all reversals that help
+_KICKS = 80  # every other one of the best order, else an order at random; then all reversals that help
 _RANDOM = 200  # orders that travel is compared with
 # Travel is cheap until drift all but vanishes; docs/design.md shows what other values buy.
 TRADE_OFF = 0.75
@@ -71,6 +71,9 @@ def order_poses(
     """
     if not 0.0 <= trade_off <= 1.0:
         raise ValueError(f"trade-off: found {trade_off}, expected 0 to 1")
+    if len(drives) < 2:  # without time there is nothing to keep apart
+        way = float(np.abs(drives - start).max(initial=0.0))
+        return PoseOrder(np.arange(len(drives)), way, way, 0.0, 0.0)
     places = np.concatenate([drives, start[None]])
     distance = np.abs(places[:, None] - places[None]).max(-1)
     groups = np.stack([_orthonormal(group) for group in regressors])
@@ -106,8 +109,9 @@ def _seen(task: _Task, order: NDArray) -> NDArray:
 def _search(task: _Task, rng: np.random.Generator) -> NDArray:
     best = _descended(task, _nearest_first(task.distance))
     least = _cost(task, best)
-    for _ in range(_KICKS if task.count > 3 else 0):
-        trial = _descended(task, _kicked(best, rng))
+    for kick in range(_KICKS):
+        start = _kicked(best, rng) if kick % 2 and task.count > 3 else rng.permutation(task.count)
+        trial = _descended(task, start)
         cost = _cost(task, trial)
         if cost < least:
             best, least = trial, cost

@@ -1,0 +1,205 @@
+"""`truing design`: what it says, what it writes, what it refuses."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+import tomli_w
+from click.testing import Result
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope"
+READINGS = [f"rho{leg}_mm" for leg in range(1, 7)]
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(app, ["design", *map(str, words)])
+
+
+def campaign(folder: Path, **sections: Any) -> Path:
+    """The sample's campaign.toml alone, sections exchanged; None takes one out."""
+    document = tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8")) | sections
+    folder.mkdir(exist_ok=True)
+    kept = {name: section for name, section in document.items() if section is not None}
+    (folder / "campaign.toml").write_text(tomli_w.dumps(kept), encoding="utf-8")
+    return folder
+
+
+def readings(table: Any, role: str | None = None) -> np.ndarray:
+    rows = table if role is None else table.filter(pyarrow.compute.equal(table["role"], role))
+    return np.column_stack([rows[name] for name in READINGS])
+
+
+def share(text: str) -> float:
+    return float(re.findall(r"D-efficiency ([\d.]+) %", text)[0])
+
+
+def test_the_sample_is_designed_near_the_best_and_compared_with_what_it_has(tmp_path: Path) -> None:
+    out = tmp_path / "chosen.csv"
+    done = call(SAMPLE, "--poses", 40, "--verification", 6, "--within", "actuators", "--out", out)
+    assert done.exit_code == 0, done.output
+    assert share(done.output) > 99.5
+    assert "parameters of each leg: a_x a_y b_x b_y u_x u_y l (7 x 6 legs); held: a_z, b_z" in done.output
+    assert re.search(r"the campaign's own 41 poses: O1 = [\d.]+, 7[01]\.\d+ % of the best", done.output)
+    table = pyarrow.csv.read_csv(out)
+    assert table.schema.names == ["pose", "role", "time_s", *READINGS]
+    assert table["pose"].to_pylist() == list(range(47))
+    assert table["role"].to_pylist()[0] == "reference"
+    assert np.abs(readings(table, "calibration") - 10.0).max() == pytest.approx(1.3, abs=1e-5)
+    assert np.abs(readings(table, "verification") - 10.0).max() <= 1.3 + 1e-6
+    assert len(readings(table, "verification")) == 6
+
+
+def test_campaign_toml_alone_is_enough_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    place = campaign(tmp_path / "new")
+    first, second, other = (call(place, "--poses", 12, "--within", "actuators", "--seed", seed) for seed in (1, 1, 2))
+    assert first.exit_code == 0, first.output
+    assert first.output == second.output != other.output
+    assert "noise.point_mm on every leg" in first.output
+    assert "campaign's own" not in first.output
+    assert len(re.findall(r"^\d+,calibration,", first.output, re.MULTILINE)) == 12
+
+
+def test_an_existing_set_is_extended_and_counted(tmp_path: Path) -> None:
+    out = tmp_path / "more.parquet"
+    done = call(SAMPLE, "--poses", 8, "--within", "actuators", "--extend", SAMPLE / "configurations.csv", "--out", out)
+    assert done.exit_code == 0, done.output
+    assert "8 configurations by exchange beside 41 that are kept" in done.output
+    table = pyarrow.parquet.read_table(out)
+    assert table["pose"].to_pylist() == list(range(47, 55))
+    assert set(table["role"].to_pylist()) == {"calibration"}
+
+
+def test_forbidden_regions_are_kept_out_of(tmp_path: Path) -> None:
+    avoid, out = tmp_path / "avoid.csv", tmp_path / "chosen.csv"
+    avoid.write_text("rho1_min_mm,rho2_max_mm\n10.5,9.0\n,9.5\n", encoding="utf-8")
+    done = call(SAMPLE, "--within", "actuators", "--avoid", avoid, "--verification", 5, "--out", out)
+    assert done.exit_code == 0, done.output
+    rho = readings(pyarrow.csv.read_csv(out))
+    assert not np.any(rho[:, 1] < 9.5 - 1e-5)
+    assert np.any(np.abs(rho[:, 1] - 9.5) < 1e-4)
+
+
+def test_the_workspace_limits_poses_too(tmp_path: Path) -> None:
+    from tests.simulation.telescope import telescope
+    from truing.estimation.rotation import log_so3
+    from truing.simulation.kinematics import forward
+
+    out = tmp_path / "chosen.csv"
+    assert call(SAMPLE, "--out", out).exit_code == 0
+    legs = telescope()
+    reached = forward(legs, readings(pyarrow.csv.read_csv(out)) * 1e-3)
+    home = forward(legs, legs.rho0[None])
+    limits = np.array([1e-3, 1e-3, 1e-4, np.pi / 360, np.pi / 360])
+    moved = np.column_stack([reached.p - home.p, log_so3(reached.R)[:, :2]]) / limits
+    assert np.abs(moved).max() == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("method", ["direct", "ioops", "random"])
+def test_other_methods_stay_behind(method: str, tmp_path: Path) -> None:
+    done = call(SAMPLE, "--within", "actuators", "--method", method, "--out", tmp_path / "chosen.csv")
+    assert done.exit_code == 0, done.output
+    low, high = {"direct": (90.0, 99.6), "ioops": (98.0, 99.9), "random": (15.0, 50.0)}[method]
+    assert low < share(done.output) < high
+
+
+def test_parameters_may_be_named(tmp_path: Path) -> None:
+    done = call(SAMPLE, "--within", "actuators", "--parameters", "l,a_x, b_x", "--out", tmp_path / "chosen.csv")
+    assert (
+        "parameters of each leg: a_x b_x l (3 x 6 legs); held: a_y, a_z, b_y, b_z, u_x, u_y, not asked for"
+        in done.output
+    )
+
+
+def hexapod(count: int = 8) -> list[dict[str, Any]]:
+    about = np.arange(count) * 2 * np.pi / count
+    legs = []
+    for i, angle in enumerate(about):
+        other = angle + (0.5 if i % 2 else -0.5)
+        a, b = 300 * np.array([np.cos(angle), np.sin(angle), 0]), 200 * np.array([np.cos(other), np.sin(other), 0])
+        legs.append(
+            {"a_mm": a.tolist(), "b_mm": b.tolist(), "length_mm": float(np.linalg.norm(b - a + np.array([0, 0, 400])))}
+        )
+    return legs
+
+
+def test_any_legs_from_six_on_can_be_designed_for(tmp_path: Path) -> None:
+    out = tmp_path / "chosen.csv"
+    place = campaign(
+        tmp_path / "ups", mechanism={"type": "ups", "legs": hexapod(7)}, workspace={"rho_mm": 15.0, "rz_deg": 3.0}
+    )
+    done = call(place, "--poses", 20, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert "x 7 legs" in done.output
+    assert share(done.output) > 95.0
+    assert "rho7_mm" in pyarrow.csv.read_csv(out).schema.names
+
+
+LIMITS = {"x_mm": 1.0, "rho_mm": None}
+REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
+    ({"workspace": None}, [], "column workspace: expected limits of pose and readings that bound every displacement"),
+    ({"workspace": {"x_mm": 1.0}}, [], "rho_mm, or all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"),
+    ({"mechanism": None}, [], "column mechanism.type: found 'none'; expected a mechanism whose configurations"),
+    ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, [], "column mechanism.legs: found '4'; expected six legs"),
+    ({}, ["--poses", 6], "--poses: found '6'; expected at least 7 configurations"),
+    ({}, ["--parameters", "a_w"], "--parameters: found 'a_w'; expected parameters of a leg: a_x, a_y"),
+    ({}, ["--extend", "nowhere.csv"], "nowhere.csv: expected a file that exists"),
+    ({}, ["--extend", SAMPLE / "points.csv"], "points.csv, column rho1_mm: expected a column of that name"),
+    ({}, ["--avoid", SAMPLE / "points.csv"], "points.csv, column pose: expected rows of forbidden regions"),
+    ({}, ["--out", "chosen.xls"], "--out: found 'chosen.xls'; expected a file that ends in .csv or .parquet"),
+]
+
+
+@pytest.mark.parametrize(("sections", "options", "words"), REFUSED, ids=[words[:40] for *_, words in REFUSED])
+def test_what_cannot_be_designed_is_refused_in_a_line(
+    sections: dict[str, Any], options: list[object], words: str, tmp_path: Path
+) -> None:
+    done = call(campaign(tmp_path / "given", **sections), *options)
+    assert done.exit_code == 2, done.output
+    assert words in done.output
+    assert "Traceback" not in done.output
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "rho1_min_mm,rho1_max_mm\n10.5,9.0\n",
+            "row 2: expected a forbidden region with each minimum below its maximum",
+        ),
+        ("rho1_min_mm\n\n", "expected rows of forbidden regions"),
+        ("rho1_min_mm\nabc\n", "column rho1_min_mm: expected numbers"),
+        ("rho1_max_mm\n20.0\n", "expected forbidden regions that leave room for configurations"),
+    ],
+)
+def test_forbidden_regions_that_are_none_are_refused(text: str, words: str, tmp_path: Path) -> None:
+    avoid = tmp_path / "avoid.csv"
+    avoid.write_text(text, encoding="utf-8")
+    done = call(campaign(tmp_path / "given"), "--avoid", avoid)
+    assert done.exit_code == 2, done.output
+    assert words in done.output
+
+
+def test_an_interferometer_campaign_has_no_configurations_to_choose(tmp_path: Path) -> None:
+    place = campaign(tmp_path / "bench", mechanism=None, campaign={"name": "bench", "kind": "interferometer"})
+    done = call(place)
+    assert (done.exit_code, "expected a mechanism whose configurations" in done.output) == (2, True)
+
+
+def test_a_table_with_faults_is_no_obstacle_to_a_new_design(tmp_path: Path) -> None:
+    place = campaign(tmp_path / "given")
+    shutil.copy(SAMPLE / "targets.csv", place)
+    (place / "configurations.csv").write_text("pose,role\n1,calibration\n", encoding="utf-8")
+    done = call(place, "--poses", 10, "--within", "actuators")
+    assert done.exit_code == 0, done.output
+    assert "noise of points on the surveyed targets" in done.output
