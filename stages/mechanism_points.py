@@ -88,7 +88,7 @@ def _prior(section: LeggedMechanism, reading_mm: float) -> _Prior:
     tolerance = section.tolerance
     given = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
     sigmas = {name: FREE_LENGTH_M if value is None else value * 1e-3 for name, value in given.items()}
-    if section.type == "6-pus":
+    if "u" in nominal_legs(section).closure.geometry:
         given["u"] = tolerance.u
         sigmas["u"] = FREE_DIRECTION if tolerance.u is None else tolerance.u
     return _Prior(sigmas, reading_mm * 1e-3, tuple(name for name, value in given.items() if value is None))
@@ -205,7 +205,7 @@ def _model(
     """Return the plain model; legs whose targets do not fix them are left out, with the reason."""
     seats = _leg_motions(legs, bodies, frames, fitted)
     carrying = {int(leg) for leg in bodies.targets.leg[bodies.targets.body == LEG]}
-    ridden = [leg for leg in seats if legs.closure.name == "6-pus"]
+    ridden = [leg for leg in seats if legs.closure.one_body]
     dropped = [f"targets of leg{leg + 1} (fewer than three seen together off a line)" for leg in carrying - set(seats)]
     dropped += ["targets on legs, which are not one rigid body each"] if len(seats) > len(ridden) else []
     bodies = _subset(bodies, (bodies.targets.body != LEG) | np.isin(bodies.targets.leg, ridden))

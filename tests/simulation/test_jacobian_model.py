@@ -9,11 +9,12 @@ from tests.simulation.telescope import KAPPA, REFERENCE, K, readings, telescope,
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.jacobian_model import JacobianModel, linearisation_error
+from truing.simulation.jacobian_model import JacobianModel
 from truing.simulation.kinematics import forward
 from truing.simulation.legs import Legs
 from truing.simulation.parameters import full_set, report_set
 from truing.simulation.structure import NO_CHANGE, Machine, poses_at, readings_at
+from truing.simulation.structures import departure
 
 MODEL = JacobianModel()
 
@@ -47,14 +48,14 @@ def test_closing_is_that_of_the_reference() -> None:
 
 def test_linearity_costs_what_the_reference_says_over_the_report_s_configurations() -> None:
     rho = telescope().rho0 + 1.3e-3 * np.array(REFERENCE["configurations"])
-    error_um = linearisation_error(_rigid(), rho) * 1e6
+    error_um = departure(JacobianModel(), _rigid(), rho) * 1e6
     assert_between(np.sqrt(np.mean(error_um**2)), 29.55, 29.65, what="rms, um")
     assert_between(np.abs(error_um).max(), 83.5, 84.5, what="maximum, um")
 
 
 def test_what_linearity_costs_grows_with_the_square_of_the_reach() -> None:
     moves = readings(np.random.default_rng(0), 20) - telescope().rho0
-    near, far = (linearisation_error(_rigid(), telescope().rho0 + reach * moves) for reach in (1e-3, 2e-3))
+    near, far = (departure(JacobianModel(), _rigid(), telescope().rho0 + reach * moves) for reach in (1e-3, 2e-3))
     assert_between(np.sqrt(np.sum(far**2) / np.sum(near**2)), 3.999, 4.001, what="ratio")
 
 

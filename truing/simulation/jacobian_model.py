@@ -14,7 +14,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_s
 from truing.simulation.kinematic_model import KinematicModel, reading_change
 from truing.simulation.kinematics import forward, pose_change, upper_joints
 from truing.simulation.legs import Change
-from truing.simulation.structure import NO_CHANGE, Closing, Machine, poses_at
+from truing.simulation.structure import NO_CHANGE, Closing, Machine
 
 _STEP = 1e-30
 
@@ -119,11 +119,3 @@ def _nudged(machine: Machine, change: Change, batch: int) -> Machine:
         arrays[name] = held
     deformation = arrays.pop("deformation")
     return replace(machine, legs=machine.legs.replace(**arrays), deformation=deformation)
-
-
-def linearisation_error(machine: Machine, rho: NDArray) -> NDArray:
-    """Return by how much (B, L), m, the linear model misses the readings rho (B, L), m, at the poses they lead to."""
-    kinematic = KinematicModel(machine.legs.closure.name)
-    reached = poses_at(kinematic, machine, rho)
-    closing = JacobianModel().close(machine, reached.p, reached.R, rho, NO_CHANGE)
-    return -np.linalg.solve(closing.by_rho, closing.value[..., None])[..., 0]

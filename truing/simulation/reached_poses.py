@@ -18,7 +18,7 @@ _LENGTHS = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # what a rad moves, m
 
 @dataclass(frozen=True)
 class ReachedPoses:
-    """Poses p (B, 3) m, R (B, 3, 3), and whether the legs closed and hold it; twist (v; omega) of the platform, base frame, per
+    """Poses p (B, 3) m, R (B, 3, 3), and whether the legs closed and hold it; its twist (v; omega), base frame, per
     reading (B, 6, L) and per parameter (B, 6, P)."""
 
     p: NDArray
