@@ -79,17 +79,11 @@ class LegFits:
 
     jacobian: NDArray  # (..., 6, N, 6) closing of leg i by its own six parameters, tables' order, SI
     effect: NDArray  # (..., 6, N) what the fit does not know, m
-    by_K: NDArray  # (..., 6, N, 6) closing of leg i by its row of K, m
 
     @property
     def shift(self) -> NDArray:
         """Return what the fit makes of the effect (..., 6 rows, 6 legs), SI."""
         return np.swapaxes(-(np.linalg.pinv(self.jacobian) @ self.effect[..., None])[..., 0], -1, -2)
-
-    @property
-    def shift_by_K(self) -> NDArray:
-        """Return the derivative of the shift of leg i by its row of K (..., 6 legs, 6 rows, 6)."""
-        return -np.linalg.pinv(self.jacobian) @ self.by_K
 
 
 def leg_fits(truth: Machine, table: str) -> LegFits:
@@ -97,14 +91,24 @@ def leg_fits(truth: Machine, table: str) -> LegFits:
     batch, moves = truth.legs.a.shape[:-2], published().calibration
     spread = _spread(truth, len(moves))
     at = stand(spread, np.tile(moves, (len(spread.legs.a) // len(moves), 1)))
-    any_of_them = replace(truth, legs=_taken(truth.legs, (0,) * len(batch)))
-    fitted, rows = report_set(any_of_them, KNOWS[table]), deformation_set(any_of_them, "matrix")
-    change = ParameterSet((*fitted.entries, *rows.entries)).change(any_of_them)
-    closing = MODEL.close(ignorant(spread, table), at.p, at.R, at.rho, change)
-    slopes = closing.by_parameter.reshape(*batch, len(moves), 6, 2, 6, 6)
-    jacobian = np.einsum("...niri->...inr", slopes[..., 0, :, :])
-    by_K = np.einsum("...niij->...inj", slopes[..., 1, :, :])
-    return LegFits(jacobian, np.moveaxis(closing.value.reshape(*batch, len(moves), 6), -1, -2), by_K)
+    one = replace(truth, legs=_taken(truth.legs, (0,) * len(batch)))
+    closing = MODEL.close(ignorant(spread, table), at.p, at.R, at.rho, report_set(one, KNOWS[table]).change(one))
+    own = _own(closing.by_parameter).reshape(*batch, len(moves), 6, 6)
+    return LegFits(np.moveaxis(own, -3, -2), np.moveaxis(closing.value.reshape(*batch, len(moves), 6), -1, -2))
+
+
+def shift_by_K(truth: Machine, table: str) -> NDArray:
+    """Return the derivative of one machine's first-order shift, leg i by its row of K (6 legs, 6 rows, 6), SI."""
+    at = stand(truth)
+    change = deformation_set(truth, "matrix").change(truth)
+    by_K = MODEL.close(truth, at.p, at.R, at.rho, change).by_parameter.reshape(len(at.rho), 6, 6, 6)
+    # the nominal machine's closing moves against that of the true one
+    return np.linalg.pinv(leg_fits(truth, table).jacobian) @ np.einsum("niij->inj", by_K)
+
+
+def _own(by_parameter: NDArray) -> NDArray:
+    """Return each leg's closing by its own parameters (n, 6 legs, 6 rows), where parameters come row by row."""
+    return np.einsum("niri->nir", by_parameter.reshape(-1, 6, 6, 6))
 
 
 def _spread(truth: Machine, count: int) -> Machine:

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.experiments.telescope_report_absorption import leg_fits
+from docs.experiments.telescope_report_absorption import leg_fits, shift_by_K
 from docs.experiments.telescope_report_data import LENGTHS, published
 from docs.experiments.telescope_report_machine import OpenError, Pattern, Shape, machine
 from truing.estimation.least_squares import SolverStatus, least_squares
@@ -137,18 +137,22 @@ def best_shape() -> ShapeFit:
     return found
 
 
+@cache
+def shape_without(leg: int) -> ShapeFit:
+    """Return the shape that the legs other than one ask for."""
+    return fit_shape(without=leg)
+
+
 def held_out() -> NDArray:
     """Return what each leg's entries (5, 6), mm, are predicted as by the shape that the other five legs ask for."""
-    columns = []
-    for leg in range(6):
-        fit = fit_shape(without=leg)
-        columns.append(predicted(fit.names, fit.numbers, fit.pattern)[:, leg])
+    fits = [shape_without(leg) for leg in range(6)]
+    columns = [predicted(fit.names, fit.numbers, fit.pattern)[:, leg] for leg, fit in enumerate(fits)]
     return np.stack(columns, -1)
 
 
 def jackknife() -> NDArray:
     """Return the standard deviations (4,) of the shape's numbers from leaving out one leg at a time."""
-    numbers = np.array([fit_shape(without=leg).numbers for leg in range(6)])
+    numbers = np.array([shape_without(leg).numbers for leg in range(6)])
     return np.sqrt(5 / 6 * np.sum((numbers - numbers.mean(0)) ** 2, 0))
 
 
@@ -171,7 +175,7 @@ def rivals() -> list[ShapeFit]:
 
 def scatter_by_K(sigma: float, of: Machine | None = None) -> NDArray:
     """Return the covariance (6 legs, 5, 5), mm^2, of Table 6a less 7a where off-diagonal K has errors of a sigma."""
-    by_K = 1e3 * leg_fits(of or best_shape().machine, "6a").shift_by_K[:, _ROWS_OF_A_FIT]
+    by_K = 1e3 * shift_by_K(of or best_shape().machine, "6a")[:, _ROWS_OF_A_FIT]
     by_K[np.arange(6), :, np.arange(6)] = 0.0
     return sigma**2 * by_K @ np.swapaxes(by_K, -1, -2) + ROUNDING_MM**2 * np.eye(5)
 
@@ -186,7 +190,7 @@ def whitening(sigma: float) -> NDArray:
 
 
 def chi_square(sigma: float) -> float:
-    """Return the misfit of the best shape where K is known to sigma; 20, 24 directions less 4 numbers, if that is true."""
+    """Return the misfit of the best shape where K is known to sigma; 20 (24 directions, 4 numbers) if that is so."""
     return float(np.sum(np.einsum("iwr,ri->iw", whitening(sigma), best_shape().residual) ** 2))
 
 

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.experiments.telescope_report_absorption import leg_fits
+from docs.experiments.telescope_report_absorption import leg_fits, shift_by_K
 from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape, sigma_of_K
 from docs.experiments.telescope_report_machine import MODEL, Stand, flexible, stand, with_deformation
@@ -48,7 +48,7 @@ class Ignorance:
         fits = leg_fits(best_shape().machine, "6a")
         normal = np.swapaxes(fits.jacobian, -1, -2) @ fits.jacobian
         noise = (1e-3 * self.residual_mm) ** 2 * np.linalg.inv(normal)
-        by_K = (sigma_of_K() if self.K is None else self.K) * fits.shift_by_K
+        by_K = (sigma_of_K() if self.K is None else self.K) * shift_by_K(best_shape().machine, "6a")
         total = (noise + by_K @ np.swapaxes(by_K, -1, -2)) * np.outer(_SHOWN, _SHOWN)
         return total + np.diag([self.tolerance_mm**2 * (name != "kappa") for name in ROWS])
 
@@ -181,7 +181,7 @@ CAUSES: dict[str, tuple[str, Pattern]] = {
     "close pairs on the base farther apart": ("mm each", lambda: _field(a=_pairs_apart("a"))),
     "close pairs on the platform farther apart": ("mm each", lambda: _field(b=_pairs_apart("b"))),
     "scale of the photogrammetry": ("1e-3", lambda: _uniform(1e-3, with_actuators=False)),
-    "uniform expansion": ("1e-3", lambda: _uniform(1e-3, with_actuators=True)),
+    "everything but heights larger": ("1e-3", lambda: _uniform(1e-3, with_actuators=True)),
     "actuators lean, all along x": ("mrad", lambda: swallowed("u_x", np.full(6, 1e-3))),
     "actuators lean, all along y": ("mrad", lambda: swallowed("u_y", np.full(6, 1e-3))),
     "K larger, all of it": ("%", lambda: _more_of_K(0.01, whole=True)),
@@ -291,7 +291,7 @@ def kappa_reading(nominal: NDArray | float) -> Reading:
     fits = leg_fits(_machine(), "6a")
     seen = 1e3 * (tables.kappa("6a") - nominal - tables.tables["7a"]["kappa"])
     # beside the diagonal, which 7a fits as 6a does
-    by_K = 1e3 * fits.shift_by_K[:, ROWS.index("kappa")]
+    by_K = 1e3 * shift_by_K(_machine(), "6a")[:, ROWS.index("kappa")]
     by_K[np.arange(6), np.arange(6)] = 0.0
     # 7a's own kappa started from K_ii, so that the shift is the off-diagonal part's
     predicted, sigma = 1e3 * fits.shift[ROWS.index("kappa")], sigma_of_K() * np.linalg.norm(by_K, axis=1)

@@ -1,0 +1,72 @@
+"""The real telescope, from its printed tables: what its calibration swallowed, and what that says of the machine.
+
+    python -m docs.experiments.telescope_report
+
+computes everything from docs/experiments/published_telescope.json alone, draws docs/figures/telescope-report-*.svg and
+renews the tables of docs/telescope-report.md. About two minutes, most of them for the rival numberings of the legs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from docs.experiments import telescope_report_statements as statements
+from docs.experiments import telescope_report_tables as machine
+from docs.experiments.telescope_report_figures import draw_absorption, draw_geometry, draw_remainder
+
+DOCS = Path(__file__).resolve().parents[1]
+PAGE = DOCS / "telescope-report.md"
+TABLES: dict[str, Callable[[], str]] = {
+    "shape": machine.shape,
+    "variants": machine.variants,
+    "rivals": machine.rival_numberings,
+    "held-out": machine.legs_held_out,
+    "misfit": machine.misfit,
+    "checks": machine.checks,
+    "absorption-5a": partial(machine.absorption, "5a"),
+    "absorption-6a": partial(machine.absorption, "6a"),
+    "kappa": machine.kappa_readings,
+    "left-over": machine.left_over,
+    "causes": machine.causes,
+    "together": machine.together,
+    "held-kappa": machine.held,
+    "models": statements.models,
+    "linear-models": statements.linear_models,
+    "choice": statements.deformation_choice,
+    "workspace": statements.workspace,
+    "statements": statements.statements,
+    "directions": statements.direction_choice,
+    "references": statements.reference_readings,
+    "stiffnesses": statements.stiffnesses,
+    "rows-of-K": statements.rows_from_poses,
+    "starts": statements.many_starts,
+}
+
+
+def shown(page: str, name: str) -> str:
+    """Return a table as it stands on the page."""
+    return page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
+
+
+def renew_tables(page: str) -> str:
+    """Return a page with the text between the marks of each table made anew."""
+    for name, make in TABLES.items():
+        mark, end = f"<!-- table {name} -->\n", "\n<!-- end -->"
+        before, _, rest = page.partition(mark)
+        page = before + mark + make() + end + rest.partition(end)[2]
+    return page
+
+
+def main() -> None:
+    """Renew the figures and the tables."""
+    figures = DOCS / "figures"
+    draw_absorption(figures / "telescope-report-absorption.svg")
+    draw_geometry(figures / "telescope-report-geometry.svg")
+    draw_remainder(figures / "telescope-report-remainder.svg", machine.BY)
+    PAGE.write_text(renew_tables(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
