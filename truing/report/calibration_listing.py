@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
-from truing.report.parameter_names import name_of
+from truing.report.parameter_names import UNBROKEN, name_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,12 +24,10 @@ _HEADS = (
     "p",
     "rms pull",
     "χ² / freedom",
-    "poses",
 )
-_ERRORS = (
-    "Errors of the poses that were fitted to and of those held out, mean / maximum; p: of the held-out ones by chance."
-)
-_MARKS = {"": "", "chosen": "pass", "indistinguishable": "none"}
+_ERRORS = "Errors: mean / maximum. p: of the held-out ones by chance. Equal: cannot be told from the chosen one"
+_SAID = {"chosen": "chosen", "indistinguishable": "equal"}
+_MARKS = {"": "", "chosen": "pass", "equal": "none"}
 _STRONG = 0.9
 _OPEN = 12
 
@@ -49,10 +47,12 @@ def _status(fitted: pd.DataFrame | None) -> dict[Any, str]:
 
 
 def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
-    chosen = next((name for name in ("chosen", "indistinguishable") if figures.get(name) == 1.0), "")
+    chosen = next((word for name, word in _SAID.items() if figures.get(name) == 1.0), "")
     ended = status if status and status not in GOOD else ""
     pairs = [
-        f"{plain(figures.get(f'{what}_mean_{role}'))} / {plain(figures.get(f'{what}_max_{role}'))}"
+        f"{plain(figures.get(f'{what}_mean_{role}'))} / {plain(figures.get(f'{what}_max_{role}'))}".replace(
+            " ", UNBROKEN
+        )
         for role in ("calibration", "verification")
         for what in ("position", "orientation")
     ]
@@ -61,17 +61,10 @@ def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
         *key,
         *pairs,
         plain(figures.get("heldout_ratio")),
-        p_value(figures.get("p_value")),
+        p_value(figures.get("p_value")).replace(" ", UNBROKEN),
         plain(figures.get("rms_pull")),
         f"{plain(figures.get('chi_square'))} / {plain(figures.get('freedom'))}",
-        _poses(figures),
     )
-
-
-def _poses(figures: dict[str, float]) -> str:
-    """How many poses the fit used, of how many."""
-    used, left = figures.get("poses", float("nan")), figures.get("poses_downweighted", 0.0)
-    return plain(used) if not left else f"{plain(used)} of {plain(used + left)}"
 
 
 def strong_correlations(own: pd.DataFrame) -> Listing:

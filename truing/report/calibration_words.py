@@ -48,7 +48,9 @@ def _choice(chosen: Key, facts: pd.Series) -> str:
     if _known(facts, "rms_pull"):
         because.append(f"its rms pull {plain(facts['rms_pull'])} (about 1 where tolerances explain the geometry)")
     reasons = " and ".join(because)
-    return f"{said} {reasons[:1].upper()}{reasons[1:]}." if reasons else said
+    said += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
+    left = int(facts.get("poses_downweighted", 0.0) or 0)
+    return f"{said} {count(left, 'pose')} that disagree with all others were left out." if left else said
 
 
 def _errors(facts: pd.Series, role: str) -> str:

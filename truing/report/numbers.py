@@ -28,7 +28,7 @@ def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
 
 def _rounded(value: float, sigma: float) -> str:
     places = last_place(sigma)
-    return f"{round(value, places):.{max(0, places)}f}"
+    return f"{round(value, places) + 0.0:.{max(0, places)}f}"  # no minus before a zero
 
 
 def last_place(sigma: float) -> int:

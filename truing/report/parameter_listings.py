@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 from truing.report.calibrations import Key, called, deformation_words, in_order, keys_of, rows_of
 from truing.report.numbers import with_uncertainty
 from truing.report.page import Listing
-from truing.report.parameter_names import MEANING, kind_of, shown_in
+from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, shown_in
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _CELL = "Identified − nominal ± one sigma; in brackets the pull, how many tolerances that is."
-_UNBROKEN = "\u00a0"
 _STAR = "*: the data tell it no better than its tolerance."
 _MEASURED = "Nominal κ and K: as the targets at the attachments show them."
 
@@ -55,7 +54,7 @@ def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, 
     for r in own.assign(known=_identifiable(own)).itertuples():
         kind, unit = kind_of(r.parameter, r.leg), shown_in(r.parameter, r.unit)[1]
         column = f"leg {int(r.leg)}" if r.leg == r.leg else "all legs"
-        cells.setdefault(f"{kind} ({unit})" if unit else kind, {})[column] = _cell(r)
+        cells.setdefault(f"{kind} ({unit})".replace(" ", UNBROKEN) if unit else kind, {})[column] = _cell(r)
     return heads, tuple((kind, *(row.get(head, "") for head in heads)) for kind, row in cells.items())
 
 
@@ -63,8 +62,8 @@ def _cell(r: Any) -> str:
     factor, _ = shown_in(r.parameter, r.unit)
     said = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
     pull = getattr(r, "pull", float("nan"))
-    said += f" ({pull:.1f})" if pull == pull else ""
-    return (said if r.known else f"{said} *").replace(" ", _UNBROKEN)
+    said += f" ({round(pull, 1) + 0.0:.1f})" if pull == pull else ""
+    return (said if r.known else f"{said} *").replace(" ", UNBROKEN)
 
 
 def _identifiable(own: pd.DataFrame) -> pd.Series:

@@ -9,9 +9,11 @@ from truing.report.numbers import sign
 _SYMBOLS = {"kappa": "κ", "rho0": "ρ0"}
 _UNITS = {"N m2": "N·m²"}
 
+# Keeps a number and its uncertainty in one line of a table.
+UNBROKEN = "\u00a0"
 MEANING = (
     "a: lower joint, b: upper joint, u: direction of the actuator, l: length of the leg, ρ0: reading at the reference, "
-    "κ and K: shift of an attachment per displacement of its own actuator and of each."
+    "κ: shift of its attachment per displacement of its own actuator; K, ρ2: per displacement of actuator 2."
 )
 
 
@@ -21,10 +23,10 @@ def symbols(words: str) -> str:
 
 
 def kind_of(parameter: str, leg: float) -> str:
-    """What a parameter is in every leg: ``a_x``, ``κ``, ``K, actuator 2`` for the second entry of K's row."""
+    """What a parameter is in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
     own = f"K{int(leg)}" if leg == leg else "K"
     if parameter.startswith(own) and parameter[len(own) :].isdigit():
-        return f"K, actuator {parameter[len(own) :]}"
+        return f"K, ρ{parameter[len(own) :]}"
     return _SYMBOLS.get(parameter, parameter)
 
 

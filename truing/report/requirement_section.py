@@ -45,7 +45,7 @@ def _lead(own: pd.DataFrame, key: Key) -> str:
     said = f"{tally(own)}, predicted by {called(key)}."
     if "message" not in own:
         return said
-    failed = own.loc[own["verdict"] == "fails", "message"].dropna()
+    failed = own.loc[own["verdict"].isin(["fails", "undecided"]), "message"].dropna()
     return " ".join([said, *(f"{printed(str(message)).rstrip('.')}." for message in failed)])
 
 
