@@ -61,20 +61,22 @@ def inseparable(observability: Observability) -> tuple[Inseparable, ...]:
 def sparse_directions(observability: Observability) -> NDArray:
     """Return the unidentifiable directions (k, P), in tolerances, each with a parameter that no other one has."""
     null = observability.directions[:, observability.singular_values <= observability.rounding]
-    first, own = _simplified(observability, null, observability.rounding)
+    first, own = _simplified(observability, null, [], observability.rounding)
     unseen = observability.unseen
     if own:  # the weak directions, less what the null ones can take from them
         rest = np.linalg.svd(unseen[own])[2][len(own) :]
         unseen = unseen @ rest.T
-    second, _ = _simplified(observability, unseen, observability.least)
+    second, _ = _simplified(observability, unseen, own, observability.least)
     return np.concatenate([first, second])
 
 
-def _simplified(observability: Observability, basis: NDArray, least: float) -> tuple[NDArray, list[int]]:
-    """Return k directions (k, P) that span about as a basis (P, k) does, and the parameter that each has for itself."""
+def _simplified(
+    observability: Observability, basis: NDArray, taken: list[int], least: float
+) -> tuple[NDArray, list[int]]:
+    """Return k directions (k, P) for a basis (P, k), without parameters that are taken, and the one that each owns."""
     own = pivots(basis.T)
     echelon = basis @ np.linalg.inv(basis[own]) if own else basis
-    found = [_shortest(observability, b, p, least) for b, p in zip(echelon.T, own, strict=True)]
+    found = [_shortest(observability, b, p, [*taken, *own], least) for b, p in zip(echelon.T, own, strict=True)]
     return np.array(found).reshape(len(own), len(basis)), own
 
 
@@ -88,20 +90,41 @@ def pivots(rows: NDArray) -> list[int]:
     return found
 
 
-def _shortest(observability: Observability, direction: NDArray, pivot: int, least: float) -> NDArray:
-    """Return a direction (P,), 1 at its own parameter, without the smallest parts that it can do without."""
-    order = [int(j) for j in np.argsort(np.abs(direction)) if j != pivot and direction[j] != 0]
-    best, low, high = direction, 0, len(order)
-    while low < high:  # how many of the smallest can go at once
-        middle = (low + high + 1) // 2
-        shorter = _expressed(observability, best, pivot, order[middle:], least)
-        low, high, best = (low, middle - 1, best) if shorter is None else (middle, high, shorter)
-    kept = order[low:]
-    for j in order[low + 1 :]:
+def _shortest(observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float) -> NDArray:
+    """Return a direction (P,), 1 at its own parameter, with few others and none that others have for themselves.
+
+    Others come in one by one, always the one that hides most of what is still seen, until that is little enough; the
+    smallest leave again where they turn out not to be needed.
+    """
+    kept, best = _hiding(observability, direction, pivot, own, least)
+    for j in sorted(kept, key=lambda i: abs(best[i])):
         fewer = [other for other in kept if other != j]
         shorter = _expressed(observability, best, pivot, fewer, least)
         kept, best = (kept, best) if shorter is None else (fewer, shorter)
     return best
+
+
+def _hiding(
+    observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float
+) -> tuple[list[int], NDArray]:
+    """Return parameters that hide a change of one, none of ``own``, and the change of all of them."""
+    R, chosen = observability.triangle, list[int]()
+    left, seen = R.copy(), R[:, pivot].copy()
+    free = np.ones(len(direction), bool)
+    free[own] = False
+    for _ in range(int(free.sum()) + 1):
+        hidden = _expressed(observability, direction, pivot, chosen, least)
+        if hidden is not None:
+            return chosen, hidden
+        lengths = np.linalg.norm(left, axis=0)
+        useful = free & (lengths > observability.rounding)
+        if not useful.any():
+            break
+        gain = np.where(useful, np.abs(seen @ left) / np.where(useful, lengths, 1.0), -1.0)
+        chosen.append(int(np.argmax(gain)))
+        unit = left[:, chosen[-1]] / lengths[chosen[-1]]
+        left, seen, free[chosen[-1]] = left - np.outer(unit, unit @ left), seen - unit * (unit @ seen), False
+    return [int(j) for j in np.flatnonzero(direction) if j not in own], direction
 
 
 def _expressed(
