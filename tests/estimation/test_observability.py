@@ -8,9 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.estimation.telescope_rows import COLUMNS, DRHO_MM, LEGS, REFERENCE, directions, gaps, leg_rows, poses, rows
-from tests.simulation.telescope import KAPPA
+from tests.simulation.telescope import KAPPA, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.observability import indices, observe
+from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.kinematic_model import KinematicModel
+from truing.simulation.parameters import Parameter, ParameterSet
+from truing.simulation.structure import Machine
 
 EPS = np.finfo(float).eps
 ANYTHING = 1e12  # tolerances: only what is null to rounding counts as unidentifiable
@@ -70,6 +74,20 @@ def test_a_row_is_equation_37_without_the_factor_one_half():
     p, R = np.array([given_at["p_mm"]]), np.array([given_at["R"]])
     row = leg_rows(p, R, np.array([given_at["drho_mm"][0]]), 0)[0]
     assert_close(row, [expected[name] for name in COLUMNS], atol=1e-9 * max(map(abs, expected.values())))
+
+
+@pytest.mark.parametrize("leg", LEGS)
+def test_the_rows_are_those_of_the_kinematic_model(leg):
+    names = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "l", "kappa")
+    entries = tuple(Parameter(name, leg, "", 1.0 if name[0] in "uk" else 1e-3) for name in names)
+    p, R = poses()
+    machine = Machine(telescope(), np.zeros((6, 6)))
+    model = CalibrationProblem(
+        KinematicModel("6-pus"), machine, ParameterSet(entries), 1e-3 * p, R, 1e-3 * (DRHO_MM + 10)
+    )
+    found = model.constrain(model.start, np.zeros((len(p), model.deviations))).by_values[:, leg]
+    own = rows([name.replace("_", "") for name in names], leg)
+    assert_close(1e3 * found * model.parameters.units, own, atol=1e-12 * np.abs(own).max())
 
 
 def test_the_gap_closes_over_kappa_as_equations_38_to_40_have_it():

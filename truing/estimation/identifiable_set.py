@@ -51,8 +51,10 @@ def choose_identifiable(
     order: list[int] = []
     left = whole.triangle
     while members:
-        columns = members.pop(_next(left, members, rank))
-        if _least(whole, [*order, *columns]) > whole.least:
+        place, length = _next(left, members, rank)
+        columns = members.pop(place)
+        # no singular value is larger than what the columns taken before leave of a new one: most are refused by that
+        if length > whole.least and _least(whole, [*order, *columns]) > whole.least:
             order += columns
             left = _without(left, left[:, columns])
     chosen = np.isin(np.arange(len(labels)), order)
@@ -68,15 +70,21 @@ def _members(groups: Sequence[object], count: int) -> list[list[int]]:
     return [[j for j, name in enumerate(groups) if name == group] for group in dict.fromkeys(groups)]
 
 
-def _next(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> int:
-    """Return the group of the lowest preference number and, of these, of the largest volume in what is left."""
-    return min(range(len(members)), key=lambda i: (rank[members[i]].min(), -_log_volume(left[:, members[i]])))
+def _next(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> tuple[int, float]:
+    """Return the group of the lowest preference number and, of these, of the largest volume in what is left.
+
+    Its mean length as well, that of a cube of the volume, which is no shorter than what is least visible of the group.
+    """
+    lengths = np.linalg.norm(left, axis=0)
+    sides = [lengths[group[0]] if len(group) == 1 else _side(left[:, group]) for group in members]
+    place = min(range(len(members)), key=lambda i: (rank[members[i]].min(), -sides[i]))
+    return place, float(sides[place])
 
 
-def _log_volume(columns: NDArray) -> float:
-    """Return the mean log length of columns (P, m), each counted beyond the others."""
+def _side(columns: NDArray) -> float:
+    """Return the side of a cube with the volume of columns (P, m)."""
     lengths = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
-    return float(np.mean(np.log(np.maximum(lengths, np.finfo(float).tiny))))
+    return float(np.exp(np.mean(np.log(np.maximum(lengths, np.finfo(float).tiny)))))
 
 
 def _least(whole: Observability, columns: Sequence[int]) -> float:
