@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
@@ -22,7 +21,7 @@ from truing.estimation.rotation import exp_so3
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.parameters import ParameterSet, report_set
-from truing.simulation.recalibration import LegDraws, calibrate_leg_compiled, calibrate_leg_plain, leg_draws
+from truing.simulation.recalibration import LegDraws, calibrate_leg_plain, leg_draws, recalibrate
 from truing.simulation.structure import Machine, poses_at
 
 _DRAWS, _FEW, _POSES = 4096, 24, 40
@@ -115,17 +114,12 @@ def _by_hand(leg: LegDraws, draw: int) -> tuple[Callable[..., np.ndarray], Calla
     return residual, jacobian
 
 
-def ours(legs: list[LegDraws], count: int, threads: int, compiled: bool) -> np.ndarray:
-    """Return the sums of squares (D, L) of our calibrations."""
+def by_qr(legs: list[LegDraws]) -> np.ndarray:
+    """Return the sums of squares (D, L) of our calibrations without compiled code."""
     costs = []
     for leg in legs:
-        start = np.broadcast_to(leg.parameters.values(leg.machine)[0], (count, len(leg.parameters)))
-        solve = (
-            partial(calibrate_leg_compiled, threads=threads)
-            if compiled
-            else partial(calibrate_leg_plain, draws=np.arange(count))
-        )
-        costs.append(solve(leg, start).cost)
+        start = np.broadcast_to(leg.parameters.values(leg.machine)[0], (len(leg.p), len(leg.parameters)))
+        costs.append(calibrate_leg_plain(leg, start, np.arange(len(leg.p))).cost)
     return np.stack(costs, 1)
 
 
@@ -136,8 +130,8 @@ def compare(title: str, machine: Machine, parameters: ParameterSet, threads: int
     legs = [leg_draws(machine, parameters, leg, *seen) for leg in range(6)]
     few = [leg_draws(machine, parameters, leg, *(array[: 10 * _FEW] for array in seen)) for leg in range(6)]
     rows: dict[str, tuple[int, Costs]] = {
-        "truing compiled": (_DRAWS, lambda: ours(legs, _DRAWS, threads, True)),
-        "truing by QR": (10 * _FEW, lambda: ours(few, 10 * _FEW, threads, False)),
+        "truing recalibrate": (_DRAWS, lambda: recalibrate(machine, parameters, *seen).cost),
+        "truing by QR": (10 * _FEW, lambda: by_qr(few)),
     }
     for solver in ("leastsq", "least_squares lm"):
         rows[f"scipy {solver}"] = (_FEW, _in_processes(Peer(legs, solver), threads))
@@ -148,18 +142,18 @@ def compare(title: str, machine: Machine, parameters: ParameterSet, threads: int
     for name, rate in rates.items():
         worst = float(np.max(costs[name][:_FEW] / least - 1.0))
         print(f"{name:24} {spread(rate)}  {_verdict(name, worst, rates)}", flush=True)
-    apart = np.max(np.abs(costs["truing by QR"] / costs["truing compiled"][: 10 * _FEW] - 1.0))
+    apart = np.max(np.abs(costs["truing by QR"] / costs["truing recalibrate"][: 10 * _FEW] - 1.0))
     print(f"compiled against QR, {10 * _FEW} draws: sums of squares differ by {apart:.1e} of themselves at most")
 
 
 def _verdict(name: str, worst: float, rates: dict[str, np.ndarray]) -> str:
     if not worst <= 1e-6:
         return f"no ratio: misses the least sum of squares by up to {worst:.1e}"
-    ratio = rates["truing compiled"] / rates[name]
+    ratio = rates["truing recalibrate"] / rates[name]
     return (
         ""
-        if name == "truing compiled"
-        else f"compiled is {np.median(ratio):.1f} times as fast ({ratio.min():.1f} to {ratio.max():.1f})"
+        if name == "truing recalibrate"
+        else f"recalibrate is {np.median(ratio):.1f} times as fast ({ratio.min():.1f} to {ratio.max():.1f})"
     )
 
 

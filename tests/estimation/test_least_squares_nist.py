@@ -84,4 +84,4 @@ SIZES |= dict.fromkeys(("Gauss1", "Gauss2", "Gauss3"), 8) | {"ENSO": 9}
 
 def test_the_table_stands_between_its_marks() -> None:
     page = "before\n<!-- table nist -->\nold\n<!-- end -->\nafter\n"
-    assert renew_table(page, "new") == page.replace("old", "new")
+    assert renew_table(page, "nist", "new") == page.replace("old", "new")

@@ -117,7 +117,7 @@ def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, 
     """Return what draws say about one leg; arrays and errors as for `recalibrate`."""
     others = machine.deformation[leg].copy()
     others[leg] = 0.0
-    seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None]
+    seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None] if others.any() else p
     single, own = _single(machine, leg), _own(parameters, leg)
     return LegDraws(own.machine(single, own.values(single)), own, seen, R, rho[..., leg : leg + 1])
 
