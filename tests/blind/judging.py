@@ -69,14 +69,20 @@ def run_all(folders: Sequence[Path]) -> list[Judged]:
 
 def run(folder: Path) -> Judged:
     """``python -m pipeline run`` on one folder, as far as the diagnosis."""
+    out, _ = through_the_command_line(folder, "diagnose")
+    hidden = json.loads(truth_path(folder).read_text(encoding="utf-8"))["effects"]
+    return Judged(folder.name, _findings(out / "diagnosis.parquet"), tuple(hidden))
+
+
+def through_the_command_line(folder: Path, stage: str) -> tuple[Path, str]:
+    """Runs one folder as far as a stage; where its artifacts are, and what it printed."""
     out = folder.with_name(f"{folder.name}.run")
-    command = [sys.executable, "-m", "pipeline", "run", str(folder), "--out", str(out), "--only", "diagnose"]
+    command = [sys.executable, "-m", "pipeline", "run", str(folder), "--out", str(out), "--only", stage]
     # Two runs side by side would otherwise each start a thread per core.
     one_thread = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=PROJECT, env=one_thread, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{folder.name} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
-    hidden = json.loads(truth_path(folder).read_text(encoding="utf-8"))["effects"]
-    return Judged(folder.name, _findings(out / "diagnosis.parquet"), tuple(hidden))
+    return out, done.stdout
 
 
 def _findings(path: Path) -> tuple[Finding, ...]:

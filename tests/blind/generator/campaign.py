@@ -38,8 +38,8 @@ STREAMS = ("build", "marks", "plan", "settle", "readings", "survey", "points")
 
 @dataclass(frozen=True)
 class Truth:
-    """What really was: the geometry made, true displacements (N, 6), platform poses as the contract defines
-    them, and shifts of the attachments along the platform's z (N, 6); mm, and rotation vectors in rad.
+    """What really was: the geometry made, true displacements (N, L), platform poses as the contract defines
+    them, and shifts of the attachments along the platform's z (N, L); mm, and rotation vectors in rad.
     """
 
     built: Geometry
@@ -91,7 +91,7 @@ def draw_campaign(
         surveyed=survey(marks, layout, stream["survey"]),
         readings=read_actuators(indicated, layout, stream["readings"]),
         record=record_points(recorded, marks, layout, stream["points"]),
-        truth=_truth(built, machine, standing, exact, marks, tuple(effects)),
+        truth=truth_of(built, machine, standing, exact, marks, tuple(effects)),
     )
 
 
@@ -109,7 +109,7 @@ def _structured(built: Geometry, marks: Marks, drho: Array, effects: Sequence[Ef
     return machine
 
 
-def _truth(
+def truth_of(
     built: Geometry,
     machine: Machine,
     standing: Standing,
@@ -117,6 +117,7 @@ def _truth(
     marks: Marks,
     effects: tuple[Effect, ...],
 ) -> Truth:
+    """What really was, the platform's pose as its framing targets define it where there are enough of them."""
     position, turn = standing.position[:, 1], standing.turn[:, 1]
     upper = rotate(turn[:, None], machine.b) + position[:, None]
     if len(marks.framing("platform")) >= 3:

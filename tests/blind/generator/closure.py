@@ -1,4 +1,4 @@
-"""Where the platform stands: the closure of the six legs, as polynomials in the quaternion of the
+"""Where the platform stands: the closure of the legs, as polynomials in the quaternion of the
 platform.
 """
 
@@ -10,6 +10,7 @@ from tests.blind.generator.quaternions import Array, rotate, unit
 
 STEP_LIMIT = 1e-11  # mm and quaternion units: far below any noise, above rounding at half a metre
 ROUNDS = 60
+UNIT_WEIGHT = 1e7  # mm^2: however legs disagree, they do not stretch the quaternion
 
 
 class NotAssembled(Exception):
@@ -17,33 +18,41 @@ class NotAssembled(Exception):
 
 
 def platform_pose(lower: Array, upper: Array, length: Array, height: float) -> tuple[Array, Array]:
-    """Poses p (N, 3), q (N, 4) with |p + R(q) upper - lower| = length for all six legs of all N poses.
+    """Poses p (N, 3), q (N, 4) with |p + R(q) upper - lower| = length for all legs of all N poses.
 
-    ``lower`` (N, 6, 3) are the lower joints in the base frame, ``upper`` (N, 6, 3) the upper ones in the
-    platform frame, ``length`` (N, 6), all mm; Newton's method on seven polynomials (six squared lengths and
-    |q|^2 = 1) in seven unknowns, started level at ``height``.
+    ``lower`` (N, L, 3) are the lower joints in the base frame, ``upper`` (N, L, 3) the upper ones in the
+    platform frame, ``length`` (N, L), all mm; Newton's method on L + 1 polynomials (squared lengths and
+    |q|^2 = 1) in seven unknowns, started level at ``height``. Where legs are fewer than six the pose is one of many, near
+    the start; where they are more, the one that meets all squared lengths best.
     """
     p = np.tile([0.0, 0.0, height], (len(lower), 1))
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(lower), 1))
     for _ in range(ROUNDS):
         value, slope = _polynomials(p, q, lower, upper, length)
-        step = np.linalg.solve(slope, value[..., None])[..., 0]
+        step = _least_step(slope, value)
         p, q = p - step[:, :3], q - step[:, 3:]
         if np.max(np.abs(step)) < STEP_LIMIT:
             return p, unit(q)
     raise NotAssembled(f"the loops do not close: last step {np.max(np.abs(step)):.2g}")
 
 
+def _least_step(slope: Array, value: Array) -> Array:
+    if slope.shape[1] == slope.shape[2]:
+        return np.linalg.solve(slope, value[..., None])[..., 0]
+    weight = np.append(np.ones(slope.shape[1] - 1), UNIT_WEIGHT)
+    return np.einsum("nij,nj->ni", np.linalg.pinv(weight[:, None] * slope), weight * value)
+
+
 def _polynomials(p: Array, q: Array, lower: Array, upper: Array, length: Array) -> tuple[Array, Array]:
-    """Values (N, 7) and derivatives (N, 7, 7) by (p, q)."""
+    """Values (N, L + 1) and derivatives (N, L + 1, 7) by (p, q)."""
     leg = p[:, None] + rotate(q[:, None], upper) - lower
-    value = np.empty((len(p), 7))
-    value[:, :6] = np.sum(leg * leg, axis=-1) - length**2
-    value[:, 6] = np.sum(q * q, axis=-1) - 1
-    slope = np.zeros((len(p), 7, 7))
-    slope[:, :6, :3] = 2 * leg
-    slope[:, :6, 3:] = 2 * np.einsum("nia,niab->nib", leg, _turning(q[:, None], upper))
-    slope[:, 6, 3:] = 2 * q
+    value = np.empty((len(p), leg.shape[1] + 1))
+    value[:, :-1] = np.sum(leg * leg, axis=-1) - length**2
+    value[:, -1] = np.sum(q * q, axis=-1) - 1
+    slope = np.zeros((*value.shape, 7))
+    slope[:, :-1, :3] = 2 * leg
+    slope[:, :-1, 3:] = 2 * np.einsum("nia,niab->nib", leg, _turning(q[:, None], upper))
+    slope[:, -1, 3:] = 2 * q
     return value, slope
 
 

@@ -16,7 +16,6 @@ from tests.blind.generator.machine import BODIES, Machine, Marks, Standing, shif
 from tests.blind.generator.quaternions import Array, rotate
 from tests.blind.generator.schedule import Schedule
 
-ALL_LEGS = (1, 2, 3, 4, 5, 6)
 Parameter = tuple[float | str, str]  # value, unit
 
 
@@ -70,23 +69,19 @@ def _per_leg(name: str, legs: tuple[int, ...], values: Array, unit: str) -> dict
     return {f"{name}_{leg}": (float(values[leg - 1]), unit) for leg in legs}
 
 
-def _legs_named(legs: tuple[int, ...]) -> str:
-    return "" if legs == ALL_LEGS else " ".join(f"leg{leg}" for leg in legs)
-
-
 @dataclass(frozen=True)
 class PerLeg(Effect):
-    """An effect with one number per leg: ``amount`` (6,), zero where a leg is spared."""
+    """An effect with one number per leg: ``amount`` (L,), zero where a leg is spared."""
 
     amount: Array
 
     @property
     def legs(self) -> tuple[int, ...]:
-        return tuple(leg for leg in ALL_LEGS if self.amount[leg - 1] != 0.0)
+        return tuple((np.flatnonzero(self.amount) + 1).tolist())
 
     @property
     def subject(self) -> str:
-        return _legs_named(self.legs)
+        return "" if np.all(self.amount) else " ".join(f"leg{leg}" for leg in self.legs)
 
 
 class LinearDeformation(PerLeg):
@@ -103,13 +98,13 @@ class LinearDeformation(PerLeg):
 
 @dataclass(frozen=True)
 class MatrixDeformation(Effect):
-    """The attachments shift along the platform's z by K (6, 6) times the displacements of all actuators."""
+    """The attachments shift along the platform's z by K (L, L) times the displacements of all actuators."""
 
     K: Array
     id = "platform-deformation-matrix"
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {f"K{i}{j}": (float(self.K[i - 1, j - 1]), "1") for i in ALL_LEGS for j in ALL_LEGS}
+        return {f"K{i + 1}{j + 1}": (float(value), "1") for (i, j), value in np.ndenumerate(self.K)}
 
     def structure(self, machine: Machine, setting: Setting) -> None:
         shift_attachments(machine, setting.marks, machine.drho @ self.K.T, setting.follow)

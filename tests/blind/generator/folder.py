@@ -10,7 +10,6 @@ import numpy as np
 
 from tests.blind.generator.campaign import Campaign, truth_record
 from tests.blind.generator.instrument import declared_sigma
-from tests.blind.generator.layout import LEGS
 from tests.blind.generator.quaternions import Array
 
 
@@ -57,7 +56,8 @@ def _targets(campaign: Campaign) -> Iterable[str]:
 
 def _configurations(campaign: Campaign) -> Iterable[str]:
     schedule = campaign.schedule
-    yield "pose,role,time_s," + ",".join(f"rho{i}_mm" for i in range(1, LEGS + 1)) + ",temperature_c"
+    legs = campaign.readings.shape[1]
+    yield "pose,role,time_s," + ",".join(f"rho{i}_mm" for i in range(1, legs + 1)) + ",temperature_c"
     for n, pose in enumerate(schedule.pose):
         readings = _numbers(campaign.readings[n], campaign.layout.decimals)
         yield f"{pose},{schedule.role[n]},{schedule.time_s[n]:.1f},{readings},{schedule.temperature_c[n]:.2f}"
@@ -71,16 +71,18 @@ def _campaign_toml(campaign: Campaign) -> Iterable[str]:
     layout = campaign.layout
     yield "format = 1"
     yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "photogrammetry"')
-    yield from ("", "[mechanism]", 'type = "6-pus"')
+    yield from ("", "[mechanism]", f'type = "{layout.geometry.mechanism}"')
     yield f"reference_temperature_c = {layout.surroundings.reference_temperature_c}"
     if layout.actuator_pitch_mm is not None:
         yield f"actuator_pitch_mm = {layout.actuator_pitch_mm}"
     yield "legs = ["
-    yield from (f"  {_leg(campaign, i)}," for i in range(LEGS))
+    yield from (f"  {_leg(campaign, i)}," for i in range(len(layout.geometry.a)))
     yield "]"
     tolerance = layout.tolerance
     yield from ("", "[mechanism.tolerance]", f"a_mm = {tolerance.a_mm}", f"b_mm = {tolerance.b_mm}")
-    yield from (f"u = {tolerance.u}", f"length_mm = {tolerance.length_mm}")
+    if len(layout.geometry.u):
+        yield f"u = {tolerance.u}"
+    yield f"length_mm = {tolerance.length_mm}"
     yield from ("", "[noise]", f"point_mm = {declared_sigma(layout.noise)[0]:.7g}")
     declared = layout.noise.declared_actuator_mm
     yield f"actuator_mm = {layout.noise.actuator_mm if declared is None else declared}"
@@ -89,7 +91,9 @@ def _campaign_toml(campaign: Campaign) -> Iterable[str]:
 
 def _leg(campaign: Campaign, i: int) -> str:
     g = campaign.layout.geometry
-    parts = [f"a_mm = {_vector(g.a[i])}", f"b_mm = {_vector(g.b[i])}", f"u = {_vector(g.u[i])}"]
+    parts = [f"a_mm = {_vector(g.a[i])}", f"b_mm = {_vector(g.b[i])}"]
+    if len(g.u):
+        parts.append(f"u = {_vector(g.u[i])}")
     parts += [f"length_mm = {g.length[i]}", f"rho0_mm = {g.rho0[i]}"]
     if g.flexure_length is not None:
         parts.append(f"flexure_length_mm = {g.flexure_length}")

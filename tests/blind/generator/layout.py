@@ -15,7 +15,10 @@ PLATFORM_CLOSE_PAIRS = ((1, 2), (3, 4), (5, 6))
 
 @dataclass(frozen=True)
 class Geometry:
-    """A 6-pus: a, b, u (6, 3) and leg length, rho0 (6,); base frame for a and u, platform frame for b; mm."""
+    """A 6-pus: a, b, u (6, 3) and leg length, rho0 (6,); base frame for a and u, platform frame for b; mm.
+
+    Without any u, (0, 3), an ups of as many legs as there are a: the actuators are the legs.
+    """
 
     a: Array
     b: Array
@@ -30,7 +33,14 @@ class Geometry:
         mm.
         """
         sideways = np.mean(np.sum((self.b - self.a)[:, :2] ** 2, axis=1))
+        if self.mechanism == "ups":
+            return float(np.sqrt(np.mean(self.length + self.rho0) ** 2 - sideways))
         return float(np.sqrt(np.mean(self.length) ** 2 - sideways) + np.mean(self.rho0))
+
+    @property
+    def mechanism(self) -> str:
+        """Its type in campaign.toml."""
+        return "6-pus" if len(self.u) else "ups"
 
 
 def telescope_geometry(

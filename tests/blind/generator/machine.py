@@ -99,7 +99,7 @@ def place_marks(layout: Layout, built: Geometry, rng: np.random.Generator) -> Ma
         ("base", "B", _ring(targets.base, 1.3 * base_radius, 0.2 * base_radius, rng)),
         ("platform", "P", _ring(targets.platform, 0.8 * platform_radius, 0.25 * platform_radius, rng)),
     ]
-    for leg in range(1, LEGS + 1):
+    for leg in range(1, len(nominal.a) + 1):
         # Uneven spacing, as a hand sets it: an even one would look the same from either end.
         spots = np.linspace(0.15, 0.85, targets.per_leg) + rng.uniform(-0.05, 0.05, targets.per_leg)
         along = nominal.length[leg - 1] * spots
