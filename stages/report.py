@@ -33,7 +33,6 @@ DECLARATION = Stage(
         "implicit_calibration?",
         "correlations?",
         "accuracy?",
-        "implicit_accuracy?",
         "model_choice?",
         "observability?",
         "absorption?",

@@ -35,7 +35,6 @@ def calibration_tables(
         "implicit_calibration": fitted.assign(identified=fitted["identified"] + 0.3 * fitted["sigma"]),
         "correlations": _correlations(fitted, chosen, rng),
         "accuracy": accuracy,
-        "implicit_accuracy": accuracy.assign(position_error_um=1.1 * accuracy["position_error_um"]),
         "model_choice": _choice(kinds, chosen),
         "observability": _observability(chosen, legs, parameters),
         "absorption": _absorption(fitted, models[0], rng),
