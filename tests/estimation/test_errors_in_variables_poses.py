@@ -97,6 +97,18 @@ def test_bad_poses_are_left_out_and_the_rest_fits_as_if_they_had_never_been(shar
     assert_close((fit.values - expected.values) / sigma, np.zeros(42), atol=1e-4)
 
 
+@pytest.mark.parametrize("seed", [47, 48, 49])
+def test_a_fifth_of_the_poses_in_the_same_wrong_place_are_no_majority(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    clean = campaign(rng, 40)
+    bad = rng.permutation(40)[:8]
+    p = clean.problem.p.copy()
+    p[bad] += 2e-3 * rng.normal(size=3)
+    fit = _fit(replace(clean, problem=replace(clean.problem, p=p)))
+    assert fit.ok
+    assert_close(fit.weight, ~np.isin(np.arange(40), bad), atol=0)
+
+
 @pytest.mark.parametrize("noise", [0.2, 1.0, 5.0])
 def test_clean_campaigns_lose_no_pose_whatever_the_noise(noise: float) -> None:
     rng, campaigns = np.random.default_rng(6), 150

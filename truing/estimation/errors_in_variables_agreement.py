@@ -21,6 +21,9 @@ _RESISTANT_ROUNDS = 15
 _RESISTANT_SETTLED = 0.05
 _FREE_ROUNDS = 10  # afterwards no pose comes back, so that it ends
 _STUDENT = 2.0  # degrees of freedom of the tails that a resistant fit expects
+# Mean square of the nearest half, in declared variances, from which on other halves are tried as well.
+_SUSPICIOUS = 9.0
+_STARTS, _CONCENTRATIONS = 60, 10
 _LEAST_DAMPING = 1e-13
 
 
@@ -55,6 +58,10 @@ class PoseFit:
     def length(self) -> NDArray:
         """Return the length (B,) of each pose's residual."""
         return np.sqrt(np.sum(self.residual**2, -1))
+
+    def trimmed(self, count: int) -> float:
+        """Return the sum of squares of the poses of the smallest lengths."""
+        return float(np.sum(np.sort(np.sum(self.residual**2, -1))[:count]))
 
     @property
     def distance(self) -> NDArray:
@@ -133,18 +140,49 @@ def agreeing(problem: LinearPoses) -> NDArray:
 
 
 def _nearest_half(problem: LinearPoses) -> NDArray:
-    """Return the poses (B,) nearest to a resistant fit, with those that are within the noise which they show."""
+    """Return the half of the poses (B,) nearest to a fit of it, with those that are within the noise which it shows."""
     from scipy.special import chdtrc, chdtri
 
     poses, equations, size = problem.jacobian.shape
     enough = min(poses, (poses + -(-size // equations) + 1) // 2)
-    length = _resistant(problem).length
-    core = np.zeros(poses, bool)
-    core[np.argsort(length, kind="stable")[:enough]] = True
-    judged = problem.fit(core.astype(float)).judged()
+    core = _nearest(_resistant(problem).length, enough)
+    if problem.fit(core).trimmed(enough) > _SUSPICIOUS * enough * equations:
+        core = _nearest_of_many(problem, core, enough)
+    judged = problem.fit(core).judged()
     tested = np.maximum(judged.tested, 1)
     level = np.median(judged.surprise / chdtri(tested, 0.5))
-    return core | (chdtrc(tested, judged.surprise / level) >= FALSE_ALARM / poses)
+    return (core > 0) | (chdtrc(tested, judged.surprise / level) >= FALSE_ALARM / poses)
+
+
+def _nearest(length: NDArray, count: int) -> NDArray:
+    """Return weights (B,) that keep the poses of the smallest lengths."""
+    weight = np.zeros(len(length))
+    weight[np.argsort(length, kind="stable")[:count]] = 1.0
+    return weight
+
+
+def _nearest_of_many(problem: LinearPoses, core: NDArray, enough: int) -> NDArray:
+    """Return the half (B,) that fits itself best of those that fits to few poses lead to.
+
+    Rousseeuw and Van Driessen (1999).
+    """
+    poses, equations, size = problem.jacobian.shape
+    few = min(poses, -(-size // equations) + 1)
+    rng = np.random.default_rng(0)
+    found = [_concentrated(problem, core, enough)]
+    found += [_concentrated(problem, _nearest(rng.random(poses), few), enough) for _ in range(_STARTS)]
+    return min(found, key=lambda fit: fit.trimmed(enough)).weight
+
+
+def _concentrated(problem: LinearPoses, weight: NDArray, enough: int) -> PoseFit:
+    """Return the fit to the half that is nearest to it, from a fit with weights (B,)."""
+    fit = problem.fit(weight)
+    for _ in range(_CONCENTRATIONS):
+        weight = _nearest(fit.length, enough)
+        if np.array_equal(weight, fit.weight):
+            break
+        fit = problem.fit(weight)
+    return fit
 
 
 def _resistant(problem: LinearPoses) -> PoseFit:

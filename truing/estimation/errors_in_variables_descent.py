@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truing.estimation.errors_in_variables_elimination import Eliminated, Measured, project
 from truing.estimation.least_squares import SolverStatus
 
-MAX_ITERATIONS = 200
+MAX_ITERATIONS = 500
 # Below this the cost is no judge any more, for its own rounding; what stalls here stands as well as numbers allow.
 NEAR = 1e-6
 # By how much the next step would still lower the cost: nothing moves by more than a hundred-thousandth of its sigma.
@@ -166,7 +166,7 @@ def descend(objective: Objective, start: Eliminated) -> Descent:
     sure = False
     for iteration in range(MAX_ITERATIONS):
         step, promise = point.step(damping.value)
-        stands = _stands(promise, before)
+        stands = _stands(promise, before if damping.value == 0.0 else np.inf)
         trial = None if stands else _lower(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
