@@ -170,7 +170,7 @@ def _nearest_of_many(problem: LinearPoses, core: NDArray, enough: int) -> NDArra
     few = min(poses, -(-size // equations) + 1)
     rng = np.random.default_rng(0)
     found = [_concentrated(problem, core, enough)]
-    found += [_concentrated(problem, _nearest(rng.random(poses), few), enough) for _ in range(_STARTS)]
+    found += [_concentrated(problem, _nearest(rng.random((poses,)), few), enough) for _ in range(_STARTS)]
     return min(found, key=lambda fit: fit.trimmed(enough)).weight
 
 
