@@ -47,7 +47,7 @@ def _fitted(model, deformation, legs, parameters, rng) -> pd.DataFrame:
     rows = pd.DataFrame(product(range(1, legs + 1), names), columns=["leg", "parameter"])
     if deformation == "matrix":
         k = pd.DataFrame(product(range(1, legs + 1), repeat=2), columns=["leg", "column"])
-        k["parameter"] = [f"K{i}{j}" for i, j in zip(k["leg"], k["column"], strict=True)]
+        k["parameter"] = [f"K{i}{'_' if legs > 9 else ''}{j}" for i, j in zip(k["leg"], k["column"], strict=True)]
         rows = pd.concat([rows, k[["leg", "parameter"]]], ignore_index=True)
     bare = rows["parameter"].str.startswith(("u_", "kappa", "K"))
     tolerance = np.where(bare, 0.002, 0.5)

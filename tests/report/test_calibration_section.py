@@ -72,7 +72,7 @@ def test_the_lead_names_the_choice_and_its_reasons(sections):
         "3 µm and 6 arcsec",
         "1.02 times what noise",
         "The data cannot tell the beam model",
-        "1.02 to 5.10 times",
+        "10 other calibrations are less probable or worse: 1.02 to 5.10 times",
     ):
         assert words in lead
 
@@ -181,6 +181,25 @@ def test_each_leg_has_its_rank_and_its_identifiable_set(sections):
         ("the 6-pus model with matrix deformation", "90", "42"),
     ]
     assert rows[1][3] == "a_x2 a_y2 b_x2 b_y2 u_x2 l2"
+
+
+def test_what_moves_no_parameter_by_its_tolerance_is_not_called_absorption():
+    tables = calibration_tables(**SMALL)
+    tables["absorption"][["predicted", "observed"]] *= 1e-3
+    assert "No deformation that was measured would move a parameter" in knowledge(tables).lead
+
+
+def test_fewer_than_six_legs_have_no_errors_and_no_verdict():
+    tables = calibration_tables(**SMALL)
+    for name in ("accuracy", "requirements"):
+        tables[name] = tables[name].iloc[:0]
+    assert "leave the platform free" in calibration(tables).lead
+    assert "leave the platform free" in requirements(tables).lead
+
+
+def test_only_the_telescope_is_held_against_its_report():
+    caption = calibration(calibration_tables(models=("ups", "jacobian"), deformations=("none",))).figures[0][1]
+    assert caption.endswith("Over this range the models are not alike.")
 
 
 def test_long_leg_numbers_are_not_mistaken_for_parameters():

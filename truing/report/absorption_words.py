@@ -17,6 +17,7 @@ _EFFECTS = {
     "platform-deformation-matrix": "the deformation of the platform",
 }
 _ESTIMATORS = {"implicit": "implicit objectives", "errors-in-variables": "maximum likelihood"}
+_CLEAR = 1.96
 # How many parameters a sentence names.
 _NAMED = 3
 
@@ -60,13 +61,19 @@ def _size(rows: pd.DataFrame) -> Any:
 
 
 def swallowed(absorbed: pd.DataFrame | None) -> str:
-    """The parameters that take most of the effect that bends the model most; empty where none is known."""
+    """The parameters that take most of the effect that bends the model most; empty where none is known.
+
+    Only what stands out of its own uncertainty and comes up to a tolerance is named.
+    """
     if absorbed is None or not len(absorbed):
         return ""
-    group, rows = groups(absorbed)[0]
-    top = rows.assign(size=_size(rows)).dropna(subset=["size"]).nlargest(_NAMED, "size", keep="first")
-    named = [_taken(r) for r in top.itertuples()]
-    return f"If {group_words(group)}, {'; '.join(named)}." if named else ""
+    clear = absorbed[absorbed["predicted"].abs() > _CLEAR * absorbed["sigma"]]
+    clear = clear[_size(clear) >= 1.0] if len(clear) else clear
+    if not len(clear):
+        return "No deformation that was measured would move a parameter by its tolerance if it were left out."
+    group, rows = groups(clear)[0]
+    top = rows.assign(size=_size(rows)).nlargest(_NAMED, "size", keep="first")
+    return f"If {group_words(group)}, {'; '.join(_taken(r) for r in top.itertuples())}."
 
 
 def _taken(r: Any) -> str:

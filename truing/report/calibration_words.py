@@ -22,6 +22,7 @@ from truing.report.tables import Tables
 if TYPE_CHECKING:
     import pandas as pd
 
+_LEAST_LEGS = 6
 _HELD_OUT = "position_mean_verification"
 _DEPARTS = "reading_rms_from_rigid_legs"
 
@@ -33,7 +34,7 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
     if figures is None or chosen is None:
         return f"{count(len(keys_of(fitted)), 'calibration')}, none of them chosen for this campaign. {ended}".strip()
     facts = figures.loc[chosen]
-    words = [_choice(chosen, facts), _gain(tables, chosen, facts), _rivals(figures, chosen), ended]
+    words = [_choice(chosen, facts), _gain(tables, chosen, facts), _rivals(figures, chosen), ended, _free(fitted)]
     return " ".join(word for word in words if word)
 
 
@@ -89,8 +90,8 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     rest = others[~equal]
     if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
         pulls = f", with rms pulls of {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
-        who = "The other" if len(rest) == 1 else f"The {len(rest)} {'others' if equal.any() else 'other calibrations'}"
-        said.append(f"{who} miss by {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
+        who = "The other calibration is" if len(rest) == 1 else f"The {len(rest)} other calibrations are"
+        said.append(f"{who} less probable or worse: {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
     return " ".join(said)
 
 
@@ -106,6 +107,13 @@ def _failures(fitted: pd.DataFrame) -> str:
     return f"{count(len(keys_of(bad)), 'calibration')} did not come to an end." if len(bad) else ""
 
 
+def _free(fitted: pd.DataFrame) -> str:
+    """Why no errors of poses are told, where there are too few legs."""
+    if fitted["leg"].nunique() >= _LEAST_LEGS:
+        return ""
+    return "Fewer than six legs leave the platform free: no error of a pose can be told from readings."
+
+
 def cost_of_models(tables: Tables) -> str:
     """How far the other models of the structure miss with the deformation of the chosen one, and depart from it."""
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
@@ -117,7 +125,8 @@ def cost_of_models(tables: Tables) -> str:
     apart = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
     if not len(apart):
         return said
-    return f"{said} Over this range the models are not alike, other than the telescope report concludes."
+    reported = ", other than the telescope report concludes" if "6-pus" in same.index else ""
+    return f"{said} Over this range the models are not alike{reported}."
 
 
 def _departures(tables: Tables) -> str:

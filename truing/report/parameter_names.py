@@ -25,8 +25,9 @@ def symbols(words: str) -> str:
 def kind_of(parameter: str, leg: float) -> str:
     """What a parameter is in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
     own = f"K{int(leg)}" if leg == leg else "K"
-    if parameter.startswith(own) and parameter[len(own) :].isdigit():
-        return f"K, ρ{parameter[len(own) :]}"
+    column = parameter.removeprefix(own).removeprefix("_")  # K1_10, where legs have two digits
+    if parameter.startswith(own) and column.isdigit():
+        return f"K, ρ{column}"
     return _SYMBOLS.get(parameter, parameter)
 
 

@@ -47,4 +47,6 @@ def why_no_requirement(tables: Tables) -> str:
     """Why no requirement was judged."""
     if filled(tables, "calibration") is None:
         return why_no_calibration(tables)
+    if filled(tables, "accuracy") is None:
+        return "Without errors of poses no accuracy can be judged: fewer than six legs leave the platform free."
     return "campaign.toml states no accuracy in [requirement]."
