@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -70,6 +70,7 @@ def test_digits_survive_where_normal_equations_lose_them(method: Method) -> None
 
 
 @pytest.mark.parametrize("method", METHODS)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 1000))
 def test_a_batch_is_its_problems_one_by_one(method: Method, seed: int) -> None:
     truth, t, y = decays(np.random.default_rng(seed), 6)
@@ -149,6 +150,30 @@ def test_derivatives_of_the_wrong_sign_stall(method: Method) -> None:
         return residual, -jacobian
 
     assert least_squares(uphill, [1.0, 1.0], t, y, method=method).status[0] == SolverStatus.STALLED
+
+
+def distances(x: NDArray, length: NDArray) -> tuple[NDArray, NDArray]:
+    """Distances of points near 3 m away to a point x next to the origin, less those measured."""
+    g = POINTS + x[:, None]
+    distance = np.linalg.norm(g, axis=-1)
+    return distance - length, g / distance[..., None]
+
+
+POINTS = np.random.default_rng(0).normal([1.0, 2.0, 3.0], 1.0, (40, 3))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("reach", [0.0, 1e-8, 1e-4])
+@pytest.mark.parametrize("noise", [0.0, 1e-9, 1e-6])
+def test_small_differences_of_large_numbers_end_at_their_rounding(method: Method, reach: float, noise: float) -> None:
+    rng = np.random.default_rng(1)
+    truth = reach * rng.normal(size=(50, 3))
+    length = np.linalg.norm(POINTS + truth[:, None], axis=-1)
+    fit = least_squares(distances, np.zeros((50, 3)), length + noise * rng.normal(size=length.shape), method=method)
+    assert fit.ok.all()
+    rounding = 10.0 * EPS * np.linalg.norm(POINTS)
+    allowed = 6.0 * np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2)) * (noise + rounding)
+    assert np.all(np.abs(fit.x - truth) <= allowed)
 
 
 @pytest.mark.parametrize("method", METHODS)

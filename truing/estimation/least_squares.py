@@ -25,6 +25,10 @@ _BLIND = 1e-14
 _NEARLY_BLIND = 1e-8
 # What rounding may do to a residual, in units of the parameters' own effect on it.
 _ROUNDING = 10.0 * EPS
+# A change of the sum of squares so many times the promised one has another cause.
+_DOMINATED = 10.0
+# Whatever is not that many times the noise of the sum of squares is lost in it.
+_LOST = 1e4
 # While only the gradient can tell, a further step has to take so much of it away.
 _STILL_FALLING = 0.9
 
@@ -91,12 +95,13 @@ class _Walk:
     linear: Linear
     memory: NDArray  # (b, 2) of the rule
     fine: NDArray  # (b,) whether the sum of squares is too coarse to judge a further step
+    noise: NDArray  # (b,) what rounding has been seen to do to the sum of squares
 
     def take(self, rows: NDArray) -> _Walk:
         """Return some of the problems."""
         data = tuple(array[rows] for array in self.data)
-        x, cost, memory, fine = (array[rows] for array in (self.x, self.cost, self.memory, self.fine))
-        return _Walk(self.problem[rows], data, x, cost, self.linear[rows], memory, fine)
+        x, cost, memory = self.x[rows], self.cost[rows], self.memory[rows]
+        return _Walk(self.problem[rows], data, x, cost, self.linear[rows], memory, self.fine[rows], self.noise[rows])
 
 
 def least_squares(
@@ -125,9 +130,10 @@ def least_squares(
         if len(rows):
             linear = linearise(residual[rows], jacobian[rows])
             memory = RULES[method].start(linear, x[rows])
-            fine = np.zeros(len(rows), bool)
-            walk = _Walk(rows, tuple(d[rows] for d in data), x[rows], solution.cost[rows], linear, memory, fine)
-            for finished, status, iteration in _walk(walk, residuals, RULES[method], max_iterations):
+            begin = x[rows], solution.cost[rows]
+            seen = np.zeros(len(rows), bool), np.zeros(len(rows))
+            walk = _Walk(rows, tuple(d[rows] for d in data), *begin, linear, memory, *seen)
+            for finished, status, iteration in _steps(walk, residuals, RULES[method], max_iterations):
                 _record(solution, finished, residuals, status, iteration, rank_tolerance)
     return solution
 
@@ -154,7 +160,7 @@ def _unsolved(x: NDArray, residual: NDArray, jacobian: NDArray) -> tuple[Solutio
     return solution, np.flatnonzero(_finite(residual, jacobian))
 
 
-def _walk(walk: _Walk, residuals: Residuals, rule: Rule, max_iterations: int) -> Iterator[tuple[_Walk, NDArray, int]]:
+def _steps(walk: _Walk, residuals: Residuals, rule: Rule, max_iterations: int) -> Iterator[tuple[_Walk, NDArray, int]]:
     """Take steps until every problem is finished; yield problems as they finish, with their status and iteration."""
     for iteration in range(1, max_iterations + 1):
         status = _advance(walk, residuals, rule)
@@ -177,18 +183,30 @@ def _advance(walk: _Walk, residuals: Residuals, rule: Rule) -> NDArray:
     cost = np.where(_finite(residual, jacobian), np.sum(residual**2, -1), np.inf)
     gain = np.where(promised > 0.0, (walk.cost - cost) / np.where(promised > 0.0, promised, 1.0), -1.0)
     taken = _accept(walk, np.isfinite(cost) & (fine | (gain > 0.0)), fine, trial, cost, residual, jacobian)
+    walk.noise = np.select([fine, taken], [walk.noise, 0.0], _noise(walk, cost, promised))
     walk.memory = np.where(fine[:, None], walk.memory, rule.learn(walk.memory, gain, length))
     still = length <= EPS * np.sqrt(np.sum((walk.linear.scale * walk.x) ** 2, -1))
     stuck = ~fine & ~taken & (still | np.all(trial == walk.x, -1))
-    walk.fine = fine | (stuck & _flat(walk, _NEARLY_BLIND))
+    walk.fine = fine | (stuck & _flat(walk, _NEARLY_BLIND, walk.noise))
     return np.select([fine & ~taken, stuck & ~walk.fine], [SolverStatus.CONVERGED, SolverStatus.STALLED], "")
 
 
-def _flat(walk: _Walk, share: float) -> NDArray:
-    """Return where (b,) no more than a share of the sum of squares, or than its rounding, is left to remove."""
+def _flat(walk: _Walk, share: float, noise: NDArray | float = 0.0) -> NDArray:
+    """Return where (b,) no more than a share of the sum of squares, or than its rounding or noise, can be removed."""
     norm = np.sqrt(walk.cost)
     rounding = _ROUNDING * np.sqrt(np.sum((walk.linear.column * walk.x) ** 2, -1))
-    return walk.linear.offset**2 <= norm * (share * norm + rounding)
+    return walk.linear.offset**2 <= norm * (share * norm + rounding) + _LOST * noise
+
+
+def _noise(walk: _Walk, cost: NDArray, promised: NDArray) -> NDArray:
+    """Return what rounding does to the sums of squares (b,), as far as failed steps have shown it.
+
+    A change far from the one promised is rounding or curvature; as steps get shorter curvature gives way to the
+    promise, or to its negative where derivatives are wrong, but rounding stays, or leaves no change at all.
+    """
+    off = np.abs(cost - walk.cost + promised)
+    shown = np.isfinite(off) & ((off > _DOMINATED * promised) | (cost == walk.cost))
+    return np.where(shown, np.maximum(off, walk.noise), 0.0)
 
 
 def _accept(
@@ -211,7 +229,7 @@ def _record(
     """Write where the problems of a walk ended, judged by the Jacobian there alone."""
     walk.linear = linear = linearise(*_evaluate(residuals, walk.x, walk.data), tolerance=rank_tolerance)
     arrived = status == SolverStatus.CONVERGED
-    status = np.where(arrived & ~_flat(walk, _NEARLY_BLIND), SolverStatus.STALLED, status)
+    status = np.where(arrived & ~_flat(walk, _NEARLY_BLIND, walk.noise), SolverStatus.STALLED, status)
     deficient = (linear.rank < walk.x.shape[1]) & (status == SolverStatus.CONVERGED)
     solution.x[walk.problem], solution.cost[walk.problem] = walk.x, walk.cost
     solution.covariance[walk.problem], solution.rank[walk.problem] = linear.covariance(), linear.rank
