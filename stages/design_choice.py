@@ -11,7 +11,7 @@ from schemas.faults import CampaignFaults, Fault
 from stages.design_problem import DesignProblem
 from truing.estimation.continuous_selection import largest_sensitivity, optimise_directly
 from truing.estimation.design_bound import DesignBound, bound_design, sum_log_det
-from truing.estimation.pose_selection import exchange, information_of, ioops, rounded_design
+from truing.estimation.pose_selection import exchange, information_of, ioops, one_by_one, rounded_design
 
 _DENSE = 2000  # points spread over the region, beside its corners
 _CLIMBERS = 60  # from which more sensitive points than those are sought
@@ -89,7 +89,7 @@ def _by_exchange(
     pool = np.flatnonzero(sensitivity >= _NEAR * sensitivity.max())
     rows, place = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)
     place[pool] = np.arange(len(pool))
-    starts = [place[rounded_design(candidates.bound, poses)]]
+    starts = [place[rounded_design(candidates.bound, poses)], one_by_one(rows, poses, candidates.bound, given)]
     starts += [rng.choice(len(pool), poses, replace=len(pool) < poses) for _ in range(_STARTS)]
     found = [exchange(rows, s, given) for s in starts if np.isfinite(sum_log_det(information_of(rows[s], given)))]
     best = max(found, key=lambda selection: selection.log_det)

@@ -17,15 +17,21 @@ STYLES = {  # colours told apart by colour-blind readers, and marks told apart i
     "least squares": ("#0072b2", "", "circle"),
     "Haralick": ("#009e73", "", "triangle"),
     "default": ("#cc79a7", "", "cross"),
+    "random": ("#d55e00", "", "square"),
+    "IOOPS-like": ("#009e73", "", "triangle"),
+    "direct": ("#0072b2", "", "circle"),
+    "exchange": ("#cc79a7", "", "cross"),
+    "Table 3": ("#000000", "", "square"),
 }
 
 
 @dataclass(frozen=True)
 class Series:
-    """One curve: its name, a key of STYLES, and its values; NaN where it has none."""
+    """One curve: its name, a key of STYLES, its values, NaN where it has none, and how far they spread to each side."""
 
     name: str
     values: Sequence[float]
+    spread: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,10 @@ def _panel(panel: Panel, x_label: str) -> list[str]:
     for s in panel.series:
         places = [at(x, y) for x, y in zip(panel.x, s.values, strict=True) if np.isfinite(y)]
         out += _curve(s.name, places)
+        for x, y, spread in zip(panel.x, s.values, s.spread, strict=False):
+            if np.isfinite(y) and 0 < spread < y:
+                (u, v), (_, w) = at(x, y - spread), at(x, y + spread)
+                out.append(f'<path d="M{u:.1f},{v:.1f}V{w:.1f}" stroke="{STYLES[s.name][0]}" stroke-width="1"/>')
     return out
 
 

@@ -18,6 +18,7 @@ from truing.estimation.pose_selection import (
     exchange,
     information_of,
     ioops,
+    one_by_one,
     random_selection,
     rounded_design,
 )
@@ -118,6 +119,14 @@ def test_one_by_one_improves_on_its_start_and_stays_below_the_bound(seed):
     found = ioops(rows, start.chosen)
     assert start.log_det <= found.log_det <= bound_design(rows, 8).upper
     assert len(found.chosen) == 8
+
+
+@given(seeds)
+def test_as_few_as_there_are_parameters_are_enough_to_begin_with(seed):
+    rows = candidates(np.random.default_rng(seed), 30)
+    start = one_by_one(rows, 3, bound_design(rows, 3))
+    assert np.isfinite(sum_log_det(information_of(rows[start])))
+    assert exchange(rows, start).log_det >= sum_log_det(information_of(rows[start]))
 
 
 def test_what_does_not_determine_the_parameters_is_refused():

@@ -16,6 +16,8 @@ from truing.estimation.design_bound import DesignBound, sum_log_det
 
 # A change of the log determinant below this is rounding.
 _LEAST_GAIN = 1e-10
+# Of the best design, that lets the first few candidates be judged.
+_HINT = 1e-6
 
 
 class SelectionStatus(StrEnum):
@@ -63,6 +65,19 @@ def rounded_design(design: DesignBound, count: int) -> NDArray:
         else:
             times[np.argmin(times / share)] += 1
     return np.repeat(support, times.astype(int))
+
+
+def one_by_one(rows: NDArray, count: int, design: DesignBound, given: NDArray | None = None) -> NDArray:
+    """Return ``count`` candidates, each the best to add to those before it: a start that determines what can be.
+
+    Until the candidates chosen determine every parameter by themselves, a trace of the best design's information helps.
+    """
+    information = _HINT * design.information if given is None else given + _HINT * design.information
+    chosen = np.zeros(count, np.int64)
+    for n in range(count):
+        chosen[n] = np.argmax(_gains(rows, information))
+        information = information + information_of(rows[chosen[n : n + 1]])
+    return chosen
 
 
 def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> Selection:
