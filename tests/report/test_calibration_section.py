@@ -152,19 +152,19 @@ def test_strong_correlations_are_listed_and_all_are_drawn(sections):
 def test_the_picture_states_its_amplification_and_amplifies_by_it(tables, sections):
     figure = sections["calibration"].figures[1][0]
     gain = float(figure.layout.title.text.rpartition("amplified ")[2].split()[0])
-    linear = next(t for t in figure.data if t.marker.symbol == "x")
+    linear = next(t for t in figure.data if t.marker.symbol == "x-thin")
     fitted = tables["implicit_calibration"]
     own = fitted.query("model == '6-pus' and deformation == 'linear' and parameter == 'a_x'").iloc[0]
     assert linear.x[0] == pytest.approx(own["nominal"] + gain * (own["identified"] - own["nominal"]), rel=1e-12)
     drawn = [t.marker.symbol for t in figure.data if t.legendgroup and t.mode == "markers"]
-    assert drawn == ["circle", "x", "triangle-up"] * 2  # in both panels
+    assert drawn == ["circle-open", "x-thin", "triangle-up-open"] * 2  # in both panels
 
 
 def test_what_cannot_be_told_apart_is_said_in_words(sections):
     lead = sections["knowledge"].lead
-    assert "Of the 11 numbers of a leg, poses and readings determine 6 at most" in lead
+    assert "Of the 11 numbers of a leg, poses and readings alone determine 6 at most" in lead
     assert "Beside a_x a_y b_x b_y u_x l they leave no way to tell ρ0." in lead
-    assert "Of the 90 parameters of the 6-pus model with matrix deformation they determine 42" in lead
+    assert "determines 42 of the 90 parameters of the 6-pus model with matrix deformation; the rest" in lead
     rows = listing(sections["knowledge"], "cannot tell apart, leg by leg").rows
     assert rows[:3] == (
         ("a_x1 + 0.01 u_x1 cannot be told apart", "1.18"),
@@ -175,7 +175,7 @@ def test_what_cannot_be_told_apart_is_said_in_words(sections):
 
 
 def test_each_leg_has_its_rank_and_its_identifiable_set(sections):
-    rows = listing(sections["knowledge"], "What poses and readings tell").rows
+    rows = listing(sections["knowledge"], "What poses and readings alone tell").rows
     assert [row[:3] for row in rows] == [
         *((f"leg {k}", "11", "6") for k in range(1, 7)),
         ("the 6-pus model with matrix deformation", "90", "42"),
@@ -393,3 +393,16 @@ def test_the_page_stays_small_and_is_the_same_for_the_same_tables(tables, sectio
     page = render_page(build_head("c", tables), list(sections.values()))
     assert page == render_page(build_head("c", tables), list(sections_of(calibration_tables()).values()))
     assert len(page.replace(PLOTLY, "").encode()) < 3e5
+
+
+def test_a_model_that_is_far_off_does_not_hide_the_others():
+    tables = calibration_tables(**SMALL)
+    figure = calibration(tables).figures[0][0]
+    assert figure.layout.xaxis.type is None
+    tables["accuracy"].loc[tables["accuracy"]["model"] == "beam", "position_error_um"] *= 100.0
+    figure = calibration(tables).figures[0][0]
+    assert figure.layout.xaxis.type == "log"
+    assert figure.layout.xaxis.title.text.endswith("log scale")
+    assert figure.layout.xaxis2.type is None
+    least = min(float(np.min(trace.x)) for trace in figure.data if trace.xaxis == "x")
+    assert 10.0 ** figure.layout.xaxis.range[0] < least

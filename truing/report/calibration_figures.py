@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.report.calibrations import Key, called, in_order
-from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.figure_style import BLUE, GREY, ORANGE, label, sequence_title, style
 from truing.report.numbers import plain
 from truing.report.parameter_names import name_of
 
@@ -21,6 +21,10 @@ _ERRORS = (
     ("orientation_error_arcsec", "orientation_noise_arcsec", "orientation error (arcsec)", "arcsec"),
 )
 _PALE = 0.4
+# Heights in pixels: of a calibration, of all that stands around and between the panels, outside and between them.
+_ROW, _AROUND, _OUTSIDE, _BETWEEN = 52, 240, 158, 78
+# Of errors that differ by more than this, the smaller cannot be seen beside the larger.
+_FAR = 30.0
 # More parameters than this are not told apart in a picture of a page's width.
 _PARAMETERS_SHOWN = 130
 
@@ -29,9 +33,10 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
     """Mean and maximum error of each calibration, position above and orientation below (report, figures 15 to 17)."""
     from plotly.subplots import make_subplots
 
-    grid = make_subplots(rows=2, cols=1, vertical_spacing=0.11)
     accuracy = accuracy.assign(role=accuracy["role"].replace("reference", "calibration"))
     sizes = _mean_and_largest(accuracy)
+    height = _AROUND + _ROW * sizes.groupby(level=["model", "deformation"]).ngroups
+    grid = make_subplots(rows=2, cols=1, vertical_spacing=_BETWEEN / (height - _OUTSIDE))
     floors = []
     for row, (error, noise, words, unit) in enumerate(_ERRORS, 1):
         for role in [role for role in _ROLES if role in set(accuracy["role"])]:
@@ -41,14 +46,23 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
         if floor is not None:
             grid.add_vline(x=floor, line={"color": GREY, "dash": "dot", "width": 2}, row=row, col=1)
             floors.append(f"{plain(floor)} {unit}")
-        grid.update_xaxes(title_text=words, rangemode="tozero", row=row, col=1)
-    calibrations = sizes.groupby(level=["model", "deformation"]).ngroups
+        axis = _axis(sizes[error])
+        grid.update_xaxes(title_text=sequence_title(words, "type" in axis), **axis, row=row, col=1)
     subtitle = "Full colour: mean; pale: maximum"
     subtitle += f". Dotted: rms that noise alone leaves, {' and '.join(floors)}" if floors else " over the poses"
-    style(grid, "How far the calibrated models miss", subtitle, 240 + 52 * calibrations)
+    style(grid, "How far the calibrated models miss", subtitle, height)
     grid.update_yaxes(autorange="reversed", automargin=True)
     grid.update_layout(barmode="group", bargap=0.25, legend=_legend(), margin={"t": 108})
     return grid
+
+
+def _axis(sizes: pd.DataFrame) -> dict[str, Any]:
+    """An axis from zero; logarithmic where the worst calibration would leave nothing to be seen of the best."""
+    mean, largest = (sizes[part][sizes[part] > 0.0] for part in ("mean", "max"))
+    if not len(mean) or largest.max() < _FAR * largest.min():
+        return {"rangemode": "tozero"}
+    ends = np.log10([0.5 * mean.min(), 1.2 * largest.max()])
+    return {"type": "log", "range": [float(end) for end in ends], "dtick": 1}
 
 
 def _legend() -> dict[str, Any]:

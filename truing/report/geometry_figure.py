@@ -17,8 +17,13 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 _JOINTS = {"a": ("lower joint a", "square-open"), "b": ("upper joint b", "circle-open")}
-_DRAWN_AS = {"none": (ORANGE, "circle"), "linear": (BLUE, "x"), "matrix": (GREEN, "triangle-up")}
-_OTHER = (RED, "diamond")
+# Open symbols of different kinds, so that those at the same place can all be seen.
+_DRAWN_AS = {
+    "none": (ORANGE, "circle-open", 14),
+    "linear": (BLUE, "x-thin", 9),
+    "matrix": (GREEN, "triangle-up-open", 12),
+}
+_OTHER = (RED, "diamond-open", 12)
 # The largest deviation is drawn so long, in parts of the mechanism's width.
 _LARGEST = 0.25
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
@@ -145,7 +150,7 @@ def _moved(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go
     import plotly.graph_objects as go
 
     own = pd.concat([found[found["deformation"] == deformation] for found in places], ignore_index=True)
-    colour, symbol = _DRAWN_AS.get(deformation, _OTHER)
+    colour, symbol, size = _DRAWN_AS.get(deformation, _OTHER)
     end_x, end_y, gap = own["x"] + gain * own["dx"], own["y"] + gain * own["dy"], np.full(len(own), np.nan)
     x, y = (np.stack([own[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
     words = label(deformation_words(deformation))
@@ -162,7 +167,7 @@ def _moved(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go
             x=end_x,
             y=end_y,
             mode="markers",
-            marker={"color": colour, "symbol": symbol, "size": 9},
+            marker={"color": colour, "symbol": symbol, "size": size, "line": {"width": 2, "color": colour}},
             text=text,
             hovertemplate="%{text}<extra>" + words + "</extra>",
             **common,

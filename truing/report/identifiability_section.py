@@ -46,7 +46,7 @@ def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
     return [
         _indices(legs, whole, key),
         _combinations(legs, "What poses and readings cannot tell apart, leg by leg with all of its numbers"),
-        _combinations(whole, f"What poses and readings cannot tell apart in {called(key)}", folded=True),
+        _combinations(whole, f"What all that was measured cannot tell apart in {called(key)}", folded=True),
         _sigmas(legs),
     ]
 
@@ -82,12 +82,15 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
     legs, whole, said = _by_leg(observed), _whole(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
-        said.append(f"Of the {asked} numbers of a leg, poses and readings determine {rank} at most.{_beside(legs)}")
+        said.append(
+            f"Of the {asked} numbers of a leg, poses and readings alone determine {rank} at most.{_beside(legs)}"
+        )
     facts = _facts(whole)
     if "rank" in facts and "parameters" in facts:
         asked, rank = int(facts["parameters"]), int(facts["rank"])
-        rest = "all of them" if rank == asked else f"{rank}, and the rest is known by tolerances and targets alone"
-        said.append(f"Of the {asked} parameters of {called(key)} they determine {rest}.")
+        part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
+        rest = "" if rank == asked else "; the rest is known by tolerances alone"
+        said.append(f"All that was measured, targets included, determines {part} parameters of {called(key)}{rest}.")
     return " ".join(said) or f"Observability of {called(key)}."
 
 
@@ -137,7 +140,7 @@ def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
     if len(whole):
         parts.append((called(key), whole))
     rows = tuple(_index_row(name, own) for name, own in parts)
-    caption = "What poses and readings tell, in units of their noise and of the tolerances; O1 to O5 of the set"
+    caption = "What poses and readings alone tell of each leg, and all that was measured of the chosen model"
     heads = ("of", "numbers", "rank", "a largest identifiable set", *_INDICES)
     return Listing(heads, rows, caption=caption, held_by="observability.parquet")
 
