@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.heat_map import HeatMap, write_heat_map
+from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_data import published
 from truing.estimation.absorption import Absorption, absorb
 from truing.estimation.combinations import inseparable
@@ -301,20 +302,10 @@ TABLES: dict[str, Callable[[], str]] = {
 }
 
 
-def renew_tables(page: str) -> str:
-    """Return a page with the text between the marks of each table made anew."""
-    for name, make in TABLES.items():
-        mark, end = f"<!-- table {name} -->\n", "\n<!-- end -->"
-        before, _, rest = page.partition(mark)
-        page = before + mark + make() + end + rest.partition(end)[2]
-    return page
-
-
 def main() -> None:
     """Renew the figure and the tables."""
     draw(DOCS / "figures" / "absorption-map.svg")
-    page = DOCS / "identifiability.md"
-    page.write_text(renew_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
+    renew(DOCS / "identifiability.md", TABLES)
 
 
 if __name__ == "__main__":

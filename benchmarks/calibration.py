@@ -1,0 +1,83 @@
+"""All calibrations of a campaign of 47 poses: python -m benchmarks.calibration [--repeats 9].
+
+Seconds for the sample campaign on one pinned processor, as the command line runs it: the twelve calibrations with
+covariances, by either estimator, then with all that the stage finds out besides (errors of every pose, model choice,
+identifiability, absorption). A row prints no figure where one of the calibrations has not converged.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from benchmarks.timing import interleaved, pin, run_pinned
+from pipeline.run_campaign import Wish, run_campaigns
+from pipeline.selection import Selection
+from schemas.campaign import Campaign, read_campaign
+from stages import calibrate as stage
+from stages.calibration_data import Gathered, gather
+from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
+from stages.calibration_question import cases
+from truing.simulation.structures import structures
+
+CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
+
+
+def tables() -> tuple[dict[str, object], Campaign]:
+    """Return what the stage reads, from a fresh run of the stages before it."""
+    campaign = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
+    with tempfile.TemporaryDirectory() as folder:
+        wish = Wish(Selection(None, "deformation", False), distrust=False, accept_failed_checks=True)
+        if run_campaigns([CAMPAIGN], Path(folder), wish, quiet=True):
+            raise SystemExit("the sample campaign did not run")
+        names = [name.rstrip("?") for name in stage.DECLARATION.reads]
+        return {name: pq.read_table(Path(folder) / f"{name}.parquet") for name in names}, campaign
+
+
+def calibrations(gathered: Gathered, how: Callable[..., Calibration]) -> list[Calibration]:
+    """Return the twelve calibrations, bad poses looked for first."""
+    used = gathered.measured.chosen(gathered.measured.roles != "verification")
+    every = list(cases(gathered, structures(gathered.machine)))
+    kept = good_poses(gathered, used, every[2])
+    return [how(gathered, used, case, kept) for case in every]
+
+
+def measure(repeats: int) -> None:
+    """Print seconds per row: minimum, median, maximum."""
+    given, campaign = tables()
+    gathered = gather(given, campaign)
+    rows: dict[str, Callable[[], object]] = {
+        "12 by errors in variables": lambda: calibrations(gathered, maximum_likelihood),
+        "12 by the closure alone": lambda: calibrations(gathered, implicit),
+        "the whole stage, 24 of them": lambda: stage.run(given, campaign, lambda *_: None),
+    }
+    for name, how in (("12 by errors in variables", maximum_likelihood), ("12 by the closure alone", implicit)):
+        bad = [one.status for one in calibrations(gathered, how) if one.status != "ok"]
+        if bad:
+            print(f"{name}: not converged: {bad[0]}")
+            del rows[name]
+    for name, seconds in interleaved(rows, repeats).items():
+        print(f"{name:30} {np.min(seconds):7.3f} {np.median(seconds):7.3f} {np.max(seconds):7.3f} s", flush=True)
+
+
+def main() -> None:
+    """Measure in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--threads", type=int)
+    chosen = parser.parse_args()
+    if chosen.threads is None:
+        run_pinned("benchmarks.calibration", ["--repeats", str(chosen.repeats)], 1)
+        return
+    pin(chosen.threads)
+    measure(chosen.repeats)
+
+
+if __name__ == "__main__":
+    main()
