@@ -14,6 +14,7 @@ from pathlib import Path
 
 from docs.experiments import telescope_report_statements as statements
 from docs.experiments import telescope_report_tables as machine
+from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_figures import draw_absorption, draw_geometry, draw_remainder
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -50,22 +51,13 @@ def shown(page: str, name: str) -> str:
     return page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
 
 
-def renew_tables(page: str) -> str:
-    """Return a page with the text between the marks of each table made anew."""
-    for name, make in TABLES.items():
-        mark, end = f"<!-- table {name} -->\n", "\n<!-- end -->"
-        before, _, rest = page.partition(mark)
-        page = before + mark + make() + end + rest.partition(end)[2]
-    return page
-
-
 def main() -> None:
     """Renew the figures and the tables."""
     figures = DOCS / "figures"
     draw_absorption(figures / "telescope-report-absorption.svg")
     draw_geometry(figures / "telescope-report-geometry.svg")
     draw_remainder(figures / "telescope-report-remainder.svg", machine.BY)
-    PAGE.write_text(renew_tables(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    renew(PAGE, TABLES)
 
 
 if __name__ == "__main__":

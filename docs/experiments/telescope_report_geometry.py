@@ -13,10 +13,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.experiments.telescope_report_absorption import leg_fits, shift_by_K
+from docs.experiments.telescope_report_absorption import calibrate, ignorant, leg_fits, shift_by_K
 from docs.experiments.telescope_report_data import LENGTHS, published
-from docs.experiments.telescope_report_machine import OpenError, Pattern, Shape, machine
+from docs.experiments.telescope_report_machine import OpenError, Pattern, Shape, machine, stand
 from truing.estimation.least_squares import SolverStatus, least_squares
+from truing.simulation.parameters import report_set
 from truing.simulation.structure import Machine
 
 START = np.array([0.15, 0.13, np.radians(10.0), np.radians(10.0)])
@@ -73,7 +74,9 @@ def observed() -> NDArray:
 def machine_of(names: tuple[str, ...], numbers: NDArray, pattern: Pattern) -> Machine:
     """Return the machines of numbers (..., P), which beyond the four may name a turn, a twist, a leg length."""
     more = {name: numbers[..., i] for i, name in enumerate(names)}
-    shape = Shape(*(more[name] for name in FOUR), more.get("turned", 0.0), more.get("twist", 0.0))
+    base, platform, base_half, platform_half = (more[name] for name in FOUR)
+    turned, twist = more.get("turned", 0.0), more.get("twist", 0.0)
+    shape = Shape(base, platform, base_half, platform_half, turned, twist)
     return machine(shape, pattern, more.get("leg length"))
 
 
@@ -207,38 +210,21 @@ def weighted_shape() -> ShapeFit:
     return fit_shape(whitened=whitening(sigma_of_K()))
 
 
-@dataclass(frozen=True)
-class Relations:
-    """Checks that the fit of the shape does not use, leg by leg (6,)."""
-
-    slope: NDArray  # z_x / z_z from u_x of Table 5a and kappa of 6a
-    slope_sigma: NDArray  # by the rounding of u_x to 0.01
-    slope_of_shape: NDArray
-    u_x: NDArray  # from kappa and the slope of the shape
-    rho0: NDArray  # mm, -(a_x of 5a less a_x of 6a) / u_x
-    rho0_sigma: NDArray
+def best_single_entry() -> tuple[str, float]:
+    """Return the off-diagonal entry of K whose change would take most off the misfit, and the share that it takes."""
+    slope, left = shift_by_K(best_shape().machine, "6a")[:, _ROWS_OF_A_FIT], best_shape().residual.T
+    gain = np.einsum("irj,ir->ij", slope, left) ** 2 / np.sum(slope**2, 1)
+    np.fill_diagonal(gain, 0.0)
+    i, j = np.unravel_index(np.argmax(gain), gain.shape)
+    return f"K{i + 1}{j + 1}", float(gain.max() / np.sum(left**2))
 
 
-def relations() -> Relations:
-    """Return what joins Tables 5a and 6a: kappa = u_x^2/2 - u_x z_x/z_z, and a_x moves by -rho0 u_x (eq. 40)."""
-    u, kappa = published().tables["5a"]["u_x"], published().kappa("6a")
-    legs = best_shape().machine.legs
-    height = np.sqrt(legs.l**2 - np.sum((legs.b - legs.a)[:, :2] ** 2, -1))
-    shape_slope = (legs.b - legs.a)[:, 0] / height
-    moved = published().tables["5a"]["a_x"] - published().tables["6a"]["a_x"]
-    rounding = 0.01 / np.sqrt(12)
-    return Relations(
-        slope=u / 2 - kappa / u,
-        slope_sigma=rounding * np.abs(0.5 + kappa / u**2),
-        slope_of_shape=shape_slope,
-        u_x=shape_slope - np.sign(shape_slope) * np.sqrt(shape_slope**2 + 2 * kappa),
-        rho0=-moved / u,
-        rho0_sigma=np.hypot(ROUNDING_MM / u, rounding * moved / u**2),
-    )
-
-
-def reference_reading() -> tuple[float, float]:
-    """Return rho0, mm, pooled over the legs, and its standard deviation."""
-    found = relations()
-    weight = 1 / found.rho0_sigma**2
-    return float(np.sum(weight * found.rho0) / weight.sum()), float(weight.sum() ** -0.5)
+def misfit_of_the_real_machine() -> float:
+    """Return the rms misfit, mm, where the true machine is that of Table 7a and all fits are nonlinear."""
+    design, tables = best_shape().machine, published()
+    parameters = report_set(design, "matrix")
+    names = dict.fromkeys(entry.name for entry in parameters.entries)
+    off = np.concatenate([tables.tables["7a"][name] for name in names])
+    true = parameters.machine(design, parameters.values(design) + off * parameters.units)
+    found = calibrate(ignorant(design, "6a"), report_set(design, "linear"), stand(true)).rows
+    return float(np.sqrt(np.mean([(found[name] - tables.tables["6a"][name]) ** 2 for name in LENGTHS])))

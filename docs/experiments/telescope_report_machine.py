@@ -12,7 +12,7 @@ from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.structure import Machine, Section, poses_at
 
-# About 10 mm: what Table 5a and 6a say together (`telescope_report_geometry.reference_reading`).
+# About 10 mm: what Table 5a and 6a say together (`telescope_report_kappa.reference_reading`).
 REFERENCE_READING = 10e-3
 MODEL = KinematicModel("6-pus")
 # Which ring a leg's joint shares its close pair on: leg 1 stands beside 2 on one ring and beside 6 on the other.

@@ -138,8 +138,8 @@ FRAMES: dict[str, tuple[str, Pattern]] = {
 def _uniform(scale: float, with_actuators: bool) -> NDArray:
     """Return the pattern of all lengths longer by a scale, and of actuators that are not."""
     legs = _machine().legs
-    sizes = (1e3 * scale * getattr(legs, name)[:, :2] for name in "ab")
-    return _field(*sizes, kappa=0.0 if with_actuators else -1e3 * scale, l=1e3 * scale * float(legs.l[0]))
+    a, b = (1e3 * scale * getattr(legs, name)[:, :2] for name in "ab")
+    return _field(a, b, kappa=0.0 if with_actuators else -1e3 * scale, l=1e3 * scale * float(legs.l[0]))
 
 
 def _in_plane(share: float) -> NDArray:
@@ -270,53 +270,3 @@ def findings(by: Ignorance, given: Sequence[str] = ()) -> list[Finding]:
 
 # The machine's own numbers, and the one thing beside them that all legs share.
 TOGETHER = tuple(CAUSES)[:5]
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How well Tables 6a and 7a agree about kappa where Table 7 is read as counted from a nominal value."""
-
-    observed: NDArray  # (6,) 1e-3, kappa of 6a less kappa of 7a
-    predicted: NDArray
-    sigma: NDArray
-    chi_square: float
-    p: float
-
-
-def kappa_reading(nominal: NDArray | float) -> Reading:
-    """Return how far 6a less 7a is from K's absorption where Table 7 counts kappa from a nominal value (6,)."""
-    from scipy.stats import chi2
-
-    tables = published()
-    fits = leg_fits(_machine(), "6a")
-    seen = 1e3 * (tables.kappa("6a") - nominal - tables.tables["7a"]["kappa"])
-    # beside the diagonal, which 7a fits as 6a does
-    by_K = 1e3 * shift_by_K(_machine(), "6a")[:, ROWS.index("kappa")]
-    by_K[np.arange(6), np.arange(6)] = 0.0
-    # 7a's own kappa started from K_ii, so that the shift is the off-diagonal part's
-    predicted, sigma = 1e3 * fits.shift[ROWS.index("kappa")], sigma_of_K() * np.linalg.norm(by_K, axis=1)
-    total = float(np.sum(((seen - predicted) / sigma) ** 2))
-    return Reading(seen, predicted, sigma, total, float(chi2.sf(total, 6)))
-
-
-@dataclass(frozen=True)
-class HeldKappa:
-    """Table 7c less 7a, and what holding kappa at 7c's values would make of a fit that otherwise is 7a's."""
-
-    observed: NDArray  # (5 rows, 6 legs) mm
-    predicted: NDArray
-
-    @property
-    def correlation(self) -> float:
-        """Return the correlation over all entries."""
-        return float(np.corrcoef(self.observed.ravel(), self.predicted.ravel())[0, 1])
-
-
-def held_kappa() -> HeldKappa:
-    """Return the reading of Table 7c as a fit whose kappa hardly moved."""
-    jacobian = leg_fits(_machine(), "6a").jacobian
-    free = [k for k, name in enumerate(ROWS) if name != "kappa"]
-    difference = remainder("7c") - remainder("7a")
-    by_kappa = jacobian[..., ROWS.index("kappa")] * difference[ROWS.index("kappa"), :, None]
-    answer = -np.einsum("irn,in->ri", np.linalg.pinv(jacobian[..., free]), by_kappa)
-    return HeldKappa(difference[free], answer)

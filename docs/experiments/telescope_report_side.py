@@ -154,7 +154,9 @@ def starts(table: str, ratio: float, count: int = 40) -> Starts:
     found = {method: distinct_minima(_solved(problem, first, method)) for method in methods}
     lowest = np.stack([minima.x[0] for minima in found.values()])
     values = problem.constrain(lowest, np.zeros((len(at.rho), problem.deviations))).value
-    return Starts(dict(found), 1e6 * float(np.abs(values[0] - values[1]).max()))
+    return Starts(
+        {str(method): minima for method, minima in found.items()}, 1e6 * float(np.abs(values[0] - values[1]).max())
+    )
 
 
 def _solved(problem: CalibrationProblem, first: NDArray, method: Method) -> Solution:
@@ -188,4 +190,5 @@ def choice(letter: str, deformation: str, draws: int = 20) -> Choice:
         at = noisy(draws + seed, published().verification)
         shown.append(errors(machine, STRUCTURES[letter], at).shown())
     mean, spread = np.mean(shown, 0), np.std(shown, 0, ddof=1)
-    return Choice(*(float(value) for value in mean), float(spread[0]))
+    position, position_max, orientation, orientation_max = map(float, mean)
+    return Choice(position, position_max, orientation, orientation_max, float(spread[0]))

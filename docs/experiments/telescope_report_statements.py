@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 
+from docs.experiments.marked_tables import table
 from docs.experiments.telescope_report_absorption import simulated
 from docs.experiments.telescope_report_claims import (
     AXES,
@@ -34,7 +35,7 @@ from docs.experiments.telescope_report_side import (
     stiffness_parameters,
     with_reference,
 )
-from docs.experiments.telescope_report_tables import rms, table
+from docs.experiments.telescope_report_tables import rms
 
 MODELS = {"a": "6-PUS", "b": "Jacobian", "c": "beam", "d": "stiffness"}
 KNOWN = {"5": "none", "6": "linear", "7": "matrix"}
@@ -175,8 +176,7 @@ def direction_choice() -> str:
     for name, found in directions().items():
         mean, most, turn, turned = found.verification.shown()
         left = f"{1e6 * found.left:.2f}"
-        solution = found.calibration.solution
-        status = f"{solution.status[0]} after {solution.iterations[0]}"
+        status = str(found.calibration.solution.status[0])
         rows.append([name, left, f"{mean:.1f}, {most:.1f}", f"{turn:.1f}, {turned:.1f}", status])
     return table(["identified of u", "residual, rms, µm", "6 poses: µm", "arcsec", "status"], rows)
 
