@@ -22,8 +22,8 @@ def platform_pose(lower: Array, upper: Array, length: Array, height: float) -> t
 
     ``lower`` (N, L, 3) are the lower joints in the base frame, ``upper`` (N, L, 3) the upper ones in the
     platform frame, ``length`` (N, L), all mm; Newton's method on L + 1 polynomials (squared lengths and
-    |q|^2 = 1) in seven unknowns, started level at ``height``. Where legs are fewer than six the pose is one of many, near
-    the start; where they are more, the one that meets all squared lengths best.
+    |q|^2 = 1) in seven unknowns, started level at ``height``. Where legs are fewer than six the pose is one of
+    many, near the start; where they are more, the one that meets all squared lengths best.
     """
     p = np.tile([0.0, 0.0, height], (len(lower), 1))
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(lower), 1))

@@ -47,7 +47,7 @@ def hexapod_geometry(
     low, high = (0.3 * side, -0.35 * side) if legs % 2 == 0 else (-0.2, 0.2)
     number = np.arange(legs)
     a, b = _on_circle(base_radius, step * (number + low)), _on_circle(platform_radius, step * (number + high))
-    reach = np.linalg.norm(b + [0.0, 0.0, height] - a, axis=1)
+    reach = np.linalg.norm(b + np.array([0.0, 0.0, height]) - a, axis=1)
     return Geometry(a, b, np.zeros((0, 3)), reach - rho0, np.full(legs, rho0), flexure_length=None)
 
 
