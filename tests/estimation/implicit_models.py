@@ -116,8 +116,10 @@ def identified(machine: Machine) -> ParameterSet:
     return ParameterSet(tuple(p for p in full_set(machine, "none").entries if not p.name.endswith("_z")))
 
 
-def campaign(rng: np.random.Generator, poses: int, reading_sigma: float = READING_SIGMA) -> Campaign:
-    """A campaign at random readings, poses with correlated noise of different size each."""
+def campaign(
+    rng: np.random.Generator, poses: int, reading_sigma: float = READING_SIGMA, scatter: float = 0.0
+) -> Campaign:
+    """A campaign at random readings, poses with correlated noise whose sizes scatter by so many powers of e."""
     nominal = Machine(telescope(), np.zeros((6, 6)))
     parameters = identified(nominal)
     prior = _prior(parameters, nominal)
@@ -125,7 +127,7 @@ def campaign(rng: np.random.Generator, poses: int, reading_sigma: float = READIN
     rho = readings(rng, poses)
     reached = poses_at(KinematicModel("6-pus"), parameters.machine(nominal, truth), rho)
     C = np.zeros((poses, 12, 12))
-    C[:, :6, :6] = _pose_covariance(rng, poses)
+    C[:, :6, :6] = _pose_covariance(rng, poses) * np.exp(2 * scatter * rng.normal(size=(poses, 1, 1)))
     C[:, 6:, 6:] = reading_sigma**2 * np.eye(6)
     error = (np.linalg.cholesky(C[:, :6, :6]) @ rng.normal(size=(poses, 6, 1)))[..., 0]
     p, R = reached.p + error[:, :3], exp_so3(error[:, 3:]) @ reached.R

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tests.estimation.implicit_models import POSE_SIGMA, READING_SIGMA, Campaign, campaign, linear, spoiled
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.errors_in_variables import ErrorsInVariablesFit, fit_errors_in_variables
+from truing.estimation.least_squares import least_squares
 from truing.estimation.rotation import exp_so3
 from truing.simulation.kinematics import inverse
 
@@ -81,6 +82,37 @@ def test_the_stated_covariance_is_that_of_the_errors_and_chi_squares_have_their_
     assert_between(np.mean(surprise), 6 - 4 * np.sqrt(12 / draws / 6), 6 + 4 * np.sqrt(12 / draws / 6))
     freedom = fit.judgement.freedom
     assert_between(np.mean(ratio), 1 - 4 * np.sqrt(2 / freedom / draws), 1 + 4 * np.sqrt(2 / freedom / draws))
+
+
+def _implicit(found: Campaign) -> NDArray:
+    """Values (P,) by least squares of the equations at what was measured, all of one common noise, and the prior."""
+    problem, sigma = found.problem, np.diag(found.prior.information) ** -0.5
+    nowhere = np.zeros((len(problem.p), 12))
+    A = problem.constrain(problem.start, nowhere).by_deviation
+    noise = np.sqrt(np.einsum("bmi,bij,bmj->", A, found.covariance, A) / A[..., 0].size)
+
+    def residuals(x: NDArray) -> tuple[NDArray, NDArray]:
+        equations = problem.constrain(problem.start + sigma * x[0], nowhere)
+        rows = (equations.by_values * sigma / noise).reshape(-1, len(sigma))
+        value = np.concatenate([equations.value.ravel() / noise, x[0]])
+        return value[None], np.concatenate([rows, np.eye(len(sigma))])[None]
+
+    return problem.start + sigma * least_squares(residuals, np.zeros(len(sigma))).x[0]
+
+
+def test_equations_that_do_not_know_whose_error_it_is_lose_where_poses_are_not_equally_good() -> None:
+    rng, draws = np.random.default_rng(10), 20
+    errors = np.empty((2, draws))
+    for k in range(draws):
+        found = campaign(rng, 20, scatter=1.0)
+        fit = _fit(found, robust=False)
+        for row, values in enumerate((_implicit(found), fit.values)):
+            error = values - found.truth
+            errors[row, k] = error @ np.linalg.solve(fit.covariance, error)
+    plain, own = errors.mean(1)
+    assert_between(own, 42 - 4 * np.sqrt(84 / draws), 42 + 4 * np.sqrt(84 / draws))
+    # noise that differs by e, one sigma, between poses: some errors are several times as large as they need be
+    assert plain > 4 * own
 
 
 @pytest.mark.parametrize(("share", "sigmas"), [(0.1, 20), (0.2, 20), (0.2, 1000)])
