@@ -263,7 +263,7 @@ ARTIFACTS: dict[str, Artifact] = {
             "deformation.parquet",
             "shift of each attachment along z of the platform",
             ("pose", "leg", "delta_rho_mm", "delta_bz_um", "sigma_um"),
-            optional=("p_value", "significant", "rejected", "reason"),
+            optional=("own_sigma_um", "p_value", "significant", "rejected", "reason"),
             key=("pose", "leg"),
         ),
         Artifact(

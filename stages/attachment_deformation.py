@@ -43,13 +43,15 @@ class Shifts:
     """Shift of each leg's attachment along z of the platform.
 
     shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y, which gross errors show;
-    noise (B, L, L) of the measurement, survey (L, L) of the survey, which all poses share; attachments (L, 3);
+    noise (B, L, L) of the measurement, own (B, L) variance of what the attachment's own targets bring to it, survey
+    (L, L) of the survey, which all poses share; attachments (L, 3);
     modulo_plane: the frame was fitted to the attachments themselves.
     """
 
     shift: Array
     across: Array
     noise: Array
+    own: Array
     survey: Array
     attachments: Array
     modulo_plane: bool
@@ -140,6 +142,7 @@ def _shifts(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], n_legs
         shift[:, :, 2],
         shift[:, :, :2],
         np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg),
+        np.einsum("blt,bt->bl", per_leg**2, noise[:, :, 2, 2]),
         typical @ surveyed @ typical.T,
         typical @ survey.points,
         bool((used & (survey.leg > 0)).any()),
@@ -196,6 +199,7 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
         delta_rho_mm=drive[b, leg] * 1e3,
         delta_bz_um=shifts.shift[b, leg] * 1e6,
         sigma_um=sigma[b, leg] * 1e6,
+        own_sigma_um=np.sqrt(shifts.own[b, leg]) * 1e6,
         p_value=p[b, leg],
         significant=significant[b, leg],
         rejected=rejected[b, leg],

@@ -19,7 +19,7 @@ LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
 DECLARATION = Stage(
     name="calibrate",
-    reads=("configurations?", "survey?", "poses", "deformation_models"),
+    reads=("configurations?", "survey?", "poses", "deformation", "deformation_models"),
     leaves=(
         "calibration",
         "implicit_calibration",

@@ -55,7 +55,7 @@ def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: flo
         change,
         measured,
         reading_sigma,
-        np.where(fitted, -1.0, 1.0)[:, None, None] * calibration.covariance,
+        np.where(fitted[:, None, None], -calibration.declared, calibration.covariance),
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stages.calibration_accuracy import ARCSEC, PoseErrors
 from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration
+from stages.calibration_question import is_deformation
 from stages.response_tables import Rows
 from truing.estimation.held_out import Choice, Contender, choose_model
 from truing.simulation.structure import Machine
@@ -104,7 +105,7 @@ def _fit_figures(one: Judged) -> list[Figure]:
     from scipy.special import chdtrc
 
     calibration = one.calibration
-    geometry = [entry.name != "kappa" and not entry.name.startswith("K") for entry in calibration.parameters.entries]
+    geometry = [not is_deformation(entry) for entry in calibration.parameters.entries]
     told = calibration.pull[np.isfinite(calibration.pull) & geometry]
     figures: list[Figure] = [
         ("parameters", float(len(calibration.values)), "1"),

@@ -42,6 +42,19 @@ class BodyPoses:
 
 
 @dataclass(frozen=True)
+class Shifts:
+    """Shifts (B, L), m, of the attachments along z of the platform off their survey, and sigma (B, L) of what their own
+    targets bring to it; NaN where none was seen, or a gross error was."""
+
+    shift: NDArray
+    sigma: NDArray
+
+    def chosen(self, rows: NDArray) -> Shifts:
+        """Return those of some poses."""
+        return Shifts(self.shift[rows], self.sigma[rows])
+
+
+@dataclass(frozen=True)
 class Measured:
     """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets.
 
@@ -54,6 +67,7 @@ class Measured:
     platform: BodyPoses
     rho: NDArray
     legs: Mapping[int, BodyPoses]  # by leg, counted from 0
+    shifts: Shifts | None = None
 
     def chosen(self, rows: NDArray) -> Measured:
         """Return some of the poses, by mask (B,)."""
@@ -64,6 +78,7 @@ class Measured:
             self.platform.chosen(rows),
             self.rho[rows],
             {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
+            self.shifts and self.shifts.chosen(rows),
         )
 
 
@@ -108,7 +123,10 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     usable = platform.found & np.isfinite(rho).all(1)
     legs = {leg: body_poses(tables["poses"], f"leg{leg + 1}", poses) for leg in range(count)}
     carrying = {leg: found for leg, found in legs.items() if found.found.any()}
-    measured = Measured(poses, _roles(tables["configurations"], poses), base, platform, rho, carrying).chosen(usable)
+    surveyed = _surveyed_attachments(tables, settings)
+    shifts = None if surveyed is None else _shifts(tables.get("deformation"), poses, count)
+    roles = _roles(tables["configurations"], poses)
+    measured = Measured(poses, roles, base, platform, rho, carrying, shifts).chosen(usable)
     if not usable.any():
         raise ValueError("no pose has both readings and a pose of the platform in the base")
     return Gathered(
@@ -117,7 +135,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         _tolerances(section_),
         settings.noise.actuator_mm * 1e-3,
         _deformations(tables.get("deformation_models"), count),
-        _surveyed_attachments(tables, settings),
+        surveyed,
         "" if usable.all() else f"{int((~usable).sum())} poses without readings or without a pose of the platform",
     )
 
@@ -163,6 +181,20 @@ def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int)
     columns = [number_column(configurations, f"rho{leg}_mm") for leg in range(1, legs + 1)]
     readings[positions(configurations.column("pose"), poses)] = np.column_stack(columns) * 1e-3
     return readings
+
+
+def _shifts(table: pa.Table | None, poses: tuple[int | str, ...], legs: int) -> Shifts | None:
+    if table is None or not table.num_rows or "own_sigma_um" not in table.schema.names:
+        return None
+    import pyarrow.compute as pc
+
+    rows = table.filter(pc.invert(table.column("rejected")))
+    place = positions(rows.column("pose"), poses), number_column(rows, "leg").astype(int) - 1
+    kept = place[0] >= 0
+    found = Shifts(np.full((len(poses), legs), np.nan), np.full((len(poses), legs), np.nan))
+    for target, name in ((found.shift, "delta_bz_um"), (found.sigma, "own_sigma_um")):
+        target[place[0][kept], place[1][kept]] = number_column(rows, name)[kept] * 1e-6
+    return found
 
 
 def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:

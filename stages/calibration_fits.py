@@ -17,7 +17,7 @@ from stages.calibration_question import (
     question,
     tolerances,
     widest,
-    with_legs,
+    with_targets,
 )
 from truing.estimation.errors_in_variables import ErrorsInVariablesFit, Prior, fit_errors_in_variables
 from truing.estimation.identifiable_set import choose_identifiable
@@ -39,9 +39,9 @@ _TOLD = np.sqrt(0.5)
 class Calibration:
     """One calibration: parameters identified with covariance (P, P), in SI, and how it ended.
 
-    tolerance (P,): one sigma of what was known before, NaN where nothing was; identifiable (P,): what the data tell
-    better; kept (B,): poses that took part, of those that it was asked to fit; chi_square with its freedom: of their
-    closing against the noise.
+    declared (P, P): the covariance at the declared noise, where that of the fit is enlarged for more; tolerance (P,):
+    one sigma of what was known before, NaN where nothing was; identifiable (P,): what the data tell better; kept (B,):
+    poses that took part, of those that it was asked to fit; chi_square with its freedom: of the closing.
     """
 
     case: Case
@@ -50,6 +50,7 @@ class Calibration:
     nominal: NDArray
     values: NDArray
     covariance: NDArray
+    declared: NDArray
     tolerance: NDArray
     identifiable: NDArray
     kept: NDArray
@@ -93,12 +94,13 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
     used = fitted.chosen(kept)
     asked = question(gathered, used, case)
     fit = answer(asked, robust=False)
-    # Models that know of no single legs are weighed on the same data: without the legs' own targets.
+    # All models are weighed on the same data: poses and readings, and what the targets said of the deformation.
     evidence, count = _log_evidence(fit, asked.prior), asked.count
-    if (more := with_legs(asked, used)) is not None:
+    if (more := with_targets(asked, gathered, used, case.deformation != "none")) is not None:
         fit = answer(more, fit.values, robust=False)
     found = fit.covariance_at(max(fit.noise_ratio, 1.0))[:count, :count]
-    known = np.where(np.isfinite(asked.tolerance), asked.tolerance, widest(asked.problem.parameters))
+    tolerance = (more or asked).tolerance
+    known = np.where(np.isfinite(tolerance), tolerance, widest(asked.problem.parameters))
     return Calibration(
         case,
         MAXIMUM_LIKELIHOOD,
@@ -106,7 +108,8 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
         asked.problem.start,
         fit.values[:count],
         found,
-        asked.tolerance,
+        fit.covariance[:count, :count],
+        tolerance,
         np.sqrt(np.diag(found)) < _TOLD * known,
         kept,
         fit.judgement.chi_square,
@@ -131,7 +134,7 @@ def good_poses(gathered: Gathered, fitted: Measured, case: Case) -> NDArray:
     """
     asked = question(gathered, fitted, case)
     fit = answer(asked, robust=True)
-    if (more := with_legs(asked, fitted)) is not None:
+    if (more := with_targets(asked, gathered, fitted, case.deformation != "none")) is not None:
         fit = answer(more, fit.values, robust=True)
     kept = fit.weight > 0
     return kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept)
@@ -169,6 +172,7 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
         problem,
         nominal,
         values,
+        covariance,
         covariance,
         tolerance,
         np.isfinite(np.diag(covariance)),

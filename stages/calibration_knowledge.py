@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from stages.calibration_data import Gathered, Measured
 from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration
 from stages.calibration_question import (
+    Case,
     Question,
+    is_deformation,
     observation_covariance,
     problem_of,
     question,
     survey_rows,
     widest,
-    with_legs,
+    with_targets,
 )
 from stages.response_tables import Rows
 from truing.estimation.absorption import Absorption, absorb
@@ -74,21 +76,19 @@ def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration
 
 def _of_chosen(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Observability:
     """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
-    attachments too, of which the deformation stage has found what they say of K."""
-    asked = question(gathered, fitted, chosen.case)
-    asked = with_legs(asked, fitted) or asked
+    attachments too."""
+    asked = _whole_question(gathered, fitted, chosen.case)
     values = np.concatenate([chosen.values, asked.problem.start[asked.count :]])
-    entries = chosen.parameters.entries
-    bent = np.array([entry.name == "kappa" or entry.name.startswith("K") for entry in entries])
-    known = np.flatnonzero(bent & np.isfinite(chosen.tolerance))
     seen = linear(gathered, asked, values, fitted).jacobian
-    targets = np.zeros((len(known), seen.shape[1]))
-    targets[np.arange(len(known)), known] = 1.0 / chosen.tolerance[known]
-    seats = np.array([entry.si for entry in asked.problem.entries[asked.count :]])
-    own = np.concatenate([np.where(bent, _PLAUSIBLE_KAPPA, _scales(gathered.tolerance, chosen.parameters)), seats])
-    labels = [entry.label for entry in asked.problem.entries]
-    jacobian, units = _without(np.concatenate([seen, targets]), asked.count), chosen.parameters.units
-    return observe(jacobian * units, own[: asked.count] / units, labels[: asked.count])
+    bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
+    scales, units = _scales(gathered.tolerance, chosen.parameters), chosen.parameters.units
+    jacobian = _without(seen, asked.count) * units
+    return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
+
+
+def _whole_question(gathered: Gathered, measured: Measured, case: Case) -> Question:
+    asked = question(gathered, measured, case)
+    return with_targets(asked, gathered, measured, case.deformation != "none") or asked
 
 
 def _without(jacobian: NDArray, count: int) -> NDArray:
@@ -172,8 +172,8 @@ def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Cal
     known, entries = gathered.deformations["matrix"], calibration.parameters.entries
     found = _absorption(gathered, fitted, calibration)
     size = (known.K - calibration.case.nominal.deformation).ravel()
-    spread = found.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit")
-    own, units = slice(len(entries)), calibration.parameters.units
+    spread = np.diag(found.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit"))[: len(entries)]
+    units = calibration.parameters.units
     rows.add(
         effect="platform-deformation-matrix",
         model=calibration.case.structure.name,
@@ -182,9 +182,9 @@ def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Cal
         leg=[entry.leg + 1 for entry in entries],
         parameter=[entry.name for entry in entries],
         unit=[entry.unit for entry in entries],
-        predicted=(found.shift @ size)[own] / units,
+        predicted=(found.shift @ size)[: len(entries)] / units,
         observed=(calibration.values - _counterparts(calibration, whole)) / units,
-        sigma=np.sqrt(np.maximum(np.diag(spread), 0.0))[own] / units,
+        sigma=np.sqrt(np.maximum(spread, 0.0) + _told_apart(calibration, whole)) / units,
     )
 
 
@@ -201,13 +201,20 @@ def _absorption(gathered: Gathered, fitted: Measured, calibration: Calibration) 
         both = [one.constrain(one.start, still).by_values for one in (problem, bent)]
         rows = [by_values.reshape(-1, by_values.shape[-1]) for by_values in both]
         return absorb(rows[0], -rows[1], calibration.parameters.labels)
-    asked = question(gathered, fitted, calibration.case)
-    asked = with_legs(asked, fitted) or asked
+    asked = _whole_question(gathered, fitted, calibration.case)
     scales = np.where(np.isfinite(asked.tolerance), asked.tolerance, widest(calibration.parameters))
     seats = np.diag(asked.prior.information)[asked.count :] ** -0.5
     seen = linear(gathered, asked, asked.problem.start, fitted)
     labels = [entry.label for entry in asked.problem.entries]
     return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
+
+
+def _told_apart(calibration: Calibration, whole: Calibration) -> NDArray:
+    """Return the variance (P,) of what the whole fit knows more, or less, of the parameters: it has other data."""
+    place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
+    own = np.diag(calibration.declared)
+    more = [place.get(label, variance) for label, variance in zip(calibration.parameters.labels, own, strict=True)]
+    return np.abs(own - more) if calibration.estimator == MAXIMUM_LIKELIHOOD else np.zeros(len(own))
 
 
 def _counterparts(calibration: Calibration, whole: Calibration) -> NDArray:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_data import Deformation, Gathered, Measured, SurveyedAttachments
-from stages.calibration_legs import leg_bodies, noise_with_legs, prior_with_legs
+from stages.calibration_targets import noise_of_all, prior_of_all, with_bodies, with_shifts
 from truing.estimation.errors_in_variables import Prior
 from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.parameters import ParameterSet, full_set
+from truing.simulation.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M
 from truing.simulation.structure import Machine, Structure
 
@@ -71,17 +71,33 @@ def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
     return Question(problem, observation_covariance(measured, gathered.reading_sigma), tolerance, prior)
 
 
-def with_legs(asked: Question, measured: Measured) -> Question | None:
-    """Return the question with what the targets on legs say; None where there are none that the model can use."""
-    bodies = leg_bodies(asked.problem, measured)
-    if bodies is None:
+def with_targets(asked: Question, gathered: Gathered, measured: Measured, deforming: bool) -> Question | None:
+    """Return the question with what targets on legs and, of a deforming platform, on attachments measure; None without.
+
+    The deformation's coefficients then follow from these shifts themselves, and nothing is known of them beforehand.
+    """
+    problem = with_bodies(asked.problem, measured)
+    problem = with_shifts(problem, gathered, measured) if deforming else problem
+    if problem is asked.problem:
         return None
-    return replace(
-        asked,
-        problem=replace(asked.problem, leg_bodies=bodies),
-        noise=noise_with_legs(measured, bodies, asked.noise),
-        prior=prior_with_legs(bodies, asked.prior),
-    )
+    tolerance, prior = asked.tolerance, asked.prior
+    if problem.shifts is not None:
+        bent = np.array([is_deformation(entry) for entry in asked.problem.parameters.entries])
+        tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
+    noise = noise_of_all(problem, measured, asked.noise)
+    return Question(problem, noise, tolerance, prior_of_all(problem, prior))
+
+
+def is_deformation(entry: Parameter) -> bool:
+    """Return whether a parameter is a coefficient of the platform's deformation."""
+    return entry.name == "kappa" or entry.name.startswith("K")
+
+
+def _opened(prior: Prior, bent: NDArray) -> Prior:
+    """Return the prior with nothing known of some parameters (P,); they are independent of the others there."""
+    information = prior.information.copy()
+    information[bent, bent] = _FREE_DEFORMATION**-2.0
+    return Prior(prior.mean, information)
 
 
 def problem_of(case: Case, parameters: ParameterSet, measured: Measured) -> CalibrationProblem:
@@ -114,7 +130,7 @@ def tolerances(gathered: Gathered, case: Case, parameters: ParameterSet) -> NDAr
         head = entry.name.partition("_")[0]
         if head in gathered.tolerance:
             found[i] = gathered.tolerance[head]
-        elif known is not None and (entry.name == "kappa" or head.startswith("K")):
+        elif known is not None and is_deformation(entry):
             found[i] = known.sigma.ravel()[_place(entry.name, entry.leg, len(known.K))]
     return np.where(found > 0, found, np.nan)
 

@@ -65,7 +65,8 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
     return Outcome(
         {name: found.table(identifier) for name, found in rows.items()},
         read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
-        left_out="; ".join(filter(None, (gathered.left_out, _bad_poses(best, used.poses), *both.failed))) or "nothing",
+        left_out="; ".join(filter(None, (gathered.left_out, _bad_poses(best, used.poses), *both.failed, _open(best))))
+        or "nothing",
         figure=_figure(best, len(judged), measured.roles),
     )
 
@@ -123,6 +124,11 @@ def _requirements(gathered: Gathered, asked: Requirement, best: Judged, fitted: 
 def _bad_poses(best: Judged, poses: Sequence[int | str]) -> str:
     bad = [str(pose) for pose, kept in zip(poses, best.calibration.kept, strict=True) if not kept]
     return f"poses that disagree with all others: {', '.join(bad)}" if bad else ""
+
+
+def _open(best: Judged) -> str:
+    few = "accuracy and requirements: fewer than six legs leave the platform free, readings do not say where it is"
+    return few if best.errors is None else ""
 
 
 def _figure(best: Judged, count: int, roles: NDArray) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
+from truing.simulation.attachment_shifts import AttachmentShifts, ShiftClosing
 from truing.simulation.leg_bodies import Carried, LegBodies
 from truing.simulation.leg_joints import joints_of
 from truing.simulation.legs import Change
@@ -43,6 +44,7 @@ class CalibrationProblem:
     R: NDArray
     rho: NDArray
     leg_bodies: LegBodies | None = None
+    shifts: AttachmentShifts | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where the legs' own poses mean nothing to the model."""
@@ -63,7 +65,11 @@ class CalibrationProblem:
 
     @property
     def deviations(self) -> int:
-        """Return the number N of deviations of a pose: the platform's (v; theta), the readings, then each leg's."""
+        """Return the number N of deviations of a pose: the platform's (v; theta), readings, each leg's, shifts."""
+        return self._before_shifts + (self.shifts.deviations if self.shifts else 0)
+
+    @property
+    def _before_shifts(self) -> int:
         return 6 + self.rho.shape[-1] + (self.leg_bodies.deviations if self.leg_bodies else 0)
 
     def machine(self, values: NDArray) -> Machine:
@@ -84,12 +90,17 @@ class CalibrationProblem:
         rho = self.readings(machine) + deviation[..., 6:readings]
         change = self.parameters.change(machine)
         closing = self.structure.close(machine, p, R, rho, change)
-        if self.leg_bodies is None:
-            return _constrained(closing, deviation, change)
-        joints = joints_of(self.leg_bodies.leg, machine, p, R, rho, change)
-        own = _leading(values)[..., len(self.parameters) :]
-        carried = self.leg_bodies.carry(own, deviation[..., readings:], closing, joints)
-        return _constrained(carried.closing, deviation, change, carried)
+        carried = None
+        if self.leg_bodies is not None:
+            joints = joints_of(self.leg_bodies.leg, machine, p, R, rho, change)
+            own = _leading(values)[..., len(self.parameters) :]
+            carried = self.leg_bodies.carry(own, deviation[..., readings : self._before_shifts], closing, joints)
+            closing = carried.closing
+        found = _constrained(closing, deviation, change, carried)
+        if self.shifts is None:
+            return found
+        shifted = self.shifts.close(machine, rho, change, deviation[..., self._before_shifts :])
+        return _with_shifts(found, shifted, change)
 
 
 def _leading(values: NDArray) -> NDArray:
@@ -103,6 +114,23 @@ def _constrained(closing: Closing, deviation: NDArray, change: Change, carried: 
     if carried is not None:
         by_pose, by_values = [*by_pose, carried.by_deviation], [*by_values, carried.by_values]
     return Constrained(closing.value, np.concatenate(by_pose, -1), np.concatenate(by_values, -1))
+
+
+def _with_shifts(found: Constrained, shifted: ShiftClosing, change: Change) -> Constrained:
+    """Put the equations of the shifts below the others, and their deviations behind."""
+    count, legs = shifted.by_rho.shape[-2:]
+    batch = found.value.shape[:-1]
+    below = np.zeros((*batch, count, found.by_deviation.shape[-1] + count))
+    below[..., 6 : 6 + legs], below[..., -count:] = shifted.by_rho, np.eye(count)
+    values = np.zeros((*batch, count, found.by_values.shape[-1]))
+    moved = change.get("rho0", (legs,))
+    values[..., : change.size] = shifted.by_parameter + shifted.by_rho @ moved
+    beside = np.zeros((*found.by_deviation.shape[:-1], count))
+    return Constrained(
+        np.concatenate([found.value, shifted.value], -1),
+        np.concatenate([np.concatenate([found.by_deviation, beside], -1), below], -2),
+        np.concatenate([found.by_values, values], -2),
+    )
 
 
 def by_deviation(by_twist: NDArray, theta: NDArray) -> NDArray:
