@@ -1,0 +1,47 @@
+"""The experiment behind docs/design.md: what the page says of it holds."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs.experiments import figure14
+
+PAGE = (Path(figure14.__file__).resolve().parents[1] / "design.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, figure14.Outcome]:
+    """A few sets of 20 configurations of each kind."""
+    return {name: figure14.simulate(name, 20, sets=2) for name in figure14.METHODS}
+
+
+def test_choosing_beats_random_poses_in_determinant_and_in_accuracy(found):
+    for name in ("IOOPS-like", "direct", "exchange"):
+        assert found[name].share.min() > 0.9 > 0.5 > found["random"].share.max()
+        assert found[name].accuracy.mean() < 0.75 * found["random"].accuracy.mean()
+
+
+def test_no_choice_exceeds_the_bound(found):
+    assert all(outcome.share.max() <= 1.0 for outcome in found.values())
+
+
+def test_table_3_is_judged_as_the_page_says():
+    accuracy, lost, share = figure14.judged(figure14.table_3(), np.random.default_rng(0))
+    assert lost == 0.0
+    assert re.search(rf"reaches {100 * share:.0f} % of the best possible", PAGE)
+    mean, spread = map(float, re.findall(r"Table 3 \(40\) \| ([\d.]+) ± ([\d.]+) µm", PAGE)[0])
+    assert 1e6 * accuracy == pytest.approx(mean, abs=4 * spread)
+
+
+def test_the_page_shows_what_the_command_writes_of_the_order():
+    shown = PAGE.split("<!-- table order -->\n")[1].split("\n<!-- end -->")[0]
+    for old, new in zip(_numbers(shown), _numbers(figure14.order_table()), strict=True):
+        assert old == pytest.approx(new, rel=0.02)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in re.findall(r"\d+\.\d+", text)]
