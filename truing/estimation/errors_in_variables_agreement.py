@@ -23,7 +23,7 @@ _FREE_ROUNDS = 10  # afterwards no pose comes back, so that it ends
 _STUDENT = 2.0  # degrees of freedom of the tails that a resistant fit expects
 # Mean square of the nearest half, in declared variances, from which on other halves are tried as well.
 _SUSPICIOUS = 9.0
-_STARTS, _CONCENTRATIONS = 60, 10
+_STARTS, _CONCENTRATIONS = 40, 5
 _LEAST_DAMPING = 1e-13
 
 
@@ -43,6 +43,17 @@ class LinearPoses:
         normal = rows.T @ self.jacobian.reshape(-1, size) + self.information + _LEAST_DAMPING * np.eye(size)
         step = -np.linalg.solve(normal, rows.T @ self.residual.ravel() + self.slope)
         return PoseFit(self, weight, normal, self.residual + self.jacobian @ step)
+
+    def squares(self, weights: NDArray) -> NDArray:
+        """Return the squared lengths (S, B) of the poses' residuals after fits with weights (S, B)."""
+        poses, _, size = self.jacobian.shape
+        turned = np.swapaxes(self.jacobian, 1, 2)
+        normal = (weights @ (turned @ self.jacobian).reshape(poses, -1)).reshape(-1, size, size)
+        normal += self.information + _LEAST_DAMPING * np.eye(size)
+        slope = weights @ (turned @ self.residual[..., None])[..., 0] + self.slope
+        step = -np.linalg.solve(normal, slope[..., None])[..., 0]
+        residual = self.residual + (step @ self.jacobian.reshape(-1, size).T).reshape(-1, *self.residual.shape)
+        return np.sum(residual**2, -1)
 
 
 @dataclass(frozen=True)
@@ -155,9 +166,9 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
 
 
 def _nearest(length: NDArray, count: int) -> NDArray:
-    """Return weights (B,) that keep the poses of the smallest lengths."""
-    weight = np.zeros(len(length))
-    weight[np.argsort(length, kind="stable")[:count]] = 1.0
+    """Return weights (..., B) that keep the poses of the smallest lengths."""
+    weight = np.zeros_like(length)
+    np.put_along_axis(weight, np.argsort(length, -1, kind="stable")[..., :count], 1.0, -1)
     return weight
 
 
@@ -168,21 +179,12 @@ def _nearest_of_many(problem: LinearPoses, core: NDArray, enough: int) -> NDArra
     """
     poses, equations, size = problem.jacobian.shape
     few = min(poses, -(-size // equations) + 1)
-    rng = np.random.default_rng(0)
-    found = [_concentrated(problem, core, enough)]
-    found += [_concentrated(problem, _nearest(rng.random((poses,)), few), enough) for _ in range(_STARTS)]
-    return min(found, key=lambda fit: fit.trimmed(enough)).weight
-
-
-def _concentrated(problem: LinearPoses, weight: NDArray, enough: int) -> PoseFit:
-    """Return the fit to the half that is nearest to it, from a fit with weights (B,)."""
-    fit = problem.fit(weight)
+    drawn = _nearest(np.random.default_rng(0).random((_STARTS, poses)), few)
+    weights = np.concatenate([core[None], drawn])
     for _ in range(_CONCENTRATIONS):
-        weight = _nearest(fit.length, enough)
-        if np.array_equal(weight, fit.weight):
-            break
-        fit = problem.fit(weight)
-    return fit
+        weights = _nearest(problem.squares(weights), enough)
+    trimmed = np.sort(problem.squares(weights), -1)[:, :enough].sum(-1)
+    return np.asarray(weights[np.argmin(trimmed)])
 
 
 def _resistant(problem: LinearPoses) -> PoseFit:
