@@ -120,9 +120,9 @@ def _with_shifts(found: Constrained, shifted: ShiftClosing, change: Change) -> C
     """Put the equations of the shifts below the others, and their deviations behind."""
     count, legs = shifted.by_rho.shape[-2:]
     batch = found.value.shape[:-1]
-    below = np.zeros((*batch, count, found.by_deviation.shape[-1] + count))
+    below = np.zeros((*batch, count, found.by_deviation.shape[-1] + count), shifted.by_rho.dtype)
     below[..., 6 : 6 + legs], below[..., -count:] = shifted.by_rho, np.eye(count)
-    values = np.zeros((*batch, count, found.by_values.shape[-1]))
+    values = np.zeros((*batch, count, found.by_values.shape[-1]), shifted.by_parameter.dtype)
     moved = change.get("rho0", (legs,))
     values[..., : change.size] = shifted.by_parameter + shifted.by_rho @ moved
     beside = np.zeros((*found.by_deviation.shape[:-1], count))

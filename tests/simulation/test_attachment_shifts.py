@@ -1,0 +1,60 @@
+"""Shifts of attachments as measurements: exact derivatives, and a platform that was measured too high."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.simulation.telescope import K, readings, telescope
+from tests.tolerance import assert_close
+from truing.simulation.attachment_shifts import AttachmentShifts
+from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.kinematic_model import KinematicModel
+from truing.simulation.parameters import full_set
+from truing.simulation.structure import Machine, poses_at
+
+POSES = 4
+
+
+def _problem(deformation: str = "matrix") -> CalibrationProblem:
+    """Exact poses and shifts of the deforming telescope, five of whose attachments carry targets."""
+    machine = Machine(telescope(), K)
+    rho = readings(np.random.default_rng(1), POSES)
+    reached = poses_at(KinematicModel("6-pus"), machine, rho)
+    leg = np.array([0, 1, 2, 4, 5])
+    shifts = AttachmentShifts(leg, machine.delta_bz(rho)[:, leg], machine.legs.b[leg, 2])
+    parameters = full_set(machine, deformation, rho0=True)
+    return CalibrationProblem(KinematicModel("6-pus"), machine, parameters, reached.p, reached.R, rho, shifts=shifts)
+
+
+@pytest.mark.parametrize("deformation", ["linear", "matrix"])
+def test_derivatives_agree_with_a_complex_step(deformation: str) -> None:
+    problem, step, rng = _problem(deformation), 1e-30, np.random.default_rng(2)
+    values = problem.start + rng.normal(0.0, 1e-3, len(problem.start))
+    deviation = rng.normal(0.0, 1e-3, (POSES, problem.deviations))
+    found = problem.constrain(values, deviation)
+    assert found.value.shape == (POSES, 11)
+    for j in range(problem.deviations):
+        nudge = 1j * step * np.eye(problem.deviations)[j]
+        expected = problem.constrain(values, deviation + nudge).value.imag / step
+        assert_close(found.by_deviation[..., j], expected, atol=1e-13, what=f"deviation {j}")
+    for j, label in enumerate(problem.parameters.labels):
+        nudge = 1j * step * np.eye(len(values))[j]
+        expected = problem.constrain(values + nudge, deviation).value.imag / step
+        assert_close(found.by_values[..., j], expected, atol=1e-12, what=label)
+
+
+def test_exact_shifts_close() -> None:
+    problem = _problem()
+    found = problem.constrain(problem.start, np.zeros((POSES, problem.deviations)))
+    assert_close(found.value, np.zeros((POSES, 11)), atol=1e-15, what="equations, m")
+
+
+def test_a_height_that_the_survey_missed_shows_in_every_shift() -> None:
+    problem = _problem()
+    assert problem.shifts is not None
+    surveyed = replace(problem, shifts=replace(problem.shifts, surveyed_bz=problem.shifts.surveyed_bz - 5e-6))
+    found = surveyed.constrain(problem.start, np.zeros((POSES, problem.deviations)))
+    assert_close(found.value[:, 6:], np.full((POSES, 5), -5e-6), atol=1e-15, what="equations of the shifts, m")
