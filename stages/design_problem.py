@@ -35,6 +35,7 @@ _FREE = {"mm": 1e-3, "1": 1e-2}
 # Parameters are told apart where no combination of their unit columns is shorter than this. Rank, not noise, is asked
 # for, as in the report: its seven reach 1e-3 and more on the telescope, a_z or b_z beside them 4e-5 at most.
 _TOLD_APART = 2e-4
+_SAME = 1e-7  # m and rad
 _BETWEEN = 50  # points, in case that all corners are forbidden
 # The report's seven (section 6.3.1); others only enter where these leave room.
 _REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
@@ -79,6 +80,13 @@ class DesignProblem:
         rows, changes = self.regressors.rows_and_changes(x)
         scale = self.tolerance / self.noise[:, None]
         return rows * scale, changes * scale[..., None]
+
+    def reached(self, x: NDArray) -> NDArray:
+        """Return which coordinates (B, 6) lie within the limits, and readings lead to without passing a singular pose."""
+        regressors, placed = self.regressors, self.regressors.at(x)
+        found = poses_at(regressors.structure, regressors.machine, placed.rho)
+        away = np.abs(np.concatenate([found.p - placed.p, (found.R - placed.R).reshape(-1, 9)], -1)).max(-1)
+        return np.asarray(found.converged & (away < _SAME) & self.region.within(x))
 
     def placed_at(self, rho: NDArray) -> Placed:
         """Return configurations by readings rho (B, L), m; raises ValueError where they reach no pose."""

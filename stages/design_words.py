@@ -43,7 +43,9 @@ def _bound(design: Design) -> str:
     """Return what the bound is about."""
     candidates, size = design.candidates, design.problem.size
     found = f", {candidates.climbed} that climbs between them found" if candidates.climbed else ""
-    over = f"equivalence theorem over {candidates.corners} corners of the range, {candidates.dense} points in it{found}"
+    missed = f", {candidates.unreached} more out of reach" if candidates.unreached else ""
+    points = f"{candidates.corners} corners of the range, {candidates.dense} points in it"
+    over = f"equivalence theorem over {points}{missed}{found}"
     if candidates.raised <= 1e-9 * size:
         return f"{over}; climbs find nothing more sensitive"
     return f"{over}; raised by the {100 * np.expm1(candidates.raised / size):.1g} % that climbs find beyond"

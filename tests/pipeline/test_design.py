@@ -145,7 +145,16 @@ def test_any_legs_from_six_on_can_be_designed_for(tmp_path: Path) -> None:
     assert "rho7_mm" in pyarrow.csv.read_csv(out).schema.names
 
 
-LIMITS = {"x_mm": 1.0, "rho_mm": None}
+def test_what_readings_do_not_lead_to_is_left_out_and_told(tmp_path: Path) -> None:
+    out = tmp_path / "chosen.csv"
+    place = campaign(tmp_path / "wide", workspace={"rho_mm": 60.0})
+    done = call(place, "--verification", 4, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert re.search(r"over 6\d corners of the range, 2000 points in it, \d more out of reach", done.output)
+    assert share(done.output) > 99.0
+    assert np.abs(readings(pyarrow.csv.read_csv(out)) - 10.0).max() <= 60.0 * (1 + 2e-6)
+
+
 REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
     ({"workspace": None}, [], "column workspace: expected limits of pose and readings that bound every displacement"),
     ({"workspace": {"x_mm": 1.0}}, [], "rho_mm, or all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"),

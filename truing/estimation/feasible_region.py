@@ -19,6 +19,7 @@ _ROUNDS = 8  # of Newton, and of pulling in: each squares what is left
 _STEPS_OF_A_WALK = 60
 _SWEEPS = 60
 _TOUCHING = 1e-9  # of a half range
+_BEYOND = 1e-6  # of a half range
 _RESTING = 1e-10  # of a pull from one sweep to the next
 _DRAWS = 50  # times as many points drawn as asked for, before the region counts as forbidden altogether
 
@@ -63,6 +64,10 @@ class FeasibleRegion:
         """Return the largest quantity (B,) in units of its half range: at most 1 within the limits."""
         return np.asarray(np.max(np.abs(self.quantities(x)[0] / self.half_range), -1))
 
+    def within(self, x: NDArray) -> NDArray:
+        """Return which points (B,) lie within the limits, to a millionth of them."""
+        return self.excess(x) <= 1.0 + _BEYOND
+
     def allowed(self, x: NDArray) -> NDArray:
         """Return which points (B,) lie in no forbidden box."""
         value = self.quantities(x)[0][:, None]
@@ -83,7 +88,7 @@ class FeasibleRegion:
         found = np.empty((0, self.size))
         for _ in range(_DRAWS):
             x = self.pulled_in(self._walk(count, rng))
-            found = np.concatenate([found, x[self.allowed(x)]])
+            found = np.concatenate([found, x[self.allowed(x) & self.within(x)]])
             if len(found) >= count:
                 return found[:count]
         raise ValueError("forbidden regions that leave room for configurations")
@@ -117,7 +122,7 @@ class FeasibleRegion:
                 self._corners_between(faces.and_also(int(i), -1.0, -high[i])) for i in np.flatnonzero(np.isfinite(high))
             ]
         x = np.concatenate(parts)
-        return _distinct(x[self.allowed(x)])
+        return _distinct(x[self.allowed(x) & self.within(x)])
 
     def _corners_between(self, faces: _Faces) -> NDArray:
         """Return the corners (C, size) of the points between faces; none where there are no such points."""
