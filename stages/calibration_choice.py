@@ -30,7 +30,10 @@ class Judged:
 def choice(judged: Sequence[Judged]) -> Choice:
     """Return which of the maximum-likelihood calibrations is chosen."""
     return choose_model(
-        [Contender(one.squares, one.calibration.log_evidence, len(one.calibration.values)) for one in judged]
+        [
+            Contender(one.squares, one.equations, one.calibration.log_evidence, len(one.calibration.values))
+            for one in judged
+        ]
     )
 
 

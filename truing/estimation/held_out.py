@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 # Models within this factor of the best in marginal likelihood cannot be told from it.
 INDISTINGUISHABLE = 20.0
-# A model is out where it predicts worse than the best by more than this many standard errors, pose against pose.
-_WORSE = 2.5
+# A model is out where its held-out misfit, and its being worse than the best, are both less likely than this.
+_UNLIKELY = 1e-3
 
 
 def held_out_misfit(
@@ -29,9 +29,11 @@ def held_out_misfit(
 
 @dataclass(frozen=True)
 class Contender:
-    """A fitted model: chi-square (B,) of each held-out pose, log of its marginal likelihood, number of parameters."""
+    """A fitted model: chi-square (B,) of each held-out pose and its freedom, log of the marginal likelihood, number of
+    parameters."""
 
     squares: NDArray
+    freedom: int
     log_evidence: float
     parameters: int
 
@@ -45,14 +47,14 @@ class Choice:
 
 
 def choose_model(contenders: Sequence[Contender]) -> Choice:
-    """Return the choice: of those that predict no worse than the best, the most probable, the simplest of equals.
+    """Return the choice: of those that held-out poses do not refute, the most probable, the simplest of equals.
 
     Simple means few parameters, then early in the given order. Raises ValueError without any contender.
     """
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
     evidence = np.array([one.log_evidence for one in contenders])
-    eligible = _predicting(contenders) & np.isfinite(evidence)
+    eligible = ~_refuted(contenders) & np.isfinite(evidence)
     if not eligible.any():
         eligible = np.isfinite(evidence) | ~np.isfinite(evidence).any()
     best = np.max(evidence[eligible])
@@ -61,12 +63,19 @@ def choose_model(contenders: Sequence[Contender]) -> Choice:
     return Choice(chosen, equal & (np.arange(len(contenders)) != chosen))
 
 
-def _predicting(contenders: Sequence[Contender]) -> NDArray:
-    """Return which (N,) predict held-out poses no worse than the one that predicts best."""
+def _refuted(contenders: Sequence[Contender]) -> NDArray:
+    """Return which (N,) miss held-out poses by more than the noise, and are worse at it than the best, pose by pose.
+
+    A model at the noise floor is not refuted by another that happens to lie a little lower; where all miss it, because
+    something else is wrong, only the comparison is left.
+    """
+    from scipy.special import chdtrc, stdtrit
+
     squares = np.array([one.squares for one in contenders])
-    if squares.shape[1] < 2:
-        return np.ones(len(contenders), bool)
-    best = squares[np.argmin(squares.mean(1))]
-    worse = squares - best
-    error = worse.std(1, ddof=1) / np.sqrt(worse.shape[1])
-    return np.asarray(worse.mean(1) <= _WORSE * error)
+    poses = squares.shape[1]
+    if poses < 2:
+        return np.zeros(len(contenders), bool)
+    missed = np.array([chdtrc(one.freedom * poses, one.squares.sum()) < _UNLIKELY for one in contenders])
+    worse = squares - squares[np.argmin(squares.mean(1))]
+    error = worse.std(1, ddof=1) / np.sqrt(poses)
+    return np.asarray(missed & (worse.mean(1) > stdtrit(poses - 1, 1.0 - _UNLIKELY) * error))
