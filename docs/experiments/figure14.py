@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.chart import Panel, Series, write_chart
+from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_data import published
 from schemas.campaign import read_campaign
 from stages.design_choice import Bounded, bounded, choose
@@ -201,20 +202,10 @@ def _panel(title: str, label: str, values: dict[str, list[NDArray]], printed: fl
 TABLES = {"accuracy": accuracy_table, "order": order_table}
 
 
-def renew_tables(page: str) -> str:
-    """Return a page with the text between the marks of each table made anew."""
-    for name, make in TABLES.items():
-        mark, end = f"<!-- table {name} -->\n", "\n<!-- end -->"
-        before, _, rest = page.partition(mark)
-        page = before + mark + make() + end + rest.partition(end)[2]
-    return page
-
-
 def main() -> None:
     """Renew the figure and the tables."""
     draw(DOCS / "figures" / "figure14.svg")
-    page = DOCS / "design.md"
-    page.write_text(renew_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
+    renew(DOCS / "design.md", TABLES)
 
 
 if __name__ == "__main__":

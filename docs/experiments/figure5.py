@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.chart import Panel, Series, write_chart
+from docs.experiments.marked_tables import renew
 from truing.estimation.haralick import haralick
 from truing.estimation.line_fit import fit_line
 from truing.estimation.rigid import RigidFit, umeyama
@@ -162,20 +163,10 @@ TABLES: dict[str, Callable[[], str]] = {
 }
 
 
-def renew_tables(page: str) -> str:
-    """Return a page with the text between the marks of each table made anew."""
-    for name, make in TABLES.items():
-        mark, end = f"<!-- table {name} -->\n", "\n<!-- end -->"
-        before, _, rest = page.partition(mark)
-        page = before + mark + make() + end + rest.partition(end)[2]
-    return page
-
-
 def main() -> None:
     """Renew the figure and the tables."""
     draw(DOCS / "figures" / "figure5.svg")
-    page = DOCS / "poses.md"
-    page.write_text(renew_tables(page.read_text(encoding="utf-8")), encoding="utf-8")
+    renew(DOCS / "poses.md", TABLES)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.experiments.marked_tables import renew
 from truing.estimation.least_squares import Method
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms import mechanism
@@ -119,10 +120,7 @@ def _cells(campaign: Campaign, machine: Machine, parameters: ParameterSet, begin
 
 def main() -> None:
     """Renew the table."""
-    from docs.experiments.nist import DOCS, renew_table
-
-    page = DOCS / "solver.md"
-    page.write_text(renew_table(page.read_text(encoding="utf-8"), "starts", table(sample_campaign())), encoding="utf-8")
+    renew(PROJECT / "docs" / "solver.md", {"starts": lambda: table(sample_campaign())})
 
 
 if __name__ == "__main__":

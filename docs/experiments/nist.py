@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.experiments.marked_tables import renew
 from docs.experiments.nist_models import MODELS, Evaluated
 from truing.estimation.least_squares import Method, Solution, least_squares
 
@@ -102,18 +103,10 @@ def _cells(problem: Problem, solution: Solution) -> list[str]:
     return [f"{p:.1f} / {s:.1f}, {n}" + ("" if status == "converged" else f" ({status})") for p, s, n, status in rows]
 
 
-def renew_table(page: str, name: str, rows: str) -> str:
-    """Return a page with the text between the marks of a table made anew."""
-    before, mark, rest = page.partition(f"<!-- table {name} -->\n")
-    end = "\n<!-- end -->"
-    return before + mark + rows + end + rest.partition(end)[2]
-
-
 def main() -> None:
     """Renew the table."""
     folder = Path(os.environ["TRUING_REAL_DATA"]) / "nist-strd"
-    page = DOCS / "solver.md"
-    page.write_text(renew_table(page.read_text(encoding="utf-8"), "nist", table(folder)), encoding="utf-8")
+    renew(DOCS / "solver.md", {"nist": lambda: table(folder)})
 
 
 if __name__ == "__main__":

@@ -46,11 +46,6 @@ TABLES: dict[str, Callable[[], str]] = {
 }
 
 
-def shown(page: str, name: str) -> str:
-    """Return a table as it stands on the page."""
-    return page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
-
-
 def main() -> None:
     """Renew the figures and the tables."""
     figures = DOCS / "figures"

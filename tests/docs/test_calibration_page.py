@@ -8,27 +8,25 @@ from pathlib import Path
 import pytest
 
 from docs.experiments import calibration
+from tests.docs.shown import shown
 
-PAGE = Path(calibration.__file__).resolve().parents[1] / "calibration.md"
+PAGE = (Path(calibration.__file__).resolve().parents[1] / "calibration.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
-
-
-def shown(name: str) -> str:
-    return PAGE.read_text(encoding="utf-8").split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
 
 
 @pytest.mark.parametrize("name", ["models", "departures", "kappa"])
 def test_the_tables_of_the_sample_are_what_the_command_writes(name):
     made = calibration.TABLES[name]()
-    assert NUMBER.sub("#", shown(name)) == NUMBER.sub("#", made)
-    for old, new in zip(NUMBER.findall(shown(name)), NUMBER.findall(made), strict=True):
+    page = shown(PAGE, name)
+    assert NUMBER.sub("#", page) == NUMBER.sub("#", made)
+    for old, new in zip(NUMBER.findall(page), NUMBER.findall(made), strict=True):
         digits = len(old.partition(".")[2])
         assert float(old) == pytest.approx(float(new), abs=1.01 * 10.0**-digits)  # one unit of the last digit shown
 
 
 def test_errors_in_variables_gain_what_the_page_says():
     scenario = {entry.words: entry for entry in calibration.SCENARIOS}
-    lines = shown("estimators").splitlines()[2:]
+    lines = shown(PAGE, "estimators").splitlines()[2:]
     assert [line.split("|")[1].strip() for line in lines] == list(scenario)
     for line in lines:
         likely, implicit = map(float, NUMBER.findall(line.split("|")[2]))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from docs.experiments import figure14
+from tests.docs.shown import shown
 
 PAGE = (Path(figure14.__file__).resolve().parents[1] / "design.md").read_text(encoding="utf-8")
 
@@ -38,8 +39,7 @@ def test_table_3_is_judged_as_the_page_says():
 
 
 def test_the_page_shows_what_the_command_writes_of_the_order():
-    shown = PAGE.split("<!-- table order -->\n")[1].split("\n<!-- end -->")[0]
-    for old, new in zip(_numbers(shown), _numbers(figure14.order_table()), strict=True):
+    for old, new in zip(_numbers(shown(PAGE, "order")), _numbers(figure14.order_table()), strict=True):
         assert old == pytest.approx(new, rel=0.02)
 
 

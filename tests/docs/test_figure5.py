@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from docs.experiments import figure5
+from tests.docs.shown import shown
 
 PAGE = Path(figure5.__file__).resolve().parents[1] / "poses.md"
 
@@ -40,8 +41,7 @@ def test_a_gross_error_costs_the_line_and_not_the_robust_methods():
 
 def test_the_page_shows_what_the_command_writes():
     page = PAGE.read_text(encoding="utf-8")
-    shown = page.split("<!-- table gaussian -->\n")[1].split("\n<!-- end -->")[0]
-    for old, new in zip(_numbers(shown), _numbers(figure5.TABLES["gaussian"]()), strict=True):
+    for old, new in zip(_numbers(shown(page, "gaussian")), _numbers(figure5.TABLES["gaussian"]()), strict=True):
         assert old == pytest.approx(new, rel=0.01)
 
 

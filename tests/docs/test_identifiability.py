@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from docs.experiments import identifiability
+from tests.docs.shown import shown
 
 DOCS = Path(identifiability.__file__).resolve().parents[1]
 
@@ -15,10 +16,9 @@ DOCS = Path(identifiability.__file__).resolve().parents[1]
 @pytest.mark.parametrize("name", identifiability.TABLES)
 def test_the_page_shows_what_the_command_writes(name):
     page = (DOCS / "identifiability.md").read_text(encoding="utf-8")
-    shown = page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
     made = identifiability.TABLES[name]()
-    assert _words(shown) == _words(made)
-    for old, new in zip(_numbers(shown), _numbers(made), strict=True):
+    assert _words(shown(page, name)) == _words(made)
+    for old, new in zip(_numbers(shown(page, name)), _numbers(made), strict=True):
         assert old == pytest.approx(new, rel=0.06, abs=0.011)  # a unit of the last digit shown
 
 

@@ -22,6 +22,7 @@ from docs.experiments.telescope_report_machine import MODEL, stand, with_deforma
 from docs.experiments.telescope_report_models import accuracy
 from docs.experiments.telescope_report_remainder import CAUSES, TOGETHER, Ignorance, explain, pattern, remainder
 from docs.experiments.telescope_report_side import choice, starts
+from tests.docs.shown import shown
 from tests.simulation.telescope import K as REFERENCE_K
 from tests.tolerance import assert_close
 from truing.estimation.absorption import absorb
@@ -34,9 +35,9 @@ PAGE = telescope_report.PAGE.read_text(encoding="utf-8")
 
 @pytest.mark.parametrize("name", [name for name in telescope_report.TABLES if name not in SLOW])
 def test_the_page_shows_what_the_command_writes(name):
-    shown, made = (_numbers(text) for text in (telescope_report.shown(PAGE, name), telescope_report.TABLES[name]()))
-    assert len(shown) == len(made)
-    for (old, digit), (new, _) in zip(shown, made, strict=True):
+    old_ones, made = (_numbers(text) for text in (shown(PAGE, name), telescope_report.TABLES[name]()))
+    assert len(old_ones) == len(made)
+    for (old, digit), (new, _) in zip(old_ones, made, strict=True):
         assert new == pytest.approx(old, rel=0.01, abs=1.01 * digit)
 
 

@@ -7,13 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs.experiments.nist import (
-    Problem,
-    agreement,
-    problems,
-    renew_table,
-    solve,
-)
+from docs.experiments.nist import Problem, agreement, problems, solve
 from docs.experiments.nist_models import MODELS
 from tests.tolerance import assert_close
 from truing.estimation.least_squares import SolverStatus
@@ -80,8 +74,3 @@ SIZES |= dict.fromkeys(("BoxBOD", "DanWood", "Misra1a", "Misra1b", "Misra1c", "M
 SIZES |= dict.fromkeys(("MGH09", "Rat43", "Roszman1"), 4) | dict.fromkeys(("Kirby2", "MGH17"), 5)
 SIZES |= dict.fromkeys(("Lanczos1", "Lanczos2", "Lanczos3"), 6) | dict.fromkeys(("Hahn1", "Thurber"), 7)
 SIZES |= dict.fromkeys(("Gauss1", "Gauss2", "Gauss3"), 8) | {"ENSO": 9}
-
-
-def test_the_table_stands_between_its_marks() -> None:
-    page = "before\n<!-- table nist -->\nold\n<!-- end -->\nafter\n"
-    assert renew_table(page, "nist", "new") == page.replace("old", "new")
