@@ -132,6 +132,7 @@ def _add(rows: Rows, model: str, deformation: str, leg: int | None, found: Obser
     figures = {
         "parameters": float(len(found.labels)),
         "rank": float(found.rank),
+        "threshold": found.least,
         "condition": best.condition,
         **{name.upper(): value for name, value in vars(indices(best.singular_values, poses)).items() if name[0] == "o"},
     }
