@@ -82,7 +82,7 @@ class DesignProblem:
         return rows * scale, changes * scale[..., None]
 
     def reached(self, x: NDArray) -> NDArray:
-        """Return which coordinates (B, 6) lie within the limits, and readings lead to without passing a singular pose."""
+        """Return which coordinates (B, 6) lie within the limits, and readings lead to past no singular pose."""
         regressors, placed = self.regressors, self.regressors.at(x)
         found = poses_at(regressors.structure, regressors.machine, placed.rho)
         away = np.abs(np.concatenate([found.p - placed.p, (found.R - placed.R).reshape(-1, 9)], -1)).max(-1)
