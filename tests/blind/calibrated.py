@@ -86,7 +86,7 @@ class Calibrated:
 
     def _of_chosen(self, table: str) -> pd.DataFrame:
         rows = self.tables[table]
-        return rows[(rows[CASE] == self.chosen).all(axis=1)].reset_index(drop=True)
+        return rows[(rows[CASE] == list(self.chosen)).all(axis=1)].reset_index(drop=True)
 
     def _true(self, parameter: str, leg: int) -> float:
         head, _, axis = parameter.partition("_")

@@ -93,13 +93,13 @@ def _leg(campaign: Campaign, i: int) -> str:
     g = campaign.layout.geometry
     parts = [f"a_mm = {_vector(g.a[i])}", f"b_mm = {_vector(g.b[i])}"]
     if len(g.u):
-        parts.append(f"u = {_vector(g.u[i])}")
+        parts.append(f"u = {_vector(g.u[i], 9)}")
     parts += [f"length_mm = {g.length[i]}", f"rho0_mm = {g.rho0[i]}"]
     if g.flexure_length is not None:
         parts.append(f"flexure_length_mm = {g.flexure_length}")
     return "{ " + ", ".join(parts) + " }"
 
 
-def _vector(values: Array) -> str:
+def _vector(values: Array, decimals: int = 6) -> str:
     # Adding zero turns a rounded -0.0 into 0.0, which is what a person would write.
-    return "[" + ", ".join(str(float(np.round(value, 6)) + 0.0) for value in values) + "]"
+    return "[" + ", ".join(str(float(np.round(value, decimals)) + 0.0) for value in values) + "]"
