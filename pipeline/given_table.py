@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from schemas.faults import CampaignFaults, Fault
 
@@ -29,8 +29,11 @@ def read_given(path: Path, what: str) -> pa.Table:
         raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
 
 
-def table_bytes(table: pa.Table, ending: str) -> bytes:
-    """Return a table as the bytes of a .csv or .parquet file."""
+def table_bytes(table: pa.Table, ending: str, quoting: Literal["none", "needed"] = "none") -> bytes:
+    """Return a table as the bytes of a .csv or .parquet file.
+
+    quoting, of a .csv: ``needed`` where text may hold what separates; ``none`` raises pyarrow's ArrowInvalid then.
+    """
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet
@@ -39,5 +42,5 @@ def table_bytes(table: pa.Table, ending: str) -> bytes:
     if ending == ".parquet":
         pa.parquet.write_table(table, sink)
     else:
-        pa.csv.write_csv(table, sink, pa.csv.WriteOptions(quoting_style="none"))
+        pa.csv.write_csv(table, sink, pa.csv.WriteOptions(quoting_style=quoting))
     return bytes(sink.getvalue())

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.given_table import ENDINGS, read_given, table_bytes
 from pipeline.problems import ExitCode
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
@@ -13,12 +14,10 @@ from schemas.faults import CampaignFaults, Fault
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_READERS = (".csv", ".parquet")
-
 
 def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
     """Predict the poses of a configurations table; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
-    if out is not None and out.suffix not in _READERS:
+    if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
     text = _model_text(model)
     predicted = _predicted(model, text, inputs)
@@ -40,35 +39,15 @@ def _model_text(model: Path) -> str:
 def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:
     from stages.predict import predict
 
-    table = _read_inputs(inputs)
+    table = read_given(inputs, "a configurations table")
     try:
         return predict(text, table, str(inputs))
     except ValueError as error:
         raise CampaignFaults([Fault(str(model), f"a model.toml that a run has written ({error})")]) from None
 
 
-def _read_inputs(path: Path) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet
-
-    if path.suffix not in _READERS:
-        raise CampaignFaults([Fault(str(path), "a configurations table, .csv or .parquet")])
-    try:
-        return pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
-    except FileNotFoundError:
-        raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
-    except pa.ArrowInvalid as error:
-        raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
-
-
 def _csv(table: pa.Table) -> bytes:
-    import pyarrow as pa
-    import pyarrow.csv
-
-    sink = pa.BufferOutputStream()
-    pa.csv.write_csv(table, sink)
-    return bytes(sink.getvalue())
+    return table_bytes(table, ".csv", quoting="needed")
 
 
 def _campaign(model: Path, text: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from truing.estimation.rotation import exp_so3, log_so3
+from truing.estimation.rotation import log_so3
 
 seeds = st.integers(0, 2**32 - 1)
 vectors = arrays(np.float64, (3,), elements=st.floats(-1.0, 1.0))
@@ -42,8 +42,3 @@ def pose_error(R: np.ndarray, t: np.ndarray, R_true: np.ndarray, t_true: np.ndar
 def squared_pulls(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Return the squared Mahalanobis lengths (B,) of errors (B, 6)."""
     return np.einsum("bi,bi->b", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-
-
-def rotated_by(angle: np.ndarray) -> np.ndarray:
-    """Return the rotation of a rotation vector, in rad."""
-    return exp_so3(np.asarray(angle, dtype=float))

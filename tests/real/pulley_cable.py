@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.legs import Change, Closure, Legs
+from truing.simulation.legs import Change, Legs
+from truing.simulation.ups import Ups
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,11 @@ class Wrapped:
 
 
 @dataclass(frozen=True)
-class PulleyCable(Closure):
+class PulleyCable(Ups):
     """Leg of variable length over a pulley of given radius, which swivels about an axis u through the point a.
 
     The cable comes along the axis through a, follows the pulley's rim and leaves it on the tangent to the platform's
-    joint: l + rho = rim + tangent. Without radius it is a straight leg.
+    joint: l + rho = rim + tangent. Without radius it is a straight leg, from which Newton starts.
     """
 
     radius: float = 0.0
@@ -58,26 +59,6 @@ class PulleyCable(Closure):
         by_u = np.einsum("...li,...lip->...lp", cable.by_axis, change.get("u", vector))
         return change.get("l", scalar) + change.get("rho", scalar) + by_a - by_u
 
-    def lower(self, legs: Legs, rho: NDArray) -> NDArray:
-        """Return a, where a straight leg near it would begin."""
-        return legs.a + 0.0 * rho[..., None]
-
-    def length(self, legs: Legs, rho: NDArray) -> NDArray:
-        """Return l + rho, (..., L) m."""
-        return legs.l + rho
-
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
         """Return the readings (..., L) for h = p + R b - a."""
         return self.wrap(legs, legs.a + h).length - legs.l
-
-    def push(self, legs: Legs, z: NDArray) -> NDArray:
-        """Return z: the cable is the leg."""
-        return z
-
-    def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
-        """Return da."""
-        return change.get("a", (legs.count, 3))
-
-    def length_change(self, legs: Legs, change: Change) -> NDArray:
-        """Return dl + drho."""
-        return change.get("l", (legs.count,)) + change.get("rho", (legs.count,))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.simulation.constrained import assert_batch_is_its_members, assert_derivatives_exact
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
@@ -41,17 +42,8 @@ def _apart(problem: CalibrationProblem, rng: np.random.Generator) -> tuple[np.nd
 
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_derivatives_at_finite_deviations_agree_with_a_complex_step(name: str) -> None:
-    problem, step = _problem(name), 1e-30
-    values, deviation = _apart(problem, np.random.default_rng(6))
-    found = problem.constrain(values, deviation)
-    for j in range(problem.deviations):
-        nudge = 1j * step * np.eye(problem.deviations)[j]
-        expected = problem.constrain(values, deviation + nudge).value.imag / step
-        assert_close(found.by_deviation[..., j], expected, atol=1e-13, what=f"deviation {j}")
-    for j, label in enumerate(problem.parameters.labels):
-        nudge = 1j * step * np.eye(len(values))[j]
-        expected = problem.constrain(values + nudge, deviation).value.imag / step
-        assert_close(found.by_values[..., j], expected, atol=1e-12, what=label)
+    problem = _problem(name)
+    assert_derivatives_exact(problem, *_apart(problem, np.random.default_rng(6)))
 
 
 @pytest.mark.parametrize("name", ["6-pus", "ups"])
@@ -83,12 +75,7 @@ def test_many_values_are_solved_as_each_of_them(name: str) -> None:
     problem, rng = _problem(name), np.random.default_rng(8)
     values = problem.start + rng.normal(0.0, 1e-4, (4, len(problem.start)))
     deviation = rng.normal(0.0, 1e-5, (4, 3, problem.deviations))
-    found = problem.constrain(values, deviation)
-    for i in range(4):
-        single = problem.constrain(values[i], deviation[i])
-        assert_close(found.value[i], single.value, atol=1e-14, what="value")
-        assert_close(found.by_deviation[i], single.by_deviation, atol=1e-12, what="by deviation")
-        assert_close(found.by_values[i], single.by_values, atol=1e-12, what="by values")
+    assert_batch_is_its_members(problem, values, deviation)
 
 
 def test_moving_the_reference_moves_all_readings_of_its_leg() -> None:

@@ -17,28 +17,20 @@ from truing.estimation.rotation import exp_so3
 from truing.simulation import mechanisms
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import forward, inverse
-from truing.simulation.legs import Change, Closure, Legs
+from truing.simulation.legs import Change, Legs
 from truing.simulation.mechanisms import closures, mechanism
 from truing.simulation.structure import Machine, poses_at, readings_at
+from truing.simulation.ups import Ups
 
 NONE = Change({}, 0)
 FIELDS = {"a": (6, 3), "b": (6, 3), "u": (6, 3), "l": (6,), "rho0": (6,), "deformation": (6, 6)}
 
 
-class Pulley(Closure):
+class Pulley(Ups):
     """A cable over a pulley of some size that swivels about z: along its rim, then straight to the platform."""
 
     name = "pulley"
-    geometry = ("a", "b", "l")
     radius = 0.02
-
-    def lower(self, legs: Legs, rho: NDArray) -> NDArray:
-        """Where the cable comes onto the pulley."""
-        return legs.a + 0.0 * rho[..., None]
-
-    def length(self, legs: Legs, rho: NDArray) -> NDArray:
-        """The cable's length with a pulley of no size."""
-        return legs.l + rho
 
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
         """The cable's length less the offset."""

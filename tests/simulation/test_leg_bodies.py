@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.simulation.constrained import assert_batch_is_its_members, assert_derivatives_exact
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
@@ -57,19 +58,12 @@ def test_exact_poses_of_legs_close() -> None:
 
 def test_derivatives_at_finite_deviations_agree_with_a_complex_step() -> None:
     problem, values = _exact()
-    rng, step = np.random.default_rng(32), 1e-30
+    rng = np.random.default_rng(32)
     values = values + rng.normal(0.0, 1e-3, len(values))
     deviation = rng.normal(0.0, 1e-3, (4, problem.deviations))
     for body in [3, *range(15, problem.deviations, 6)]:
         deviation[:, body : body + 3] += rng.normal(0.0, 0.2, (4, 3))
-    found = problem.constrain(values, deviation)
-    for j in range(problem.deviations):
-        nudge = 1j * step * np.eye(problem.deviations)[j]
-        expected = problem.constrain(values, deviation + nudge).value.imag / step
-        assert_close(found.by_deviation[..., j], expected, atol=1e-12, what=f"deviation {j}")
-    for j, entry in enumerate(problem.entries):
-        expected = problem.constrain(values + 1j * step * np.eye(len(values))[j], deviation).value.imag / step
-        assert_close(found.by_values[..., j], expected, atol=1e-11, what=entry.label)
+    assert_derivatives_exact(problem, values, deviation, atol=(1e-12, 1e-11))
 
 
 def test_many_values_are_solved_as_each_of_them() -> None:
@@ -77,12 +71,7 @@ def test_many_values_are_solved_as_each_of_them() -> None:
     rng = np.random.default_rng(33)
     many = values + rng.normal(0.0, 1e-4, (3, len(values)))
     deviation = rng.normal(0.0, 1e-5, (3, 4, problem.deviations))
-    found = problem.constrain(many, deviation)
-    for i in range(3):
-        single = problem.constrain(many[i], deviation[i])
-        assert_close(found.value[i], single.value, atol=1e-14, what="value")
-        assert_close(found.by_deviation[i], single.by_deviation, atol=1e-12, what="by deviation")
-        assert_close(found.by_values[i], single.by_values, atol=1e-12, what="by values")
+    assert_batch_is_its_members(problem, many, deviation)
 
 
 def _information(found: Constrained, cov: NDArray, machine: int) -> NDArray:

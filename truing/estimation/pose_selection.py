@@ -43,13 +43,6 @@ def information_of(rows: NDArray, given: NDArray | None = None) -> NDArray:
     return own if given is None else own + given
 
 
-def random_selection(rows: NDArray, count: int, rng: np.random.Generator, given: NDArray | None = None) -> Selection:
-    """Return ``count`` candidates drawn at random, the reference of the report's Figure 14."""
-    chosen = rng.choice(len(rows), count, replace=len(rows) < count)
-    value = sum_log_det(information_of(rows[chosen], given))
-    return Selection(chosen, value, SelectionStatus.CONVERGED, 0)
-
-
 def rounded_design(design: DesignBound, count: int) -> NDArray:
     """Return ``count`` candidates that repeat a design's weights as nearly as whole numbers can.
 

@@ -44,15 +44,29 @@ def home_pose(legs: Legs) -> Home:
 def home_change(legs: Legs, home: Home, change: Change) -> HomeChange:
     """Return how the home pose follows a change of a, b, u, l and rho0: exact wherever the legs fit together."""
     rho0 = np.atleast_2d(legs.rho0)
-    fields = {name: field for name, field in change.fields.items() if name in ("a", "b", "u", "l")}
-    moved = Change(fields | {"rho": change.get("rho0", (legs.count,))}, change.size)
-    twist = pose_change(legs, home.p, home.R, rho0, np.zeros(legs.count), moved)
+    moved = _at_reference(change)
+    twist = home_twist(legs, home.p, home.R, change)
     arms = legs.b @ np.swapaxes(home.R, -1, -2)
     upper = _carried(twist, arms) + attachment_change(legs, home.R, moved)
     g = leg_vectors(legs, home.p, home.R, rho0)
     turned = upper - legs.closure.lower_change(legs, rho0, moved)
     across = turned - home.z[..., None] * np.einsum("...li,...lip->...lp", home.z, turned)[..., None, :]
     return HomeChange(twist, across / np.sqrt(np.sum(g * g, -1))[..., None, None])
+
+
+def home_twist(legs: Legs, p: NDArray, R: NDArray, change: Change) -> NDArray:
+    """Return the twist (..., 6, P) of the home pose p (..., 3), R (..., 3, 3) per parameter of a change.
+
+    It does not depend on the deformation.
+    """
+    return pose_change(legs, p, R, legs.rho0, np.zeros(1), _at_reference(change))
+
+
+def _at_reference(change: Change) -> Change:
+    """Return what a change of the geometry means for rigid legs whose readings stay at their reference."""
+    fields = {name: field for name, field in change.fields.items() if name in ("a", "b", "u", "l")}
+    driven = {"rho": change.fields["rho0"]} if "rho0" in change.fields else {}
+    return Change(fields | driven, change.size)
 
 
 def _carried(twist: NDArray, arms: NDArray) -> NDArray:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
+from truing.simulation.home_pose import home_twist
 from truing.simulation.kinematic_model import KinematicModel, reading_change
-from truing.simulation.kinematics import forward, pose_change, upper_joints
+from truing.simulation.kinematics import forward, upper_joints
 from truing.simulation.legs import Change
 from truing.simulation.structure import NO_CHANGE, Closing, Machine
 
@@ -64,7 +65,7 @@ def _by_parameter(
     """Return the derivative (..., L, P): of the rows at home, of the home pose, and of the reference readings."""
     if change.size == 0:
         return np.zeros((*moved.shape, 0))
-    twist = home_twist(machine, home.p, home.R, change)
+    twist = home_twist(machine.legs, home.p, home.R, change)
     rows = _home_slope(machine, home, twist, change)
     steered = np.einsum("...ijp,...j->...ip", rows.by_twist, away) + np.einsum("...ijp,...j->...ip", rows.by_rho, moved)
     # log(R R0') loses J^-T w where R0 turns by w: the right Jacobian is the left one's transpose.
@@ -85,13 +86,6 @@ def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Home:
     closing = KinematicModel(machine.legs.closure.name).close(machine, p, R, rho0, NO_CHANGE)
     own = reading_change(machine, upper_joints(machine.legs, p, R), rho0)[..., None]
     return _Home(p, R, closing.by_twist / own, closing.by_rho / own)
-
-
-def home_twist(machine: Machine, p: NDArray, R: NDArray, change: Change) -> NDArray:
-    """Return the twist (..., 6, P) of the home pose per parameter; it does not depend on the deformation."""
-    fields = {name: field for name, field in change.fields.items() if name in ("a", "b", "u", "l")}
-    driven = {"rho": change.fields["rho0"]} if "rho0" in change.fields else {}
-    return pose_change(machine.legs, p, R, machine.legs.rho0, np.zeros(1), Change(fields | driven, change.size))
 
 
 def _home_slope(machine: Machine, home: _Home, twist: NDArray, change: Change) -> _Home:

@@ -55,19 +55,6 @@ def inverse(legs: Legs, p: NDArray, R: NDArray, delta_bz: NDArray | float = 0.0)
     return legs.closure.invert(legs, upper_joints(legs, p, R, delta_bz) - legs.a)
 
 
-def inverse_deforming(legs: Legs, p: NDArray, R: NDArray, shift: Callable[[NDArray], NDArray]) -> NDArray:
-    """Return the readings (B, L), m, where attachments shift by ``shift(rho - rho0)`` (eq. 7 with eq. 1-3).
-
-    Fixed point; each round contracts by the norm of the deformation, about 0.05 for the published one.
-    """
-    rho = inverse(legs, p, R)
-    for _ in range(_MAX_ITERATIONS):
-        before, rho = rho, inverse(legs, p, R, shift(rho - legs.rho0))
-        if np.max(np.abs(rho - before)) == 0.0:
-            break
-    return rho
-
-
 def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forward:
     """Return the poses reached with readings rho (..., L), m, by Newton from the centred platform along the actuators.
 
