@@ -189,9 +189,3 @@ def test_two_closures_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -
     _installed(monkeypatch, "truing.simulation.six_pus:SixPus")
     with pytest.raises(ValueError, match="closure 6-pus: found in two places"):
         closures()
-
-
-def test_a_reading_pushes_along_the_actuator_or_along_the_leg() -> None:
-    z = np.broadcast_to([0.0, 0.6, 0.8], (6, 3))
-    for kind, expected in (("6-pus", telescope().u), ("ups", z)):
-        assert_close(telescope(kind).closure.push(telescope(kind), z), expected, atol=0.0, what=kind)

@@ -116,7 +116,7 @@ def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a:
     p_a (..., K, 3): where they are, in a. The result (..., 6K, 6K), body by body, is the part of their poses'
     covariance that they have in common, and all there is between different ones.
     """
-    R_aw, p_aw, cov_aw = invert(R_wa, p_wa, cov_wa)
+    _, p_aw, cov_aw = invert(R_wa, p_wa, cov_wa)
     lever = p_a - p_aw[..., None, :]
     J = _blocks(np.eye(3), -skew(lever), np.eye(3))
     J = J.reshape(*J.shape[:-3], -1, 6)

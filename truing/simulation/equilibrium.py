@@ -77,9 +77,9 @@ def at_rest(machine: Machine) -> Rest:
 
 
 def drive(legs: Legs, z: NDArray) -> NDArray:
-    """Return the motion (..., L, 3) per reading of the roots of legs along z (..., L, 3), or what is equal to it.
+    """Return the motion (..., L, 3) per reading of the roots of legs that keep their direction z (..., L, 3).
 
-    What the closure calls push, from its joints and lengths, of which it states the derivatives as well.
+    Along the actuator for a 6-pus, along the leg for a ups: from the closure, straight in the readings.
     """
     zero, closure = np.zeros(legs.count), legs.closure
     along = closure.length(legs, zero + 1.0) - closure.length(legs, zero)

@@ -33,10 +33,6 @@ class Closure:
         """Return the readings (..., L) for h = p + R b* - a (..., L, 3), NaN where there is none."""
         raise NotImplementedError
 
-    def push(self, legs: Legs, z: NDArray) -> NDArray:
-        """Return the upper joints' motion (..., L, 3) per reading while legs keep their direction z (..., L, 3)."""
-        raise NotImplementedError
-
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
         """Return the derivative (..., L, 3, P) of `lower` by the P parameters of a change."""
         raise NotImplementedError

@@ -28,10 +28,6 @@ class SixPus(Closure):
         square = along**2 - np.sum(h * h, -1) + legs.l**2
         return along - np.sqrt(np.where(square.real < 0.0, np.nan, square))
 
-    def push(self, legs: Legs, z: NDArray) -> NDArray:
-        """Return u, (..., L, 3): the leg is carried along by its actuator."""
-        return legs.u + 0.0 * z
-
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
         """Return dc = da + u drho + rho du, (..., L, 3, P)."""
         moved = change.get("a", (legs.count, 3))

@@ -26,10 +26,6 @@ class Ups(Closure):
         """Return rho = |h| - l, (..., L) m."""
         return np.sqrt(np.sum(h * h, -1)) - legs.l
 
-    def push(self, legs: Legs, z: NDArray) -> NDArray:
-        """Return z, (..., L, 3): the actuator is the leg."""
-        return z
-
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
         """Return da, (..., L, 3, P)."""
         return change.get("a", (legs.count, 3))
