@@ -122,6 +122,16 @@ def run(tables, settings, progress):
     empty = {name: ARTIFACTS[name].empty() for name in ("deformation_models", "deformation_errors")}
     return Outcome({"deformation": table, **empty}, "rows", "nothing", settings.mechanism.type)
 """,
+    "calibrate": """
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Stage
+
+DECLARATION = Stage("calibrate", ("deformation_models",), ("calibration",), ("mechanism.tolerance",), "identifies")
+
+
+def run(tables, settings, progress):
+    return Outcome({"calibration": ARTIFACTS["calibration"].empty()}, "models", "nothing", "nothing identified")
+""",
     "diagnose": """
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Stage

@@ -78,7 +78,7 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
     "a setting that no stage reads": (toml("[noise]", "[noise]\nactuator_mm = 0.1"), [], ""),
     "a tolerance": (
         toml("0.005", "0.004"),
-        ["pose", "deformation", "diagnose", "report"],
+        ["pose", "deformation", "calibrate", "diagnose", "report"],
         "noise.point_mm changed from 0.005 to 0.004",
     ),
     "a setting of a late stage": (
@@ -99,12 +99,12 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
     ),
     "a stage's code": (
         source("stages/deformation.py", '"delta_bz_um": 0.0', '"delta_bz_um": 1.0'),
-        ["deformation", "diagnose", "report"],
+        ["deformation", "calibrate", "diagnose", "report"],
         "source of stages/deformation.py changed",
     ),
     "a function-level import": (
         source("truing/estimation/mean.py", "/ len(values)", "/ len(values) + 1"),
-        ["pose", "deformation", "diagnose", "report"],
+        ["pose", "deformation", "calibrate", "diagnose", "report"],
         "source of truing/estimation/mean.py changed",
     ),
     "a module that nobody imports": (write("project/truing/estimation/unused.py", "x = 1"), [], ""),
@@ -128,8 +128,8 @@ def test_a_change_reruns_exactly_what_depends_on_it(ran: FakeProject, change: st
 
 def _not_behind(expected: list[str]) -> list[str]:
     """Stages whose state does not hang on those that rerun, and on those that may follow."""
-    reads = {"qa": {"ingest"}, "pose": {"ingest"}, "deformation": {"pose"}, "diagnose": {"qa", "deformation"}}
-    reads["report"] = {"ingest", "qa", "pose", "diagnose"}
+    reads = {"qa": {"ingest"}, "pose": {"ingest"}, "deformation": {"pose"}, "calibrate": {"deformation"}}
+    reads |= {"diagnose": {"qa", "deformation"}, "report": {"ingest", "qa", "pose", "diagnose"}}
     behind = {expected[0]}
     for name in ALL:
         if behind & reads.get(name, set()):
@@ -139,7 +139,7 @@ def _not_behind(expected: list[str]) -> list[str]:
 
 def test_forced_reruns_leave_the_same_bytes(ran: FakeProject) -> None:
     before = {path.name: path.read_bytes() for path in ran.out.glob("[a-z]*")}
-    assert len(before) == 11
+    assert len(before) == 12
     assert ran.run("--force") == ALL
     assert {path.name: path.read_bytes() for path in ran.out.glob("[a-z]*")} == before
     assert ran.run() == []
@@ -154,7 +154,7 @@ def test_only_runs_the_stage_and_what_it_needs(fake: FakeProject) -> None:
     assert fake.run("--only", "deformation") == []
     assert fake.run("--only", "deformation", "--force") == ["deformation"]
     assert fake.standings()["qa"].startswith("never run")
-    assert fake.run() == ["qa", "diagnose", "report"]
+    assert fake.run() == ["qa", "calibrate", "diagnose", "report"]
 
 
 def test_an_optional_artifact_that_is_no_longer_made_disappears(fake: FakeProject) -> None:
