@@ -31,6 +31,7 @@ MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
 _MOST_BAD_POSES = 0.2
 # A calibration that has not settled by then will not.
 _ITERATIONS = 200
+_NO_REDUNDANCY = "no redundancy: As many parameters as equations: measure more poses."
 # A parameter counts as identified where the data say at least as much of it as its tolerance does.
 _TOLD = np.sqrt(0.5)
 
@@ -162,9 +163,11 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
     solution = least_squares(residuals, nominal, method="levenberg-marquardt", max_iterations=_ITERATIONS)
     values = solution.x[0]
     at = problem.constrain(values, still)
-    freedom = max(at.value.size - len(nominal), 1)
-    scatter = float(np.sqrt(np.sum(at.value**2) / freedom))
-    covariance = solution.covariance[0] * scatter**2
+    freedom = at.value.size - len(nominal)
+    ended = _ending(SolverStatus(solution.status[0])) if freedom > 0 else _NO_REDUNDANCY
+    # What did not end at a minimum, or left nothing over to judge the scatter by, has no uncertainty to be told.
+    variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
+    covariance = solution.covariance[0] * variance
     tolerance = tolerances(gathered, case, problem.parameters)
     return Calibration(
         case,
@@ -178,9 +181,9 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
         np.isfinite(np.diag(covariance)),
         kept,
         float("nan"),
-        float(freedom),
+        float(max(freedom, 0)),
         float("nan"),
-        _ending(SolverStatus(solution.status[0])),
+        ended,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 
 from pipeline.settings_view import SettingsView
@@ -223,6 +224,24 @@ def test_an_exact_dimension_is_no_parameter(line):
     changed["mechanism"]["tolerance"]["length_mm"] = 0.0
     found, _ = calibrated(line, read_campaign(changed))
     assert "l" not in set(found["calibration"]["parameter"])
+
+
+def test_as_many_poses_as_parameters_leave_no_uncertainty_to_be_told(line):
+    few = {7, 8, 9, 10, 11, 12}
+    tables = {
+        **line,
+        "configurations": line["configurations"].filter(
+            pc.is_in(line["configurations"]["pose"], pa.array(sorted(few)))
+        ),
+    }
+    found, _ = calibrated(tables, read_campaign(document(SAMPLE)))
+    implicit = found["implicit_calibration"]
+    assert implicit["status"].str.startswith("no redundancy").all()
+    assert implicit["sigma"].isna().all()
+    assert not implicit["identifiable"].any()
+    likely = found["calibration"]
+    assert set(likely["status"]) == {"ok"}  # tolerances are knowledge, too
+    assert np.isfinite(likely["sigma"]).all()
 
 
 def test_without_flexures_two_models_remain(line):
