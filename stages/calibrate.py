@@ -52,7 +52,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if "configurations" not in tables:
         return not_evaluated("needs the actuators' readings (configurations)")
     from stages.calibration_data import gather
-    from stages.calibration_run import calibrate
+    from stages.calibration_run import NothingCalibrated, calibrate
 
     try:
         gathered = gather(tables, settings)
@@ -60,7 +60,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return not_evaluated(str(why))
     if unreached := _unreached(gathered):
         return not_evaluated(unreached)
-    return calibrate(gathered, settings.requirement, progress)
+    try:
+        return calibrate(gathered, settings.requirement, progress)
+    except NothingCalibrated as why:
+        return not_evaluated(str(why))
 
 
 def _unreached(gathered: Gathered) -> str:

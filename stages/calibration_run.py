@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Requirement
 
 LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
+ESTIMATORS = {maximum_likelihood: "by errors in variables", implicit: "by the closure alone"}
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,19 @@ class Both:
     failed: tuple[str, ...]
 
 
+class NothingCalibrated(Exception):
+    """No model's equations could be solved; says why."""
+
+
 def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Outcome:
-    """Calibrate every model, choose among them, and say what the data can know."""
+    """Calibrate every model, choose among them, and say what the data can know.
+
+    Raises NothingCalibrated where no model could be.
+    """
     fitted = gathered.measured.roles != "verification"
     both = _calibrations(gathered, fitted, progress)
+    if not both.likely:
+        raise NothingCalibrated("; ".join(both.failed))
     judged = [_judged(gathered, one, fitted) for one in (*both.likely, *both.implicit)]
     made = choice(judged[: len(both.likely)])
     best = judged[made.chosen]
@@ -75,15 +85,17 @@ def _calibrations(gathered: Gathered, fitted: NDArray, progress: Progress) -> Bo
     """Return all calibrations, without the poses that the rigid legs find mismeasured under all known deformation."""
     every = list(cases(gathered, structures(gathered.machine)))
     used = gathered.measured.chosen(fitted)
-    likely, closed, failed = [], [], []
+    likely: list[Calibration] = []
+    closed: list[Calibration] = []
+    failed = []
     kept = _good_poses(gathered, used, every)
     for done, case in enumerate(every):
         progress(done, len(every), _words(case))
-        try:
-            likely.append(maximum_likelihood(gathered, used, case, kept))
-            closed.append(implicit(gathered, used, case, kept))
-        except np.linalg.LinAlgError:
-            failed.append(f"{_words(case)}: the equations became singular")
+        for made, how in ((likely, maximum_likelihood), (closed, implicit)):
+            try:
+                made.append(how(gathered, used, case, kept))
+            except np.linalg.LinAlgError:
+                failed.append(f"{_words(case)}, {ESTIMATORS[how]}: the equations became singular")
     return Both(tuple(likely), tuple(closed), tuple(failed))
 
 
