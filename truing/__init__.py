@@ -9,10 +9,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from truing.estimation.absorption import Absorption, absorb
+    from truing.estimation.combinations import Inseparable, inseparable
+    from truing.estimation.errors_in_variables import ErrorsInVariablesFit, fit_errors_in_variables
+    from truing.estimation.errors_in_variables_descent import Prior
     from truing.estimation.haralick import haralick
+    from truing.estimation.identifiable_set import IdentifiableSet, choose_identifiable
     from truing.estimation.labelling import Labelling, LabellingStatus, label_bodies, label_points
+    from truing.estimation.least_squares import Solution, SolverStatus, least_squares
     from truing.estimation.likelihood import maximum_likelihood
     from truing.estimation.line_fit import LineFit, fit_line
+    from truing.estimation.observability import Observability, observe
     from truing.estimation.procrustes import ProcrustesFit, generalised_procrustes
     from truing.estimation.registration import ScanFit, ScanStatus, refine_scan, register_scan
     from truing.estimation.response import ResponseFit, fit_response
@@ -20,53 +27,94 @@ if TYPE_CHECKING:
     from truing.estimation.robust import consensus
     from truing.estimation.robust_pose import robust_pose
     from truing.estimation.rotation import exp_so3, log_so3, skew
+    from truing.simulation.calibration_problem import CalibrationProblem
     from truing.simulation.chain import Cause, Parameter, State, Step, simulate
     from truing.simulation.extended_model import ExtendedModel, predict_poses, read_model
+    from truing.simulation.kinematics import forward, inverse
+    from truing.simulation.legs import Closure, Legs
     from truing.simulation.mechanisms import mechanism
+    from truing.simulation.parameters import ParameterSet, full_set, report_set
+    from truing.simulation.recalibration import recalibrate
+    from truing.simulation.structure import Machine, poses_at, readings_at
+    from truing.simulation.structures import structures
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Absorption",
+    "CalibrationProblem",
     "Cause",
+    "Closure",
+    "ErrorsInVariablesFit",
     "ExtendedModel",
     "FitStatus",
+    "IdentifiableSet",
+    "Inseparable",
     "Labelling",
     "LabellingStatus",
+    "Legs",
     "LineFit",
+    "Machine",
+    "Observability",
     "Parameter",
+    "ParameterSet",
+    "Prior",
     "ProcrustesFit",
     "ResponseFit",
     "RigidFit",
     "ScanFit",
     "ScanStatus",
+    "Solution",
+    "SolverStatus",
     "State",
     "Step",
+    "absorb",
+    "choose_identifiable",
     "consensus",
     "exp_so3",
+    "fit_errors_in_variables",
     "fit_line",
     "fit_response",
+    "forward",
+    "full_set",
     "generalised_procrustes",
     "haralick",
+    "inseparable",
+    "inverse",
     "label_bodies",
     "label_points",
+    "least_squares",
     "log_so3",
     "maximum_likelihood",
     "mechanism",
+    "observe",
+    "poses_at",
     "predict_poses",
     "read_model",
+    "readings_at",
+    "recalibrate",
     "refine_scan",
     "register_scan",
+    "report_set",
     "robust_pose",
     "simulate",
     "skew",
+    "structures",
     "umeyama",
 ]
 
 _ROOMS = {
+    "truing.estimation.absorption": ("Absorption", "absorb"),
+    "truing.estimation.combinations": ("Inseparable", "inseparable"),
+    "truing.estimation.errors_in_variables": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
+    "truing.estimation.errors_in_variables_descent": ("Prior",),
     "truing.estimation.haralick": ("haralick",),
+    "truing.estimation.identifiable_set": ("IdentifiableSet", "choose_identifiable"),
     "truing.estimation.labelling": ("Labelling", "LabellingStatus", "label_bodies", "label_points"),
+    "truing.estimation.least_squares": ("Solution", "SolverStatus", "least_squares"),
     "truing.estimation.likelihood": ("maximum_likelihood",),
     "truing.estimation.line_fit": ("LineFit", "fit_line"),
+    "truing.estimation.observability": ("Observability", "observe"),
     "truing.estimation.procrustes": ("ProcrustesFit", "generalised_procrustes"),
     "truing.estimation.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
     "truing.estimation.response": ("ResponseFit", "fit_response"),
@@ -74,9 +122,16 @@ _ROOMS = {
     "truing.estimation.robust": ("consensus",),
     "truing.estimation.robust_pose": ("robust_pose",),
     "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
+    "truing.simulation.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.chain": ("Cause", "Parameter", "State", "Step", "simulate"),
     "truing.simulation.extended_model": ("ExtendedModel", "predict_poses", "read_model"),
+    "truing.simulation.kinematics": ("forward", "inverse"),
+    "truing.simulation.legs": ("Closure", "Legs"),
     "truing.simulation.mechanisms": ("mechanism",),
+    "truing.simulation.parameters": ("ParameterSet", "full_set", "report_set"),
+    "truing.simulation.recalibration": ("recalibrate",),
+    "truing.simulation.structure": ("Machine", "poses_at", "readings_at"),
+    "truing.simulation.structures": ("structures",),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

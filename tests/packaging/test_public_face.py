@@ -6,6 +6,9 @@ import json
 import re
 import subprocess
 import sys
+from typing import Any
+
+import numpy as np
 
 import truing
 from tests.packaging.source_tree import PROJECT
@@ -28,6 +31,30 @@ def test_every_public_name_is_there() -> None:
     assert sorted(truing._HOME) == truing.__all__
     assert all(getattr(truing, name).__module__.startswith("truing.") for name in truing.__all__)
     assert set(truing.__all__) <= set(dir(truing))
+
+
+def _measured() -> dict[str, Any]:
+    """What the notebook takes as given: a survey seen again, and a hexapod's exact poses and readings."""
+    rng, angle, side = np.random.default_rng(1), np.arange(6) * np.pi / 3, 0.3 * (-1.0) ** np.arange(6)
+    a, b = (
+        radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1)
+        for radius, turn in ((0.2, angle + side), (0.1, angle - side))
+    )
+    length, rho0, survey = np.full(6, 0.25), np.full(6, 0.1), rng.normal(0.0, 0.1, (8, 3))
+    p, R = rng.normal([0.0, 0.0, 0.3], 0.01, (20, 3)), truing.exp_so3(rng.normal(0.0, 0.05, (20, 3)))
+    rho = truing.inverse(truing.mechanism("ups", a, b, None, length, rho0), p, R)
+    covariance = np.tile(1e-12 * np.eye(12), (20, 1, 1))
+    given = {"a": a, "b": b, "length": length, "rho0": rho0, "p": p, "R": R, "rho": rho, "covariance": covariance}
+    return given | {"survey_points": survey, "measured_points": survey[None]}
+
+
+def test_the_notebook_of_the_readme_runs() -> None:
+    given = _measured()
+    for block in re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(encoding="utf-8"), re.DOTALL):
+        exec(block, given)
+    assert given["fit"].status[0] == truing.FitStatus.OK
+    assert given["found"].ok
+    assert np.abs(given["found"].values - given["problem"].start).max() < 1e-12
 
 
 def test_the_change_log_begins_with_this_version() -> None:
