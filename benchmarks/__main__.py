@@ -8,7 +8,7 @@ import sys
 
 import benchmarks
 
-_SHARED = ("__main__", "timing", "pose_peers")
+_SHARED = ("__main__", "timing", "pose_peers", "errors_in_variables_peers", "errors_in_variables_problem")
 
 for module in pkgutil.iter_modules(benchmarks.__path__):
     if module.name not in _SHARED:
