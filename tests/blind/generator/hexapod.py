@@ -40,13 +40,13 @@ def hexapod_geometry(
     height: float = 320.0,
     rho0: float = 60.0,
 ) -> Geometry:
-    """Joints on two circles: in close pairs, those of the platform opposite to those of the base; evenly, and turned
-    against each other, where legs are of odd number.
+    """Joints in close pairs on two circles, those of the platform opposite to those of the base: evenly spaced ones
+    would leave the platform a motion that no leg holds.
     """
     step, side = 2 * np.pi / legs, (-1.0) ** np.arange(legs)
-    low, high = (0.3 * side, -0.35 * side) if legs % 2 == 0 else (-0.2, 0.2)
     number = np.arange(legs)
-    a, b = _on_circle(base_radius, step * (number + low)), _on_circle(platform_radius, step * (number + high))
+    a = _on_circle(base_radius, step * (number + 0.3 * side))
+    b = _on_circle(platform_radius, step * (number - 0.35 * side))
     reach = np.linalg.norm(b + np.array([0.0, 0.0, height]) - a, axis=1)
     return Geometry(a, b, np.zeros((0, 3)), reach - rho0, np.full(legs, rho0), flexure_length=None)
 
