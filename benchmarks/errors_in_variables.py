@@ -98,6 +98,7 @@ def _verdict(name: str, excess: float, ratio: np.ndarray) -> str:
 
 
 def main() -> None:
+    """Measure all of it, one process per number of threads."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--poses", type=int, default=40)
     parser.add_argument("--repeats", type=int, default=9)

@@ -49,6 +49,7 @@ def _dense(problem: Joint) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def scipy_lm(problem: Joint) -> Solver:
+    """Return scipy's Levenberg-Marquardt on the dense Jacobian."""
     from scipy.optimize import least_squares
 
     start, jacobian = np.zeros(42 + 6 * len(problem.p)), _dense(problem)
@@ -60,6 +61,7 @@ def scipy_lm(problem: Joint) -> Solver:
 
 
 def scipy_trf(problem: Joint) -> Solver:
+    """Return scipy's trust region on the sparse Jacobian."""
     from scipy.optimize import least_squares
     from scipy.sparse import csr_array
 
@@ -77,10 +79,12 @@ def scipy_trf(problem: Joint) -> Solver:
 
 
 def ceres_whole(problem: Joint) -> Solver:
+    """Return pyceres with a single residual of everything."""
     return _ceres(problem, _whole)
 
 
 def ceres_pose_by_pose(problem: Joint) -> Solver:
+    """Return pyceres with a residual per pose, which it eliminates."""
     return _ceres(problem, _pose_by_pose)
 
 
@@ -168,10 +172,12 @@ def _pose_by_pose(pyceres, problem: Joint, posed, options, x: np.ndarray, e: lis
 
 
 def casadi_exact(problem: Joint) -> Solver:
+    """Return ipopt with the Hessian that casadi derives."""
     return _casadi(problem, gauss_newton=False)
 
 
 def casadi_gauss_newton(problem: Joint) -> Solver:
+    """Return ipopt with J'J as the Hessian."""
     return _casadi(problem, gauss_newton=True)
 
 

@@ -10,7 +10,6 @@ points (the oracle).
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -18,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.pose_peers import FITS, Fit, teaser
-from benchmarks.timing import interleaved, pin, run_pinned, spread
+from benchmarks.timing import interleaved, spread, threads_and_repeats
 
 SIGMA = 5e-6  # m
 _FEW = 1000  # poses of a batch that libraries without batches are timed on
@@ -190,20 +189,15 @@ def pose_error(R: np.ndarray, t: np.ndarray, R_true: np.ndarray, t_true: np.ndar
 
 def main() -> None:
     """Measure all of it, one process per number of threads."""
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--repeats", type=int, default=9)
-    arguments.add_argument("--threads", type=int, default=0, help="measure in this process, with so many threads")
-    given = arguments.parse_args()
-    if not given.threads:
-        for threads in (1, 2):
-            run_pinned("benchmarks.pose", ["--repeats", str(given.repeats)], threads)
+    asked = threads_and_repeats("benchmarks.pose", __doc__ or "")
+    if asked is None:
         return
-    pin(given.threads)
+    threads, repeats = asked
     for poses, points in _SIZES:
-        compare_fits(poses, points, given.threads, given.repeats)
-    if given.threads == 1:
+        compare_fits(poses, points, threads, repeats)
+    if threads == 1:
         for points, wrong in _CELLS:
-            compare_robust(points, wrong, given.repeats)
+            compare_robust(points, wrong, repeats)
 
 
 if __name__ == "__main__":

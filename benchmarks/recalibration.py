@@ -9,14 +9,13 @@ prints no ratio.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import get_context
 
 import numpy as np
 
-from benchmarks.timing import interleaved, pin, run_pinned, spread
+from benchmarks.timing import interleaved, spread, threads_and_repeats
 from truing.estimation.rotation import exp_so3
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.mechanisms import mechanism
@@ -172,21 +171,16 @@ def _in_processes(peer: Peer, processes: int) -> Costs:
 
 def main() -> None:
     """Measure all of it, one process per number of threads."""
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--repeats", type=int, default=9)
-    arguments.add_argument("--threads", type=int, default=0, help="measure in this process, with so many threads")
-    given = arguments.parse_args()
-    if not given.threads:
-        for threads in (1, 2):
-            run_pinned("benchmarks.recalibration", ["--repeats", str(given.repeats)], threads)
+    asked = threads_and_repeats("benchmarks.recalibration", __doc__ or "")
+    if asked is None:
         return
-    pin(given.threads)
+    threads, repeats = asked
     for deformation, value, title in (
         ("linear", KAPPA, "a_x a_y b_x b_y kappa l"),
         ("none", 0.0, "a_x a_y b_x b_y u_x l"),
     ):
         machine = telescope(value)
-        compare(title, machine, report_set(machine, deformation), given.threads, given.repeats)
+        compare(title, machine, report_set(machine, deformation), threads, repeats)
 
 
 if __name__ == "__main__":

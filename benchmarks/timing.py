@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -25,6 +26,20 @@ def pin(threads: int) -> None:
     """Keep this process on its last processors, as many as threads; nothing where the system cannot."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-threads:])
+
+
+def threads_and_repeats(module: str, description: str) -> tuple[int, int] | None:
+    """Return what a command line asks for; None where processes of their own have measured."""
+    arguments = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--repeats", type=int, default=9)
+    arguments.add_argument("--threads", type=int, default=0, help="measure in this process, with so many threads")
+    given = arguments.parse_args()
+    if given.threads:
+        pin(given.threads)
+        return given.threads, given.repeats
+    for threads in (1, 2):
+        run_pinned(module, ["--repeats", str(given.repeats)], threads)
+    return None
 
 
 def interleaved(tasks: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
