@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
+from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
 from stages.calibration_data import BodyPoses, Gathered, Measured, body_poses
 from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
@@ -141,7 +142,6 @@ def table_of_kappa() -> str:
 
 def directions() -> NDArray:
     """Directions (6, 3) of the nominal legs at home."""
-    from docs.experiments.identifiability import nominal
     from truing.simulation.home_pose import home_pose
 
     home: NDArray = home_pose(nominal().legs).z[0]
@@ -191,7 +191,6 @@ def measure(true: Legs, scenario: Scenario, rng: np.random.Generator) -> Measure
 
 def both_errors(scenario: Scenario, rng: np.random.Generator) -> NDArray:
     """Of errors in variables and of the implicit fit (2, 3): rms position m and angle rad at fresh poses, a and b m."""
-    from docs.experiments.identifiability import nominal
 
     machine = replace(nominal(), flexure_length=None)
     true = draw_machine(machine.legs, rng)

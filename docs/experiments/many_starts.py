@@ -10,22 +10,19 @@ from __future__ import annotations
 
 import csv
 import json
-import tomllib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew
+from docs.experiments.sample_telescope import PROJECT, nominal
 from truing.estimation.least_squares import Method
 from truing.estimation.rotation import exp_so3
-from truing.simulation.mechanisms import mechanism
 from truing.simulation.parameters import Parameter, ParameterSet, report_set
 from truing.simulation.recalibration import minima_from, nominal_values
 from truing.simulation.structure import Machine
 
-PROJECT = Path(__file__).resolve().parents[2]
 METHODS: tuple[Method, ...] = ("levenberg-marquardt", "trust-region")
 STARTS = 100
 POSITION_M, ORIENTATION_RAD = 2e-6, 1e-5  # noise of a pose
@@ -44,18 +41,13 @@ class Campaign:
     rho: NDArray  # (N, L) m
 
 
-def sample_campaign(folder: Path = PROJECT / "sample_data") -> Campaign:
+def sample_campaign() -> Campaign:
     """Return the calibration poses of the sample, with noise of a pose as photogrammetry leaves it."""
-    drawn = tomllib.loads((folder / "telescope" / "campaign.toml").read_text(encoding="utf-8"))["mechanism"]
+    folder = PROJECT / "sample_data"
     truth = json.loads((folder / "telescope.truth.json").read_text(encoding="utf-8"))
     with (folder / "telescope" / "configurations.csv").open(encoding="utf-8") as file:
         roles = {int(row["pose"]): row["role"] for row in csv.DictReader(file)}
     poses = [pose for pose in truth["poses"] if roles[pose["pose"]] == "calibration"]
-    columns = {name: np.array([leg[name] for leg in drawn["legs"]]) for name in drawn["legs"][0]}
-    rho0 = columns["rho0_mm"] * 1e-3
-    legs = mechanism(
-        drawn["type"], columns["a_mm"] * 1e-3, columns["b_mm"] * 1e-3, columns["u"], columns["length_mm"] * 1e-3, rho0
-    )
     entries = truth["effects"][0]["parameters"]
     K = np.array([[entries[f"K{i}{j}"]["value"] for j in range(1, 7)] for i in range(1, 7)])
     p, turn, moved = (
@@ -64,7 +56,7 @@ def sample_campaign(folder: Path = PROJECT / "sample_data") -> Campaign:
     rng = np.random.default_rng(truth["seed"])
     p = p * 1e-3 + POSITION_M * rng.normal(size=p.shape)
     R = exp_so3(ORIENTATION_RAD * rng.normal(size=p.shape)) @ exp_so3(turn)
-    return Campaign(Machine(legs, np.zeros((6, 6))), K, p, R, rho0 + moved * 1e-3)
+    return Campaign(nominal(), K, p, R, nominal().legs.rho0 + moved * 1e-3)
 
 
 def cases(campaign: Campaign) -> dict[str, tuple[Machine, ParameterSet]]:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs.experiments import identifiability
+from docs.experiments import absorption_map, identifiability
+from docs.experiments.sample_telescope import SIX, scales
 from tests.docs.shown import shown
 
 DOCS = Path(identifiability.__file__).resolve().parents[1]
@@ -23,7 +24,7 @@ def test_the_page_shows_what_the_command_writes(name):
 
 
 def test_the_figure_is_of_these_numbers(tmp_path):
-    identifiability.draw(tmp_path / "map.svg")
+    absorption_map.draw(tmp_path / "map.svg")
     made = (tmp_path / "map.svg").read_text(encoding="utf-8")
     shown = (DOCS / "figures" / "absorption-map.svg").read_text(encoding="utf-8")
     for old, new in zip(_cells(shown), _cells(made), strict=True):
@@ -31,9 +32,9 @@ def test_the_figure_is_of_these_numbers(tmp_path):
 
 
 def test_what_the_page_says_of_the_map():
-    shift, _, left, share = identifiability.absorption_map()
-    tolerances = identifiability.scales(identifiability.SIX)[:, None]
-    names = [effect.name.split("\n")[0] for effect in identifiability.effects()]
+    shift, _, left, share = absorption_map.absorption_map()
+    tolerances = scales(SIX)[:, None]
+    names = [effect.name.split("\n")[0] for effect in absorption_map.effects()]
     assert share[0] == pytest.approx(0.92, abs=0.01)
     assert left[0] == pytest.approx(8.5, abs=0.2)
     bending = names.index("flexures of")
@@ -41,7 +42,7 @@ def test_what_the_page_says_of_the_map():
     assert left[bending] == pytest.approx(0.1, abs=0.01)
     gain = names.index("actuators")
     assert share[gain] > 0.99
-    assert np.argmax(shift[:, [gain]] / tolerances) == identifiability.SIX.index("u_x")
+    assert np.argmax(shift[:, [gain]] / tolerances) == SIX.index("u_x")
 
 
 def test_predicted_sigmas_are_those_of_simulated_calibrations_where_u_is_known():
