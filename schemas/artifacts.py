@@ -151,6 +151,7 @@ _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _CORRELATION = ("corr_xy", "corr_xz", "corr_yz")
 _PLACE = ("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad")
 _COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
+_ABSORPTION = ("effect", "model", "deformation", "estimator", "leg", "parameter")
 _CALIBRATION = ("model", "deformation", "leg", "parameter", "unit", "nominal", "identified", "sigma", "tolerance")
 _ACCURACY = ("model", "deformation", "pose", "role", "position_error_um", "orientation_error_arcsec")
 _ACCURACY_PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
@@ -348,8 +349,8 @@ ARTIFACTS: dict[str, Artifact] = {
             "absorption",
             "absorption.parquet",
             "which parameters swallow an effect that the model leaves out: predicted, and what the fit did",
-            ("effect", "model", "deformation", "estimator", "leg", "parameter", "unit", "predicted", "observed", "sigma"),
-            key=("effect", "model", "deformation", "estimator", "leg", "parameter"),
+            (*_ABSORPTION, "unit", "predicted", "observed", "sigma"),
+            key=_ABSORPTION,
         ),
         Artifact(
             "requirements",
