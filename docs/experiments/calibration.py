@@ -95,6 +95,7 @@ def table_of_models() -> str:
         "model",
         "deformation",
         "rms pull",
+        "rms pull, implicit",
         "held out / noise",
         "position µm, mean",
         "max",

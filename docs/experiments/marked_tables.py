@@ -27,6 +27,9 @@ def renew(page: Path, tables: Mapping[str, Callable[[], str]]) -> None:
 
 
 def table(heads: list[str], rows: list[list[str]]) -> str:
-    """Return a table in Markdown."""
+    """Return a table in Markdown; raises ValueError where a row has not a cell for each head."""
+    for row in rows:
+        if len(row) != len(heads):
+            raise ValueError(f"table: found {len(row)} cells under {len(heads)} heads: {row}")
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -31,3 +31,8 @@ def test_a_table_without_a_place_is_named() -> None:
 
 def test_heads_and_rows_become_markdown() -> None:
     assert table(["pose", "mm"], [["1", "0.2"]]) == "| pose | mm |\n| --- | --- |\n| 1 | 0.2 |"
+
+
+def test_a_row_without_a_cell_for_each_head_is_refused() -> None:
+    with pytest.raises(ValueError, match="3 cells under 2 heads"):
+        table(["pose", "mm"], [["1", "0.2", "0.3"]])
