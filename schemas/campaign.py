@@ -23,6 +23,8 @@ from schemas.mapping import FileMapping
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
+# A direction that a person types has four digits or so.
+_TYPED = 1e-3
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -55,7 +57,7 @@ class Leg(Section):
 
     @model_validator(mode="after")
     def _direction_is_unit(self) -> Leg:
-        if self.u is not None and abs(sum(c * c for c in self.u) - 1.0) > 1e-6:
+        if self.u is not None and abs(sum(c * c for c in self.u) - 1.0) > _TYPED:
             raise ValueError("u must have unit length")
         return self
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from stages.calibration_data import Gathered
 
 LEAST_POSES = 3
+LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
+WRONG_SHARE = 0.5  # of the movement, by which no machine departs from its drawing
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
 DECLARATION = Stage(
@@ -70,15 +72,52 @@ def _unreached(gathered: Gathered) -> str:
     """Why the nominal mechanism cannot be calibrated from these poses; empty where it can."""
     import numpy as np
 
+    from truing.estimation.rotation import log_so3
     from truing.simulation.kinematics import reaches
 
     fitted = int(np.sum(gathered.measured.roles != "verification"))
     if fitted < LEAST_POSES:
         return f"needs at least {LEAST_POSES} poses that are not for verification, found {fitted}"
-    legs = gathered.machine.legs
-    if legs.count >= LEAST_LEGS and not reaches(legs, legs.rho0[None]).all():
+    legs, rho = gathered.machine.legs, gathered.measured.rho
+    platform = gathered.measured.platform
+    away = np.concatenate([platform.p - platform.p[0], log_so3(platform.R @ platform.R[0].T)], -1)
+    noise = np.sqrt(np.diagonal(platform.covariance, axis1=1, axis2=2).mean(0))
+    if np.all(np.ptp(away, axis=0) <= LEAST_MOVEMENT * noise):
+        return "the platform hardly moved: its poses differ by no more than their noise"
+    if apart := _apart(gathered):
+        return apart
+    if legs.count < LEAST_LEGS:
+        return ""
+    if not reaches(legs, legs.rho0[None]).all():
         return "the legs of [mechanism] cannot meet the platform at their reference readings"
+    count = int((~reaches(legs, rho)).sum())
+    if 2 * count > len(rho):
+        return f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {len(rho)} poses"
     return ""
+
+
+def _apart(gathered: Gathered) -> str:
+    """Why readings and poses cannot be of the nominal machine, however it was made; empty where they can."""
+    import numpy as np
+
+    from truing.simulation.kinematics import inverse
+
+    measured = gathered.measured
+    asked = inverse(gathered.machine.legs, measured.platform.p, measured.platform.R)
+    told = np.isfinite(asked).all(1)
+    if told.mean() < 0.5:
+        return (
+            "readings and poses do not belong together: the legs of [mechanism] do not reach these poses at any reading"
+        )
+    asked, read = (values[told] - values[told].mean(0) for values in (asked, measured.rho))
+    wanted, missed = (1e3 * float(np.sqrt(np.mean(moved**2))) for moved in (asked, read - asked))
+    if missed <= WRONG_SHARE * wanted:
+        return ""
+    slope = f"{np.sum(asked * read) / np.sum(asked**2):.3g} times as far"
+    return (
+        f"readings and poses do not belong together: by [mechanism] actuators moved {wanted:.3g} mm rms between these "
+        f"poses, read is {slope}, {missed:.3g} mm rms apart; unit, sign or order of the readings, legs or frames?"
+    )
 
 
 def not_evaluated(why: str) -> Outcome:

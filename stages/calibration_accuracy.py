@@ -85,7 +85,7 @@ def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -
     problem = calibration.problem_at(measured)
     at = problem.constrain(calibration.values, np.zeros((len(measured.rho), problem.deviations)))
     noise = observation_covariance(measured, reading_sigma)
-    return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, calibration.covariance)
+    return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, calibration.declared)
 
 
 def accuracy_rows(

@@ -31,7 +31,13 @@ def choice(judged: Sequence[Judged]) -> Choice:
     """Return which of the maximum-likelihood calibrations is chosen."""
     return choose_model(
         [
-            Contender(one.squares, one.equations, one.calibration.log_evidence, len(one.calibration.values))
+            Contender(
+                one.squares,
+                one.equations,
+                one.calibration.log_evidence,
+                len(one.calibration.values),
+                one.calibration.status == "ok",
+            )
             for one in judged
         ]
     )
@@ -78,7 +84,31 @@ def departure_rows(machine: Machine, readings: NDArray) -> Rows:
     return rows
 
 
+def _pull_p_value(calibration: Calibration, own: NDArray) -> float:
+    """Return the probability of shifts as large of the parameters (P,) chosen, where tolerances are honest.
+
+    Identified less nominal has the covariance of the tolerances less that of the parameters, which correlates them.
+    """
+    from scipy.special import chdtrc
+
+    spread = np.diag(calibration.tolerance[own] ** 2) - calibration.declared[np.ix_(own, own)]
+    shift = (calibration.values - calibration.nominal)[own]
+    return float(chdtrc(len(shift), max(float(shift @ np.linalg.solve(spread, shift)), 0.0)))
+
+
+def doubts(one: Judged) -> str:
+    """Return what speaks against a calibration itself, in short; nothing where its misfit and its pulls are likely."""
+    figures = {name: value for name, value, _ in _fit_figures(one)}
+    said = []
+    if figures.get("misfit_p_value", 1.0) < _UNLIKELY:
+        said.append(f"misfit {np.sqrt(figures['chi_square'] / figures['freedom']):.1f} times the declared noise")
+    if figures.get("pull_p_value", 1.0) < _UNLIKELY:
+        said.append(f"parts {figures['rms_pull']:.1f} times further from nominal than their tolerances let expect")
+    return "; ".join(said)
+
+
 Figure = tuple[str, float, str]
+_UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
 
 
 def _add(rows: Rows, model: str, deformation: str, estimator: str, figures: Sequence[Figure]) -> None:
@@ -118,8 +148,12 @@ def _fit_figures(one: Judged) -> list[Figure]:
         ("freedom", calibration.freedom, "1"),
         ("pull_freedom", float(len(told)), "1"),
     ]
+    if np.isfinite(calibration.chi_square) and calibration.freedom > 0:
+        figures.append(("misfit_p_value", float(chdtrc(calibration.freedom, calibration.chi_square)), "1"))
     if len(told):
         figures.append(("rms_pull", float(np.sqrt(np.mean(told**2))), "1"))
+    if len(told) and calibration.estimator == MAXIMUM_LIKELIHOOD:
+        figures.append(("pull_p_value", _pull_p_value(calibration, np.isfinite(calibration.pull) & geometry), "1"))
     if np.isfinite(calibration.log_evidence):
         figures.append(("log_evidence", calibration.log_evidence, "1"))
     if len(one.squares):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.mechanism_points import nominal_legs
+from stages.mechanism_points import facing, nominal_legs
 from stages.point_arrays import number_column, pose_ids, positions, survey_points
 from truing.estimation.rotation import exp_so3
 from truing.simulation.beam_element import section
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign, LeggedMechanism
     from schemas.campaign import Rod as RodSection
+
+LEAST_FRAME = 3  # targets away from the attachments that make a frame of the platform
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ class Gathered:
     deformations: Mapping[str, Deformation]  # linear, matrix, where the deformation stage determined them
     surveyed: SurveyedAttachments | None
     left_out: str
+    modulo_plane: bool = False  # too few platform targets away from the attachments: its frame deforms with them
 
 
 def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
@@ -123,6 +126,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     usable = platform.found & np.isfinite(rho).all(1)
     legs = {leg: body_poses(tables["poses"], f"leg{leg + 1}", poses) for leg in range(count)}
     carrying = {leg: found for leg, found in legs.items() if found.found.any()}
+    machine = nominal_machine(section_)
     surveyed = _surveyed_attachments(tables, settings)
     shifts = None if surveyed is None else _shifts(tables.get("deformation"), poses, count)
     roles = _roles(tables["configurations"], poses)
@@ -131,13 +135,20 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         raise ValueError("no pose has both readings and a pose of the platform in the base")
     return Gathered(
         measured,
-        nominal_machine(section_),
+        replace(machine, legs=facing(machine.legs, tables["poses"])),
         _tolerances(section_),
         settings.noise.actuator_mm * 1e-3,
         _deformations(tables.get("deformation_models"), count),
         surveyed,
         "" if usable.all() else f"{int((~usable).sum())} poses without readings or without a pose of the platform",
+        "survey" in tables and _frame_of_attachments(tables["survey"]),
     )
+
+
+def _frame_of_attachments(survey: pa.Table) -> bool:
+    """Whether the platform's frame rests on the attachments themselves, so that it cannot tell how they move."""
+    platform = survey_points(survey, "platform")
+    return bool((platform.leg > 0).any() and np.sum(platform.leg == 0) < LEAST_FRAME)
 
 
 def nominal_machine(mechanism: LeggedMechanism) -> Machine:
@@ -236,7 +247,7 @@ def _surveyed_attachments(tables: Mapping[str, pa.Table], settings: Campaign) ->
         return None
     platform = survey_points(tables["survey"], "platform")
     seats = platform.leg > 0
-    if not seats.any() or np.sum(~seats) < 3:
+    if not seats.any() or np.sum(~seats) < LEAST_FRAME:
         return None
     noise = np.eye(3) * (settings.noise.point_mm * 1e-3) ** 2
     known = np.isfinite(platform.cov).all((1, 2)) & (np.trace(platform.cov, axis1=1, axis2=2) > 0)

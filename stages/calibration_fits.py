@@ -15,6 +15,7 @@ from stages.calibration_question import (
     observation_covariance,
     problem_of,
     question,
+    survey_rows,
     tolerances,
     widest,
     with_targets,
@@ -22,13 +23,13 @@ from stages.calibration_question import (
 from truing.estimation.errors_in_variables import ErrorsInVariablesFit, Prior, fit_errors_in_variables
 from truing.estimation.identifiable_set import choose_identifiable
 from truing.estimation.least_squares import SolverStatus, least_squares
-from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.calibration_problem import CalibrationProblem, Constrained
 from truing.simulation.parameters import ParameterSet, full_set, report_set
 from truing.simulation.structure import Machine
 
 MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
 # A larger share of poses is not mismeasured; then the model is wrong.
-_MOST_BAD_POSES = 0.2
+_MOST_BAD_POSES = 0.1
 # A calibration that has not settled by then will not.
 _ITERATIONS = 200
 _NO_REDUNDANCY = "no redundancy: As many parameters as equations: measure more poses."
@@ -99,7 +100,7 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
     evidence, count = _log_evidence(fit, asked.prior), asked.count
     if (more := with_targets(asked, gathered, used, case.deformation != "none")) is not None:
         fit = answer(more, fit.values, robust=False)
-    found = fit.covariance_at(max(fit.noise_ratio, 1.0))[:count, :count]
+    found = _enlarged(gathered, fit, asked)
     tolerance = (more or asked).tolerance
     known = np.where(np.isfinite(tolerance), tolerance, widest(asked.problem.parameters))
     return Calibration(
@@ -118,6 +119,21 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
         evidence,
         _ending(fit.status),
     )
+
+
+def _enlarged(gathered: Gathered, fit: ErrorsInVariablesFit, asked: Question) -> NDArray:
+    """Return the covariance (P, P) of the machine's numbers where more noise was found than declared.
+
+    The survey of the attachments was taken by the same instrument: it stands in the prior, and is as much noisier.
+    """
+    excess = max(fit.noise_ratio, 1.0)
+    if gathered.surveyed is None or not np.isfinite(excess):
+        return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[: asked.count, : asked.count]
+    rows = survey_rows(gathered.surveyed, asked.problem.parameters)
+    surveyed = np.zeros_like(fit.information)
+    surveyed[: asked.count, : asked.count] = rows.T @ np.linalg.solve(gathered.surveyed.covariance, rows)
+    information = (fit.information + surveyed) / excess**2 + fit.prior.information - surveyed
+    return np.linalg.inv(information)[: asked.count, : asked.count]
 
 
 def answer(asked: Question, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
@@ -168,6 +184,9 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
     # What did not end at a minimum, or left nothing over to judge the scatter by, has no uncertainty to be told.
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
+    declared = _propagated(
+        solution.covariance[0], at, observation_covariance(fitted.chosen(kept), gathered.reading_sigma)
+    )
     tolerance = tolerances(gathered, case, problem.parameters)
     return Calibration(
         case,
@@ -176,7 +195,7 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
         nominal,
         values,
         covariance,
-        covariance,
+        declared if ended == "ok" else covariance,
         tolerance,
         np.isfinite(np.diag(covariance)),
         kept,
@@ -185,6 +204,13 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
         float("nan"),
         ended,
     )
+
+
+def _propagated(inverse: NDArray, at: Constrained, noise: NDArray) -> NDArray:
+    """Return what noise (B, N, N) gives to an unweighted fit (P, P), ``inverse`` being that of its normal matrix."""
+    spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
+    told = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
+    return inverse @ told @ inverse
 
 
 def _implicit_set(gathered: Gathered, fitted: Measured, case: Case) -> ParameterSet:

@@ -33,7 +33,7 @@ class Case:
 def cases(gathered: Gathered, structures: tuple[Structure, ...]) -> Iterator[Case]:
     """Return every model that the machine's numbers and the deformation stage allow."""
     for structure in structures:
-        for deformation in DEFORMATIONS:
+        for deformation in DEFORMATIONS[:1] if gathered.modulo_plane else DEFORMATIONS:
             if deformation != "matrix" or "matrix" in gathered.deformations:
                 yield Case(structure, deformation, _deforming(gathered.machine, deformation, gathered.deformations))
 
@@ -69,6 +69,11 @@ def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
     problem, tolerance = problem_of(case, parameters, measured), tolerances(gathered, case, parameters)
     prior = _prior(gathered.surveyed, parameters, problem.start, tolerance)
     return Question(problem, observation_covariance(measured, gathered.reading_sigma), tolerance, prior)
+
+
+def nothing_open(gathered: Gathered, case: Case) -> bool:
+    """Return whether tolerances of zero declare every number of a case exact."""
+    return not len(free(full_set(case.nominal, case.deformation), gathered))
 
 
 def with_targets(asked: Question, gathered: Gathered, measured: Measured, deforming: bool) -> Question | None:

@@ -19,22 +19,23 @@ _WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
 
 
 def requirement_rows(
-    asked: Requirement, calibration: Calibration, errors: PoseErrors, measurement: NDArray, rows_used: NDArray
+    asked: Requirement, calibration: Calibration, errors: PoseErrors, measurement: NDArray, held_out: NDArray
 ) -> Rows:
     """Return a row per component that something is asked of.
 
-    measurement (B, 6, 6): covariance of the measured poses, whose noise is not the machine's; rows_used (B,): the
-    poses judged by. The error is what 95 of 100 poses stay below: 1.96 rms of measured minus predicted, less the
-    measurement's share; the interval is that of the rms of so many normal errors.
+    measurement (B, 6, 6): covariance of the measured poses, whose noise is not the machine's; held_out (B,): the poses
+    judged by, and where there are none all of them. The error is what 95 of 100 poses stay below: 1.96 rms of measured
+    minus predicted, less the measurement's share; the interval is that of the rms of so many normal errors.
     """
-    rows = Rows("requirements")
+    rows, judged = Rows("requirements"), held_out if held_out.any() else ~held_out
+    by = "" if held_out.any() else ", judged by the poses that were fitted"
     for i, name in enumerate(_COMPONENTS):
         unit = "mm" if i < 3 else "deg"
         limit = getattr(asked, f"{name}_{unit}")
         if limit is not None:
             si = 1e-3 if i < 3 else np.pi / 180
-            found = _interval(errors.error[rows_used, i] / si, measurement[rows_used, i, i] / si**2)
-            _add(rows, calibration, name, unit, limit, found)
+            found = _interval(errors.error[judged, i] / si, measurement[judged, i, i] / si**2)
+            _add(rows, calibration, name, unit, limit, found, by)
     return rows
 
 
@@ -46,7 +47,9 @@ def _interval(errors: NDArray, variances: NDArray) -> tuple[float, float, float]
     count = int(told.sum())
     if not count:
         return None
-    square, noise = float(np.sum(errors[told] ** 2)), float(np.mean(variances[told]))
+    square = float(np.sum(errors[told] ** 2))
+    # A measurement that is said to be noisier than what was seen of it tells less, not more.
+    noise = min(float(np.mean(variances[told])), square / count)
     scales = (count, chdtri(count, 0.025), chdtri(count, 0.975))
     middle, low, high = (_WITHIN * float(np.sqrt(max(square / scale - noise, 0.0))) for scale in scales)
     return middle, low, high
@@ -59,6 +62,7 @@ def _add(
     unit: str,
     limit: float,
     found: tuple[float, float, float] | None,
+    by: str,
 ) -> None:
     error, lower, upper = found or (None, None, None)
     verdict = "not evaluated" if upper is None or lower is None else _verdict(lower, upper, limit)
@@ -72,7 +76,7 @@ def _add(
         upper=upper,
         unit=unit,
         verdict=verdict,
-        message=_message(component, verdict, limit, unit, found),
+        message=_message(component, verdict, limit, unit, found) + by,
     )
 
 

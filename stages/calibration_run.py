@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
-from stages.calibration_choice import Judged, choice, choice_rows, departure_rows, nominal_rows
+from stages.calibration_choice import Judged, choice, choice_rows, departure_rows, doubts, nominal_rows
 from stages.calibration_data import Gathered, Measured
 from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
 from stages.calibration_knowledge import absorption_rows, observability_rows
-from stages.calibration_question import Case, cases
+from stages.calibration_question import Case, cases, nothing_open
 from stages.calibration_requirements import requirement_rows
 from stages.calibration_tables import correlation_rows, parameter_rows
 from stages.declaration import Outcome, Progress
@@ -72,12 +72,12 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
         "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
         "requirements": _requirements(gathered, asked, best, fitted),
     }
+    open_questions = (_bad_poses(best, used.poses), *both.failed, _undeformed(gathered), _open(best))
     return Outcome(
         {name: found.table(identifier) for name, found in rows.items()},
         read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
-        left_out="; ".join(filter(None, (gathered.left_out, _bad_poses(best, used.poses), *both.failed, _open(best))))
-        or "nothing",
-        figure=_figure(best, len(judged), measured.roles),
+        left_out="; ".join(filter(None, (gathered.left_out, *open_questions))) or "nothing",
+        figure=_figure(best, len(both.likely), measured.roles),
     )
 
 
@@ -92,6 +92,9 @@ def _calibrations(gathered: Gathered, fitted: NDArray, progress: Progress) -> Bo
     for done, case in enumerate(every):
         progress(done, len(every), _words(case))
         for made, how in ((likely, maximum_likelihood), (closed, implicit)):
+            if nothing_open(gathered, case):
+                failed.append(f"{_words(case)}: every number is declared exact")
+                break
             try:
                 made.append(how(gathered, used, case, kept))
             except np.linalg.LinAlgError:
@@ -129,8 +132,7 @@ def _accuracy(artifact: str, judged: Sequence[Judged], gathered: Gathered) -> Ro
 def _requirements(gathered: Gathered, asked: Requirement, best: Judged, fitted: NDArray) -> Rows:
     if best.errors is None:
         return Rows("requirements")
-    by = ~fitted if (~fitted).any() else fitted
-    return requirement_rows(asked, best.calibration, best.errors, gathered.measured.platform.covariance, by)
+    return requirement_rows(asked, best.calibration, best.errors, gathered.measured.platform.covariance, ~fitted)
 
 
 def _bad_poses(best: Judged, poses: Sequence[int | str]) -> str:
@@ -143,11 +145,17 @@ def _open(best: Judged) -> str:
     return few if best.errors is None else ""
 
 
+def _undeformed(gathered: Gathered) -> str:
+    said = "models of deformation: fewer than three platform targets away from the attachments, whose frame deforms too"
+    return said if gathered.modulo_plane else ""
+
+
 def _figure(best: Judged, count: int, roles: NDArray) -> str:
-    said = f"{_words(best.calibration.case)} chosen of {count // 2} models"
+    said = f"{_words(best.calibration.case)} chosen of {count} models"
+    against = f"; {told}" if (told := doubts(best)) else ""
     if best.errors is None:
-        return said
+        return said + against
     held = roles == "verification"
     which = "held-out" if held.any() else "calibration"
     told = best.errors.position[held if held.any() else ~held] * 1e6
-    return f"{said}: {which} position error {np.nanmean(told):.1f} um mean, {np.nanmax(told):.1f} um at most"
+    return f"{said}: {which} position error {np.nanmean(told):.1f} um mean, {np.nanmax(told):.1f} um at most{against}"

@@ -15,6 +15,7 @@ from truing.estimation.acceptance import Poses
 from truing.estimation.point_fit import Frames, MeasuredPoints
 from truing.estimation.rigid import umeyama
 from truing.estimation.rotation import exp_so3
+from truing.simulation.kinematics import unit
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import (
@@ -72,7 +73,7 @@ class _Prior:
 def nominal_legs(section: LeggedMechanism) -> Legs:
     """The mechanism that campaign.toml describes, in m."""
     legs = section.legs
-    directions = [leg.u for leg in legs if leg.u is not None]
+    directions = [unit(np.array(leg.u)) for leg in legs if leg.u is not None]
     return mechanism(
         section.type,
         np.array([leg.a_mm for leg in legs]) * 1e-3,
@@ -81,6 +82,23 @@ def nominal_legs(section: LeggedMechanism) -> Legs:
         np.array([leg.length_mm for leg in legs]) * 1e-3,
         np.array([leg.rho0_mm for leg in legs]) * 1e-3,
     )
+
+
+def facing(legs: Legs, poses: pa.Table) -> Legs:
+    """Return legs without actuators of their own direction as assembled on the side where the platform was measured.
+
+    Lengths alone leave two sides open; the direction u, which such a closure does not use, says from where to search.
+    """
+    import pyarrow.compute as pc
+
+    if "u" in legs.closure.geometry:
+        return legs
+    own = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))
+    rows = poses.filter(pc.and_(poses.column("default"), own))
+    p = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"]) * 1e-3
+    R = exp_so3(np.nan_to_num(np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])))
+    away = (p + R @ legs.b.mean(0) - legs.a.mean(0))[np.isfinite(p).all(1)]
+    return legs.replace(u=np.broadcast_to(unit(away.mean(0)), legs.a.shape)) if len(away) else legs
 
 
 def _prior(section: LeggedMechanism, reading_mm: float) -> _Prior:
@@ -97,7 +115,7 @@ def _prior(section: LeggedMechanism, reading_mm: float) -> _Prior:
 def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     section = cast("LeggedMechanism", settings.mechanism)
-    legs = nominal_legs(section)
+    legs = facing(nominal_legs(section), tables["poses"])
     poses = pose_ids(tables["configurations"])
     bodies = _bodies(tables, poses, legs.count, settings)
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):

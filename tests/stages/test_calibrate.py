@@ -273,5 +273,50 @@ def test_a_geometry_that_cannot_close_is_not_evaluated(line):
     for leg in changed["mechanism"]["legs"]:
         leg["length_mm"] = 20.0
     found, said = calibrated(line, read_campaign(changed))
-    assert "cannot meet the platform" in said.figure
+    assert "do not belong together" in said.figure
     assert all(frame.empty for frame in found.values())
+
+
+def scaled(tables: dict[str, pa.Table], factor: float) -> dict[str, pa.Table]:
+    """The tables with all readings multiplied, as in a wrong unit."""
+    frame = tables["configurations"].to_pandas()
+    readings = [name for name in frame if name.startswith("rho")]
+    frame[readings] *= factor
+    schema = tables["configurations"].schema
+    return {**tables, "configurations": pa.Table.from_pandas(frame, schema, preserve_index=False)}
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
+def test_readings_in_a_wrong_unit_are_told_and_not_calibrated(line, factor):
+    found, said = calibrated(scaled(line, factor), read_campaign(document(SAMPLE)))
+    assert "readings and poses do not belong together" in said.figure
+    assert f"{factor:.0e}"[:1] in said.figure
+    assert all(frame.empty for frame in found.values())
+
+
+def test_a_platform_that_hardly_moved_is_told(line):
+    frame = line["poses"].to_pandas()
+    places = ["px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad"]
+    own = frame["body"] == "platform"
+    middle = frame.loc[own, places].mean()
+    frame.loc[own, places] = middle + 1e-3 * (frame.loc[own, places] - middle)
+    still = pa.Table.from_pandas(frame, line["poses"].schema, preserve_index=False)
+    _, said = calibrated({**line, "poses": still}, read_campaign(document(SAMPLE)))
+    assert "the platform hardly moved" in said.figure
+
+
+def test_tolerances_that_are_too_small_are_doubted(line):
+    changed = document(SAMPLE)
+    changed["mechanism"]["tolerance"] = {"a_mm": 0.05, "b_mm": 0.05, "u": 0.0002, "length_mm": 0.05}
+    _, doubted = calibrated(line, read_campaign(changed))
+    assert "further from nominal than their tolerances let expect" in doubted.figure
+    _, honest = calibrated(line, read_campaign(document(SAMPLE)))
+    assert "further from nominal" not in honest.figure
+
+
+def test_numbers_that_are_all_exact_leave_nothing_to_identify(line):
+    changed = document(SAMPLE)
+    changed["mechanism"]["tolerance"] = {"a_mm": 0.0, "b_mm": 0.0, "u": 0.0, "length_mm": 0.0}
+    found, said = calibrated(line, read_campaign(changed))
+    assert "every number is declared exact" in said.left_out
+    assert set(found["calibration"]["deformation"]) == {"linear", "matrix"}

@@ -30,12 +30,13 @@ def held_out_misfit(
 @dataclass(frozen=True)
 class Contender:
     """A fitted model: chi-square (B,) of each held-out pose and its freedom, log of the marginal likelihood, number of
-    parameters."""
+    parameters, and whether the fit has settled."""
 
     squares: NDArray
     freedom: int
     log_evidence: float
     parameters: int
+    settled: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ def choose_model(contenders: Sequence[Contender]) -> Choice:
     """
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
+    settled = np.array([one.settled for one in contenders])
     evidence = np.array([one.log_evidence for one in contenders])
+    evidence = np.where(settled | ~settled.any(), evidence, np.nan)
     eligible = ~_refuted(contenders) & np.isfinite(evidence)
     if not eligible.any():
         eligible = np.isfinite(evidence) | ~np.isfinite(evidence).any()

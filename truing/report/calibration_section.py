@@ -63,6 +63,8 @@ def _pull_words(tables: Tables, model: str) -> str:
         if figures is None or "rms_pull" not in figures or model not in figures.index.get_level_values("model"):
             continue
         pulls = figures.loc[model, "rms_pull"].dropna()
+        if not len(pulls):
+            continue
         said += f" Rms pull {words}: {', '.join(f'{d} {plain(pull)}' for d, pull in pulls.items())}."
     return said
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _LEAST_LEGS = 6
 _HELD_OUT = "position_mean_verification"
+UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
 _DEPARTS = "reading_rms_from_rigid_legs"
 
 
@@ -34,7 +35,14 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
     if figures is None or chosen is None:
         return f"{count(len(keys_of(fitted)), 'calibration')}, none of them chosen for this campaign. {ended}".strip()
     facts = figures.loc[chosen]
-    words = [_choice(chosen, facts), _gain(tables, chosen, facts), _rivals(figures, chosen), ended, _free(fitted)]
+    words = [
+        _choice(chosen, facts),
+        _doubts(facts),
+        _gain(tables, chosen, facts),
+        _rivals(figures, chosen),
+        ended,
+        _free(fitted),
+    ]
     return " ".join(word for word in words if word)
 
 
@@ -52,6 +60,21 @@ def _choice(chosen: Key, facts: pd.Series) -> str:
     said += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
     left = int(facts.get("poses_downweighted", 0.0) or 0)
     return f"{said} {count(left, 'pose')} that disagree with all others were left out." if left else said
+
+
+def _doubts(facts: pd.Series) -> str:
+    """What speaks against the chosen one itself: misfit beyond the noise, and a geometry beyond its tolerances."""
+    said = []
+    if _known(facts, "misfit_p_value") and facts["misfit_p_value"] < UNLIKELY:
+        times = plain(np.sqrt(facts["chi_square"] / facts["freedom"]))
+        missing = "there is more noise, or a cause is missing"
+        said.append(f"Yet its misfit is {times} times what the declared noise leaves: {missing}.")
+    if _known(facts, "pull_p_value") and facts["pull_p_value"] < UNLIKELY:
+        said.append(
+            "Yet parts are further from nominal than their tolerances allow: these are too small, and with them the "
+            "uncertainties told here, or a cause is missing."
+        )
+    return " ".join(said)
 
 
 def _errors(facts: pd.Series, role: str) -> str:

@@ -12,18 +12,17 @@ from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, shown_in
 if TYPE_CHECKING:
     import pandas as pd
 
-_CELL = "Identified − nominal ± one sigma; in brackets the pull, how many tolerances that is."
+_CELL = "Identified − nominal ± one sigma; in brackets the pull: that shift over what tolerance and sigma let it be."
+_BENT = ("K", "kappa")
 _STAR = "*: the data tell it no better than its tolerance."
-_MEASURED = "Nominal κ and K: as the targets at the attachments show them."
+_MEASURED = "κ and K: as identified."
 
 
 def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
     """The parameters of one calibration, rows by kind and columns by leg."""
     own = rows_of(fitted, key)
     star = f" {_STAR}" if not _identifiable(own).all() else ""
-    measured = (
-        f" {_MEASURED}" if (own["parameter"].str.startswith(("K", "kappa")) & (own["nominal"] != 0.0)).any() else ""
-    )
+    measured = f" {_MEASURED}" if own["parameter"].str.startswith(_BENT).any() else ""
     caption = f"Parameters of {called(key)}. {_CELL}{star} {MEANING}{measured}"
     heads, rows = _by_leg(own)
     return Listing(("parameter", *heads), rows, caption=caption, held_by="calibration.parquet")
@@ -60,6 +59,8 @@ def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, 
 
 def _cell(r: Any) -> str:
     factor, _ = shown_in(r.parameter, r.unit)
+    if r.parameter.startswith(_BENT):  # a deformation has no drawing that it could depart from
+        return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)
     said = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
     pull = getattr(r, "pull", float("nan"))
     said += f" ({round(pull, 1) + 0.0:.1f})" if pull == pull else ""
