@@ -33,7 +33,10 @@ class SchemaBreach(Exception):
 
 @dataclass(frozen=True)
 class Stamp:
-    """What an artifact carries about its origin. ``left`` names all artifacts of the same run of its stage."""
+    """What an artifact carries about its origin.
+
+    ``left`` names all artifacts of the same run of its stage, ``said`` is the main figure of that stage's closing line.
+    """
 
     stage: str
     digest: str
@@ -41,6 +44,7 @@ class Stamp:
     software_version: str
     left: tuple[str, ...]
     failed_checks: tuple[str, ...] = ()
+    said: str = ""
 
     def metadata(self, artifact: Artifact, columns: list[str]) -> dict[str, str]:
         """The file metadata: keys without their ``truing.`` prefix, values as text."""
@@ -54,6 +58,7 @@ class Stamp:
             "campaign": self.campaign,
             "left": json.dumps(self.left),
             "failed_checks": json.dumps(self.failed_checks),
+            "said": self.said,
         }
 
 

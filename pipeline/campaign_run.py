@@ -136,7 +136,8 @@ class CampaignRun:
         from truing import __version__
 
         left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
-        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed)
+        said = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past
+        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, said)
         obsolete = [ARTIFACTS[name].file for name in map(bare, stage.leaves) if name not in left]
         digests = write_artifacts(self.folder, outcome.artifacts, stamp, obsolete)
         self.ledger.entries[stage.name] = Entry(now.digest, digests, failed, now)

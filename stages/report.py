@@ -51,8 +51,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.head import build_head
     from truing.report.page import render_page
     from truing.report.sections import build_sections
+    from truing.report.tables import SAID
 
     frames = {name: table.to_pandas() for name, table in tables.items()}
+    for name, table in tables.items():
+        frames[name].attrs[SAID] = _provenance(table).get("said", "")
     places = target_places(frames)
     if places is not None:
         frames["shape"] = places

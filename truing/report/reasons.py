@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, filled, reason
 
 
 def why_no_diagnosis(tables: Tables) -> str:
     """Why no cause was judged."""
+    if said := reason(tables, "diagnosis"):
+        return said
     if "displacement" in tables:
         return "the catalogue holds no cause yet for displacements under load."
     if not _has_readings(tables):
@@ -16,6 +18,8 @@ def why_no_diagnosis(tables: Tables) -> str:
 
 def why_no_deformation(tables: Tables) -> str:
     """Why no deformation was modelled."""
+    if said := reason(tables, "deformation"):
+        return said
     if "displacement" in tables:
         return "The campaign holds no table of displacements under load that can be used."
     if not _has_readings(tables):
@@ -30,6 +34,8 @@ def _has_readings(tables: Tables) -> bool:
 
 def why_no_calibration(tables: Tables) -> str:
     """Why no model was calibrated."""
+    if said := reason(tables, "calibration"):
+        return said
     if not _has_readings(tables):
         return "Nothing to calibrate: no mechanism with actuator readings."
     poses = filled(tables, "poses")

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
+SAID = "said"  # attribute of a table: what its stage said when it left it
+_NOT_EVALUATED = "not evaluated: "
 Tables = Mapping[str, "pd.DataFrame"]
 
 
@@ -15,6 +17,13 @@ def filled(tables: Tables, name: str) -> pd.DataFrame | None:
     """The table, or None where the run has none or an empty one."""
     table = tables.get(name)
     return table if table is not None and len(table) else None
+
+
+def reason(tables: Tables, name: str) -> str:
+    """Why the stage that left a table did not evaluate it, as it said itself; empty where it said no such thing."""
+    said = str(tables[name].attrs.get(SAID, "")) if name in tables else ""
+    why = said.removeprefix(_NOT_EVALUATED) if said.startswith(_NOT_EVALUATED) else ""
+    return f"{why[:1].upper()}{why[1:]}." if why else ""
 
 
 def cell(value: object) -> str:
