@@ -152,9 +152,9 @@ def predict(
 @app.command()
 def design(
     campaign: OneCampaign,
-    poses: Annotated[int, typer.Option("--poses", min=1, help="How many configurations to choose.")] = 40,
+    poses: Annotated[int, typer.Option("--poses", min=1, max=1000, help="How many configurations to choose.")] = 40,
     verification: Annotated[
-        int, typer.Option("--verification", min=0, help="How many more to hold out, among the chosen.")
+        int, typer.Option("--verification", min=0, max=1000, help="How many more to hold out, among the chosen.")
     ] = 0,
     extend: Annotated[
         Path | None, typer.Option("--extend", metavar="FILE", help="Keep the poses of this table, and add to them.")

@@ -22,11 +22,15 @@ def read_given(path: Path, what: str) -> pa.Table:
     if path.suffix not in ENDINGS:
         raise CampaignFaults([Fault(str(path), f"{what}, .csv or .parquet")])
     try:
-        return pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
+        table = pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
     except (FileNotFoundError, IsADirectoryError):
         raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
     except pa.ArrowInvalid as error:
         raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
+    twice = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
+    if twice:
+        raise CampaignFaults(Fault(str(path), "one column of that name", column=name) for name in twice)
+    return table
 
 
 def table_bytes(table: pa.Table, ending: str, quoting: Literal["none", "needed"] = "none") -> bytes:

@@ -234,18 +234,19 @@ def _error_rows(
         error_rows(rows, name, fit, heldout, "um", 1e6, None)
     if whole:
         rows.extend(gains)
-        _structure_rows(rows, fits["matrix"], shifts)
+        rows.add(model="matrix", figure="modulo_plane", value=float(shifts.modulo_plane), unit="1")
+        if not shifts.modulo_plane:  # else what is left of K has no structure of its own
+            _structure_rows(rows, fits["matrix"])
     _shape_rows(rows, kept, shifts.attachments)
     return rows
 
 
-def _structure_rows(rows: Rows, matrix: ResponseFit, shifts: Shifts) -> None:
+def _structure_rows(rows: Rows, matrix: ResponseFit) -> None:
     """What the whole K says: rank, symmetry, coupling of pairs."""
     rows.add(model="matrix", figure="rank", value=float(significant_rank(matrix, FALSE_ALARM)), unit="1")
     even = symmetry(matrix)
     rows.add(model="matrix", figure="asymmetry", value=even.relative, unit="1")
     rows.add(model="matrix", figure="symmetry_p_value", value=even.p_value, unit="1")
-    rows.add(model="matrix", figure="modulo_plane", value=float(shifts.modulo_plane), unit="1")
     for i, j, strength, p in pair_couplings(matrix):
         pair = f"leg{i + 1} leg{j + 1}"
         rows.add(model="matrix", figure="coupling", value=strength, unit="1", subject=pair)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 LEAST_POSES = 3
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
+READINGS_AGAINST_POSES = "readings-against-poses"  # the check that fails where they cannot be of one machine
 WRONG_SHARE = 0.5  # of the movement, by which no machine departs from its drawing
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
@@ -60,6 +62,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         gathered = gather(tables, settings)
     except ValueError as why:
         return not_evaluated(str(why))
+    if little := _too_little(gathered):
+        return not_evaluated(little)
+    if apart := _apart(gathered):
+        return replace(not_evaluated(apart), failed_checks=(READINGS_AGAINST_POSES,))
     if unreached := _unreached(gathered):
         return not_evaluated(unreached)
     try:
@@ -68,24 +74,28 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return not_evaluated(str(why))
 
 
-def _unreached(gathered: Gathered) -> str:
-    """Why the nominal mechanism cannot be calibrated from these poses; empty where it can."""
+def _too_little(gathered: Gathered) -> str:
+    """Why these poses say too little of any machine; empty where they do not."""
     import numpy as np
 
     from truing.estimation.rotation import log_so3
-    from truing.simulation.kinematics import reaches
 
     fitted = int(np.sum(gathered.measured.roles != "verification"))
     if fitted < LEAST_POSES:
         return f"needs at least {LEAST_POSES} poses that are not for verification, found {fitted}"
-    legs, rho = gathered.machine.legs, gathered.measured.rho
     platform = gathered.measured.platform
     away = np.concatenate([platform.p - platform.p[0], log_so3(platform.R @ platform.R[0].T)], -1)
     noise = np.sqrt(np.diagonal(platform.covariance, axis1=1, axis2=2).mean(0))
     if np.all(np.ptp(away, axis=0) <= LEAST_MOVEMENT * noise):
         return "the platform hardly moved: its poses differ by no more than their noise"
-    if apart := _apart(gathered):
-        return apart
+    return ""
+
+
+def _unreached(gathered: Gathered) -> str:
+    """Why the nominal mechanism cannot be calibrated at these readings; empty where it can."""
+    from truing.simulation.kinematics import reaches
+
+    legs, rho = gathered.machine.legs, gathered.measured.rho
     if legs.count < LEAST_LEGS:
         return ""
     if not reaches(legs, legs.rho0[None]).all():

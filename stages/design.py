@@ -108,6 +108,8 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
     """Return configurations for a calibration and how far they are from the best; raises CampaignFaults."""
     limits = limits_of(settings, pose_too=wish.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file)
     kept_rho = None if tables.extend is None else readings_of(tables.extend, limits.readings.size, tables.extend_file)
+    if kept_rho is not None and not len(kept_rho):
+        raise CampaignFaults([Fault(tables.extend_file, "poses to keep, that are not for verification")])
     measured = wish.poses + (0 if kept_rho is None else len(kept_rho))
     problem = _with_room(tables.avoid_file, lambda: design_problem(settings, limits, wish.parameters, tables.survey))
     _check_wish(wish, problem, measured)
@@ -121,7 +123,8 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
     check = verification(problem, x, wish.verification, rng)
     placed = problem.regressors.at(np.concatenate([x, check]))
     order = _ordered(problem, placed, wish, kept_rho, rng)
-    table = _table(placed.rho, order, problem.regressors.machine.legs.rho0, wish, tables.extend)
+    rest = problem.regressors.machine.legs.rho0 if _starts_at_rest(problem, tables.extend) else None
+    table = _table(placed.rho, order, rest, wish, tables.extend)
     return Design(problem, wish, placed, whole, kept, existing, candidates, order, table)
 
 
@@ -195,14 +198,19 @@ def _ordered(
     return order_poses(placed.rho, start, padded, rng, wish.trade_off)
 
 
-def _table(rho: NDArray, order: PoseOrder, rho0: NDArray, wish: DesignWish, extend: pa.Table | None) -> pa.Table:
-    """Return the configurations in the order of measurement, times still empty; a new set begins at the reference."""
+def _starts_at_rest(problem: DesignProblem, extend: pa.Table | None) -> bool:
+    """Return whether the set begins at the reference: a new one does, unless that is forbidden."""
+    return extend is None and bool(problem.region.allowed(np.zeros((1, 6)))[0])
+
+
+def _table(rho: NDArray, order: PoseOrder, rest: NDArray | None, wish: DesignWish, extend: pa.Table | None) -> pa.Table:
+    """Return the configurations in the order of measurement, times still empty, after ``rest`` (L,) where given."""
     import pyarrow as pa
 
     roles = np.repeat(["calibration", "verification"], [wish.poses, wish.verification])[order.order].tolist()
     values, first = rho[order.order], _first_number(extend)
-    if extend is None:
-        roles, values, first = ["reference", *roles], np.concatenate([rho0[None], values]), 0
+    if rest is not None:
+        roles, values, first = ["reference", *roles], np.concatenate([rest[None], values]), 0
     columns: dict[str, object] = {
         "pose": pa.array(np.arange(len(values)) + first),
         "role": pa.array(roles, pa.string()),

@@ -120,13 +120,15 @@ def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.
     """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other."""
     if not count:
         return np.empty((0, 6))
-    picked = rng.permuted(np.tile(np.arange(len(x)), (100 * count, 1)), axis=1)[:, :_HULL]
+    picked = rng.integers(len(x), size=(100 * count, min(_HULL, len(x))))
     shares = rng.dirichlet(np.ones(picked.shape[1]), len(picked))
     inside = problem.region.pulled_in(np.einsum("nk,nki->ni", shares, x[picked]))
     inside = inside[problem.region.allowed(inside) & problem.reached(inside)]
     if len(inside) < count:
         raise CampaignFaults([Fault("--verification", "room within the hull of the chosen poses", value=str(count))])
-    near = np.linalg.norm(inside[:, None] - x[None], axis=-1).min(1)
+    near = np.full(len(inside), np.inf)
+    for one in x:  # pose by pose: all distances at once would not fit in memory
+        near = np.minimum(near, np.linalg.norm(inside - one, axis=-1))
     chosen: list[int] = []
     for _ in range(count):
         chosen.append(int(np.argmax(near)))

@@ -125,7 +125,7 @@ def design_problem(
     try:
         regressors = pose_regressors(structure, machine, whole, limits.pose, limits.readings)
     except ValueError as error:
-        given = "rho_mm, or all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
+        given = "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
         raise CampaignFaults([Fault(FILE, f"{error}: {given}", column="workspace")]) from None
     half = np.concatenate([limits.pose, limits.readings])
     region = FeasibleRegion(6, regressors.quantities, half, limits.lower, limits.upper)

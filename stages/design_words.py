@@ -26,6 +26,8 @@ def _chosen(design: Design) -> list[str]:
     if design.kept is not None and design.kept.outside:
         first += f" ({design.kept.outside} of those kept lie outside)"
     held = ", ".join(design.problem.held)
+    if design.kept is None and "reference" not in design.table.column("role").to_pylist():
+        first += "; the reference configuration is forbidden, and left out"
     left = f"; held: {held}, {'not asked for' if wish.parameters else 'not told apart from these'}" if held else ""
     return [first, f"parameters of each leg: {' '.join(names)} ({len(names)} x {design.problem.legs} legs){left}"]
 

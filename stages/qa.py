@@ -32,14 +32,16 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if not tables["observations"].num_rows:
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality_bodies import body_views, surroundings
-    from stages.quality_check import FAIL, WARN
+    from stages.quality_check import FAIL, WARN, told
     from stages.quality_checks import all_checks
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)
     checks = []
     attachments = _attachments(settings)
-    for check in all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm):
+    for check in map(
+        told, all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm)
+    ):
         checks.append(check)
         progress(len(checks), 0, check.check)
     accepted = [_acceptance(check, settings.accept) for check in checks]

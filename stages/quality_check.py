@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,13 @@ class Check:
 def without(what: str, check: str, subject: str, why: str) -> Check:
     """A check that this campaign gives nothing to judge by; neither a pass nor a failure."""
     return Check(check, subject, None, None, "", NOT_EVALUATED, f"Not evaluated ({what}): {why}.")
+
+
+def told(check: Check) -> Check:
+    """A check as it is; not evaluated where too little was measured for its value to be a number."""
+    if check.value is None or math.isfinite(check.value):
+        return check
+    return without("too little was measured", check.check, check.subject, "its value would be no number")
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:

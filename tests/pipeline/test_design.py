@@ -155,9 +155,36 @@ def test_what_readings_do_not_lead_to_is_left_out_and_told(tmp_path: Path) -> No
     assert np.abs(readings(pyarrow.csv.read_csv(out)) - 10.0).max() <= 60.0 * (1 + 2e-6)
 
 
+def test_a_set_does_not_begin_where_it_may_not_go(tmp_path: Path) -> None:
+    avoid, out = tmp_path / "avoid.csv", tmp_path / "chosen.csv"
+    avoid.write_text("rho1_min_mm,rho1_max_mm\n9.8,10.2\n", encoding="utf-8")
+    done = call(SAMPLE, "--poses", 12, "--avoid", avoid, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert "the reference configuration is forbidden, and left out" in done.output
+    table = pyarrow.csv.read_csv(out)
+    assert set(table["role"].to_pylist()) == {"calibration"}
+    first = np.array(table["rho1_mm"].to_pylist())
+    assert np.all((first <= 9.8 + 1e-3) | (first >= 10.2 - 1e-3))
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("pose,role,rho1_mm,rho2_mm,rho3_mm,rho4_mm,rho5_mm,rho6_mm\n", "expected poses to keep"),
+        ("pose,rho6_mm,rho6_mm\n1,10.0,10.0\n", "column rho6_mm: expected one column of that name"),
+    ],
+)
+def test_a_set_that_cannot_be_extended_is_refused_in_a_line(rows: str, words: str, tmp_path: Path) -> None:
+    given = tmp_path / "given.csv"
+    given.write_text(rows, encoding="utf-8")
+    done = call(SAMPLE, "--extend", given, "--out", tmp_path / "chosen.csv")
+    assert done.exit_code == 2, done.output
+    assert words in done.output
+
+
 REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
     ({"workspace": None}, [], "column workspace: expected limits of pose and readings that bound every displacement"),
-    ({"workspace": {"x_mm": 1.0}}, [], "rho_mm, or all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"),
+    ({"workspace": {"x_mm": 1.0}}, [], "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg"),
     ({"mechanism": None}, [], "column mechanism.type: found 'none'; expected a mechanism whose configurations"),
     ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, [], "column mechanism.legs: found '4'; expected six legs"),
     ({}, ["--poses", 6], "--poses: found '6'; expected at least 7 configurations"),

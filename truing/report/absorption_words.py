@@ -17,7 +17,7 @@ _EFFECTS = {
     "platform-deformation-matrix": "the deformation of the platform",
 }
 _ESTIMATORS = {"implicit": "implicit objectives", "errors-in-variables": "maximum likelihood"}
-_CLEAR = 1.96
+_CLEAR = 4.0  # sigmas, beyond which not one of some hundred shifts comes by chance
 # How many parameters a sentence names.
 _NAMED = 3
 

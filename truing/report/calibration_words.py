@@ -59,7 +59,8 @@ def _choice(chosen: Key, facts: pd.Series) -> str:
     reasons = " and ".join(because)
     said += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
     left = int(facts.get("poses_downweighted", 0.0) or 0)
-    return f"{said} {count(left, 'pose')} that disagree with all others were left out." if left else said
+    who = f"{count(left, 'pose')} that {'disagrees' if left == 1 else 'disagree'} with all others"
+    return f"{said} {who} {'was' if left == 1 else 'were'} left out." if left else said
 
 
 def _doubts(facts: pd.Series) -> str:

@@ -23,7 +23,8 @@ def reason(tables: Tables, name: str) -> str:
     """Why the stage that left a table did not evaluate it, as it said itself; empty where it said no such thing."""
     said = str(tables[name].attrs.get(SAID, "")) if name in tables else ""
     why = said.removeprefix(_NOT_EVALUATED) if said.startswith(_NOT_EVALUATED) else ""
-    return f"{why[:1].upper()}{why[1:]}." if why else ""
+    end = "" if why.endswith("?") else "."
+    return f"{why[:1].upper()}{why[1:]}{end}" if why else ""
 
 
 def cell(value: object) -> str:
