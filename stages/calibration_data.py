@@ -226,8 +226,7 @@ def _deformations(models: pa.Table | None, legs: int) -> dict[str, Deformation]:
         return {}
     rows = [row for row in models.to_pylist() if row["leg"] is not None and row["column"] > 0]
     found = {name: _coefficients([row for row in rows if row["model"] == name], legs) for name in ("linear", "matrix")}
-    complete = {"linear": np.diagonal(found["linear"].K), "matrix": found["matrix"].K}
-    return {name: found[name] for name, entries in complete.items() if np.isfinite(entries).all()}
+    return {name: one for name, one in found.items() if np.isfinite(one.K).any()}
 
 
 def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:

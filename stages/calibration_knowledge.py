@@ -159,7 +159,7 @@ def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence
     """Return what the parameters of models with less deformation take over of K, predicted and as the fits did it."""
     rows = Rows("absorption")
     known = gathered.deformations.get("matrix")
-    if known is None:
+    if known is None or not np.isfinite(known.K).all():
         return rows
     full = {(c.case.structure.name, c.estimator): c for c in calibrations if c.case.deformation == "matrix"}
     for calibration in calibrations:

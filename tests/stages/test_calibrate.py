@@ -252,6 +252,25 @@ def test_without_flexures_two_models_remain(line):
     assert set(found["calibration"]["model"]) == {"6-pus", "jacobian"}
 
 
+def test_targets_on_three_attachments_leave_the_other_rows_of_K_to_the_poses(line):
+    from scipy.stats import chi2
+
+    few = {
+        name: line[name].filter(pc.less_equal(line[name]["leg"], 3)) for name in ("deformation", "deformation_models")
+    }
+    found, _ = calibrated({**line, **few}, read_campaign(document(SAMPLE)))
+    effect = json.loads((SAMPLE.parent / "telescope.truth.json").read_text(encoding="utf-8"))["effects"][0]
+    rows = of(found["calibration"], "6-pus", "matrix")
+    assert set(rows["status"]) == {"ok"}
+    entries = rows[rows["parameter"].str.startswith("K")]
+    true = np.array([effect["parameters"][name]["value"] for name in entries["parameter"]])
+    z = (entries["identified"].to_numpy() - true) / entries["sigma"].to_numpy()
+    freedom = _freedom(of(found["correlations"], "6-pus", "matrix"), set(entries["parameter"]), len(z))
+    low, high = chi2.ppf([UNLUCKY / 2, 1 - UNLUCKY / 2], freedom) / freedom
+    assert_between(float(np.mean(z**2)), low, high, what="mean square of (identified - true) / sigma of K")
+    assert found["absorption"].empty  # which K is swallowed is not known from the targets
+
+
 def test_without_targets_on_attachments_the_matrix_cannot_be_known(line):
     tables = {**line, "deformation_models": ARTIFACTS["deformation_models"].empty()}
     found, _ = calibrated(tables, read_campaign(document(SAMPLE)))
