@@ -22,8 +22,9 @@ from pipeline.selection import Selection
 from schemas.campaign import Campaign, read_campaign
 from stages import calibrate as stage
 from stages.calibration_data import Gathered, gather
-from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
+from stages.calibration_fits import Calibration, implicit, maximum_likelihood
 from stages.calibration_question import cases
+from stages.calibration_screening import screened
 from truing.simulation.structures import structures
 
 CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
@@ -44,8 +45,8 @@ def calibrations(gathered: Gathered, how: Callable[..., Calibration]) -> list[Ca
     """Return the twelve calibrations, bad poses looked for first."""
     used = gathered.measured.chosen(gathered.measured.roles != "verification")
     every = list(cases(gathered, structures(gathered.machine)))
-    kept = good_poses(gathered, used, every[2])
-    return [how(gathered, used, case, kept) for case in every]
+    clean = screened(gathered, used, every[2])
+    return [how(gathered, clean.measured, case, clean.kept) for case in every]
 
 
 def measure(repeats: int) -> None:

@@ -28,8 +28,6 @@ from truing.simulation.parameters import ParameterSet, full_set, report_set
 from truing.simulation.structure import Machine
 
 MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
-# A larger share of poses is not mismeasured; then the model is wrong.
-_MOST_BAD_POSES = 0.1
 # A calibration that has not settled by then will not.
 _ITERATIONS = 200
 _NO_REDUNDANCY = "no redundancy: As many parameters as equations: measure more poses."
@@ -142,19 +140,6 @@ def answer(asked: Question, start: NDArray | None = None, *, robust: bool) -> Er
     if start is not None:
         values = np.concatenate([start, values[len(start) :]])
     return fit_errors_in_variables(asked.problem.constrain, asked.noise, values, asked.prior, robust=robust)
-
-
-def good_poses(gathered: Gathered, fitted: Measured, case: Case) -> NDArray:
-    """Return which poses (B,) agree with the others under a model.
-
-    A pose that was mismeasured is a rare one: where many seem to be, the model is wrong and all of them are kept.
-    """
-    asked = question(gathered, fitted, case)
-    fit = answer(asked, robust=True)
-    if (more := with_targets(asked, gathered, fitted, case.deformation != "none")) is not None:
-        fit = answer(more, fit.values, robust=True)
-    kept = fit.weight > 0
-    return kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept)
 
 
 def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from stages.calibration_accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
 from stages.calibration_choice import Judged, choice, choice_rows, departure_rows, doubts, nominal_rows
-from stages.calibration_data import Gathered, Measured
-from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
+from stages.calibration_data import Gathered
+from stages.calibration_fits import Calibration, implicit, maximum_likelihood
 from stages.calibration_knowledge import absorption_rows, observability_rows
 from stages.calibration_question import Case, cases, nothing_open
 from stages.calibration_requirements import requirement_rows
+from stages.calibration_screening import Screened, screened
 from stages.calibration_tables import correlation_rows, parameter_rows
 from stages.declaration import Outcome, Progress
 from stages.response_tables import Rows
@@ -47,13 +48,15 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
     Raises NothingCalibrated where no model could be.
     """
     fitted = gathered.measured.roles != "verification"
-    both = _calibrations(gathered, fitted, progress)
+    every = list(cases(gathered, structures(gathered.machine)))
+    clean = _screened(gathered, fitted, every)
+    both = _calibrations(gathered, clean, every, progress)
     if not both.likely:
         raise NothingCalibrated("; ".join(both.failed))
     judged = [_judged(gathered, one, fitted) for one in (*both.likely, *both.implicit)]
     made = choice(judged[: len(both.likely)])
     best = judged[made.chosen]
-    measured, used = gathered.measured, gathered.measured.chosen(fitted)
+    measured, used = gathered.measured, clean.measured
     identifier = "int64" if isinstance(measured.poses[0], int) else "string"
     counted = choice_rows(judged, measured.roles, made)
     if best.errors is not None:
@@ -72,7 +75,7 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
         "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
         "requirements": _requirements(gathered, asked, best, fitted),
     }
-    open_questions = (_bad_poses(best, used.poses), *both.failed, _undeformed(gathered), _open(best))
+    open_questions = (*clean.left_out, *both.failed, _undeformed(gathered), _open(best))
     return Outcome(
         {name: found.table(identifier) for name, found in rows.items()},
         read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
@@ -81,14 +84,22 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
     )
 
 
-def _calibrations(gathered: Gathered, fitted: NDArray, progress: Progress) -> Both:
-    """Return all calibrations, without the poses that the rigid legs find mismeasured under all known deformation."""
-    every = list(cases(gathered, structures(gathered.machine)))
+def _screened(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:
+    """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
     used = gathered.measured.chosen(fitted)
+    richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
+    everything = Screened(used, np.ones(len(used.poses), bool), ())
+    try:
+        return everything if nothing_open(gathered, richest) else screened(gathered, used, richest)
+    except np.linalg.LinAlgError:
+        return everything
+
+
+def _calibrations(gathered: Gathered, clean: Screened, every: Sequence[Case], progress: Progress) -> Both:
+    """Return all calibrations of the poses that were not grossly mismeasured."""
     likely: list[Calibration] = []
     closed: list[Calibration] = []
     failed = []
-    kept = _good_poses(gathered, used, every)
     for done, case in enumerate(every):
         progress(done, len(every), _words(case))
         for made, how in ((likely, maximum_likelihood), (closed, implicit)):
@@ -96,18 +107,10 @@ def _calibrations(gathered: Gathered, fitted: NDArray, progress: Progress) -> Bo
                 failed.append(f"{_words(case)}: every number is declared exact")
                 break
             try:
-                made.append(how(gathered, used, case, kept))
+                made.append(how(gathered, clean.measured, case, clean.kept))
             except np.linalg.LinAlgError:
                 failed.append(f"{_words(case)}, {ESTIMATORS[how]}: the equations became singular")
     return Both(tuple(likely), tuple(closed), tuple(failed))
-
-
-def _good_poses(gathered: Gathered, used: Measured, every: Sequence[Case]) -> NDArray:
-    richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
-    try:
-        return good_poses(gathered, used, richest)
-    except np.linalg.LinAlgError:
-        return np.ones(len(used.poses), bool)
 
 
 def _words(case: Case) -> str:
@@ -133,11 +136,6 @@ def _requirements(gathered: Gathered, asked: Requirement, best: Judged, fitted: 
     if best.errors is None:
         return Rows("requirements")
     return requirement_rows(asked, best.calibration, best.errors, gathered.measured.platform.covariance, ~fitted)
-
-
-def _bad_poses(best: Judged, poses: Sequence[int | str]) -> str:
-    bad = [str(pose) for pose, kept in zip(poses, best.calibration.kept, strict=True) if not kept]
-    return f"poses that disagree with all others: {', '.join(bad)}" if bad else ""
 
 
 def _open(best: Judged) -> str:

@@ -22,8 +22,9 @@ from docs.experiments.marked_tables import renew, table
 from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
 from stages.calibration_data import BodyPoses, Gathered, Measured, body_poses
-from stages.calibration_fits import Calibration, good_poses, implicit, maximum_likelihood
+from stages.calibration_fits import Calibration, implicit, maximum_likelihood
 from stages.calibration_question import Case
+from stages.calibration_screening import screened
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import forward
@@ -198,7 +199,7 @@ def both_errors(scenario: Scenario, rng: np.random.Generator) -> NDArray:
     measured = measure(true, scenario, rng)
     case = Case(RIGID, "none", machine)
     gathered = Gathered(measured, machine, TOLERANCE, scenario.reading, {}, None, "")
-    kept = good_poses(gathered, measured, case)
+    kept = screened(gathered, measured, case).kept
     fresh = true.rho0 + rng.uniform(-1.3e-3, 1.3e-3, (FRESH, 6))
     everything = np.ones(40, bool)
     fits = (maximum_likelihood(gathered, measured, case, kept), implicit(gathered, measured, case, everything))

@@ -200,6 +200,18 @@ def test_a_bad_pose_is_left_out_and_named(line, sample):
     assert np.abs(shift).max() < 1.0  # one pose of 41 fewer, no more
 
 
+def test_a_leg_whose_targets_put_it_elsewhere_is_left_out_alone(line, sample):
+    frame = line["poses"].to_pandas()
+    frame.loc[(frame["pose"] == 12) & (frame["body"] == "leg3"), "px_mm"] += 0.4
+    wrong = pa.Table.from_pandas(frame, line["poses"].schema, preserve_index=False)
+    found, said = calibrated({**line, "poses": wrong}, read_campaign(document(SAMPLE)))
+    assert said.left_out == "legs whose targets put them elsewhere: leg3 in pose 12"
+    before, after = (of(frames["calibration"], "6-pus", "matrix") for frames in (sample, found))
+    shift = (after["identified"].to_numpy() - before["identified"].to_numpy()) / before["sigma"].to_numpy()
+    assert np.abs(shift).max() < 1.0  # one leg of 41 poses fewer, no more
+    assert figure(found, "poses", "6-pus", "matrix", LIKELY) == 41
+
+
 def without(entry: dict[str, Any], *path: str) -> dict[str, Any]:
     changed = json.loads(json.dumps(entry))
     part = changed
