@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +20,8 @@ from truing.simulation.structure import Machine, readings_at
 
 STEP = 1e-20  # of a complex derivative
 HALF_STEP = 1e-5  # of a central difference
+
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
 
 def cables(radius=0.03):
@@ -177,4 +180,9 @@ def test_zeros_of_one_run_halve_what_is_left_of_the_other_and_joints_add_nothing
 
 def test_the_page_says_what_the_data_say(found):
     shown, made = cable_facts.PAGE.read_text(encoding="utf-8"), cable_facts.render(found)
-    assert shown == made, "run `python -m tests.real.cable_facts` and look at what changed"
+    assert _NUMBER.sub("#", shown) == _NUMBER.sub("#", made), (
+        "run `python -m tests.real.cable_facts`, look at what changed"
+    )
+    for old, new in zip(_NUMBER.findall(shown), _NUMBER.findall(made), strict=True):
+        last = 10.0 ** -len(old.partition(".")[2])  # processors round differently: one unit of the last digit shown
+        assert float(new) == pytest.approx(float(old), abs=1.01 * last)
