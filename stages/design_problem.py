@@ -91,10 +91,7 @@ class DesignProblem:
     def placed_at(self, rho: NDArray) -> Placed:
         """Return configurations by readings rho (B, L), m; raises ValueError where they reach no pose."""
         regressors = self.regressors
-        try:
-            reached = poses_at(regressors.structure, regressors.machine, rho)
-        except np.linalg.LinAlgError:
-            raise ValueError("readings that the mechanism can reach") from None
+        reached = poses_at(regressors.structure, regressors.machine, rho)
         if not reached.converged.all():
             raise ValueError("readings that the mechanism can reach")
         return Placed(reached.p, reached.R, rho)

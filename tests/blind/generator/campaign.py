@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,18 +80,32 @@ def draw_campaign(
 
     machine = _structured(built, marks, _driven(indicated, effects, setting), effects, setting)
     standing = stand(machine, at_reference(built, marks, np.zeros((1, LEGS))))
-    exact = exact_points(machine, standing, marks)
+    return measured(layout, built, machine, standing, indicated, effects, setting, stream)
+
+
+def measured(
+    layout: Layout,
+    built: Machine,
+    machine: Machine,
+    standing: Standing,
+    indicated: Array,
+    effects: Sequence[Effect],
+    setting: Setting,
+    stream: Mapping[str, np.random.Generator],
+) -> Campaign:
+    """The instrument's step: what is written down of a machine that stands where it does, and the truth."""
+    exact = exact_points(machine, standing, setting.marks)
     recorded = exact
     for effect in effects:
         recorded = effect.instrument(recorded, standing, setting)
     return Campaign(
         layout=layout,
-        schedule=schedule,
-        marks=marks,
-        surveyed=survey(marks, layout, stream["survey"]),
+        schedule=setting.schedule,
+        marks=setting.marks,
+        surveyed=survey(setting.marks, layout, stream["survey"]),
         readings=read_actuators(indicated, layout, stream["readings"]),
-        record=record_points(recorded, marks, layout, stream["points"]),
-        truth=truth_of(built, machine, standing, exact, marks, tuple(effects)),
+        record=record_points(recorded, setting.marks, layout, stream["points"]),
+        truth=truth_of(built, machine, standing, exact, setting.marks, tuple(effects)),
     )
 
 

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.blind.generator.campaign import STREAMS, Campaign, truth_of
+from tests.blind.generator.campaign import STREAMS, Campaign, measured
 from tests.blind.generator.closure import platform_pose
 from tests.blind.generator.effects import Effect, Setting
-from tests.blind.generator.instrument import read_actuators, record_points, survey
 from tests.blind.generator.layout import Geometry, Layout, Tolerance
-from tests.blind.generator.machine import Machine, Marks, Standing, at_reference, exact_points, place_marks
+from tests.blind.generator.machine import Machine, Marks, Standing, at_reference, place_marks
 from tests.blind.generator.quaternions import IDENTITY, Array, from_vector, rotate
 from tests.blind.generator.schedule import plan
 
@@ -84,19 +83,7 @@ def draw_hexapod(
     setting = Setting(schedule, marks, layout.targets.follow, actuator_mm)
 
     machine, indicated = _closed(built, marks, standing, effects, setting)
-    exact = exact_points(machine, standing, marks)
-    recorded = exact
-    for effect in effects:
-        recorded = effect.instrument(recorded, standing, setting)
-    return Campaign(
-        layout=layout,
-        schedule=schedule,
-        marks=marks,
-        surveyed=survey(marks, layout, stream["survey"]),
-        readings=read_actuators(indicated, layout, stream["readings"]),
-        record=record_points(recorded, marks, layout, stream["points"]),
-        truth=truth_of(built, machine, standing, exact, marks, tuple(effects)),
-    )
+    return measured(layout, built, machine, standing, indicated, effects, setting, stream)
 
 
 def build_hexapod(nominal: Geometry, tolerance: Tolerance, rng: np.random.Generator) -> Geometry:
