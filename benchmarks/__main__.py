@@ -8,7 +8,15 @@ import sys
 
 import benchmarks
 
-_SHARED = ("__main__", "timing", "pose_peers", "errors_in_variables_peers", "errors_in_variables_problem")
+_SHARED = (
+    "__main__",
+    "blind_figures",
+    "blind_page",
+    "errors_in_variables_peers",
+    "errors_in_variables_problem",
+    "pose_peers",
+    "timing",
+)
 
 for module in pkgutil.iter_modules(benchmarks.__path__):
     if module.name not in _SHARED:

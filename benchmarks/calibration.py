@@ -17,7 +17,8 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from benchmarks.timing import interleaved, pin, run_pinned
-from pipeline.run_campaign import Wish, run_campaigns
+from pipeline.run_campaign import Wish
+from pipeline.run_campaigns import run_campaigns
 from pipeline.selection import Selection
 from schemas.campaign import Campaign, read_campaign
 from stages import calibrate as stage

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from pipeline.whole_file import discard_parts, reveal, settle, write_part
-from schemas.artifacts import ARTIFACTS, Artifact
+from schemas.artifact import Artifact
+from schemas.artifacts import ARTIFACTS
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.problems import ExitCode
+
+if TYPE_CHECKING:
+    from pipeline.executor import Workforce
 
 # Without rich's formatting of help: it would cost a third of a second before the first word.
 app = typer.Typer(
@@ -56,6 +60,13 @@ Out = Annotated[
 Gate = Annotated[QaGate, typer.Option("--qa", help="Whether a failed check is exit code 3 or only told.")]
 Anew = Annotated[bool, typer.Option("--check", help="Read every file anew instead of trusting size, time and inode.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say only what went wrong.")]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Do so many at a time, each in a process.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port; local: one for this call."),
+]
 
 
 @app.command()
@@ -72,23 +83,27 @@ def run(
     qa: Gate = QaGate.FAIL,
     check: Anew = False,
     quiet: Quiet = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Run every stage that is not up to date, then say where the report lies.
 
-    Several campaigns are run one after the other, each in its own folder.
+    Several campaigns are run one after the other, each in its own folder; with --workers or --scheduler several at a
+    time, with the same results. The workers of a Dask cluster must see the same files at the same places.
 
     Exit codes: 0 done; 1 a defect of the software; 2 the campaign cannot be used; 3 done, but a QA check failed;
     4 the environment prevented it.
 
     Example: truing run sample_data/telescope --from pose
     """
-    from pipeline.run_campaign import Wish, run_campaigns
+    from pipeline.run_campaign import Wish
+    from pipeline.run_campaigns import run_campaigns
     from pipeline.selection import Selection
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
     wish = Wish(Selection(first, only, force), distrust=check, accept_failed_checks=qa is QaGate.WARN)
-    raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet))
+    raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=_workforce(workers, scheduler)))
 
 
 @app.command()
@@ -195,6 +210,53 @@ def design(
         return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
 
     _end(choose)
+
+
+@app.command()
+def power(
+    campaign: OneCampaign,
+    causes: Annotated[
+        str, typer.Option("--causes", metavar="NAMES", help="Ids of causes, by commas; default: all of the catalogue.")
+    ] = "",
+    draws: Annotated[
+        int, typer.Option("--draws", min=0, max=10000, help="Campaigns to draw per size and effect; 0: theory alone.")
+    ] = 4,
+    gross: Annotated[
+        float, typer.Option("--gross", min=0.0, max=0.2, help="Share of points that are grossly wrong.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")] = 0,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: runs/<name>/power.parquet."),
+    ] = None,
+) -> None:
+    """Hide effects in a campaign of this one's layout, diagnose it, and tell from which size on they are found.
+
+    Needs no measurement yet: campaign.toml, targets.csv and configurations.csv are enough. Leaves the sizes, the rates
+    (FILE-rates) and a page (FILE.html). Exit codes as of `truing run`.
+
+    Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
+    """
+
+    def tell() -> ExitCode:
+        from pipeline.power_command import PowerWish, power_campaign
+
+        names = tuple(name.strip() for name in causes.split(",") if name.strip())
+        return power_campaign(campaign, PowerWish(names, draws, gross, seed), _workforce(workers, scheduler), out)
+
+    _end(tell)
+
+
+def _workforce(workers: int | None, scheduler: str | None) -> Workforce:
+    from pipeline.executor import LOCAL, Workforce
+
+    if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
+        raise typer.BadParameter(
+            f"--scheduler: found {scheduler!r}; expected tcp://host:port, tls://host:port or local"
+        )
+    return Workforce(workers, scheduler)
 
 
 def _end(*actions: Callable[[], ExitCode]) -> None:

@@ -19,7 +19,7 @@ from pipeline.problems import (
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults
 
-_KEPT = "what was whole is whole still, and the same command carries on from there"
+KEPT = "what was whole is whole still, and the same command carries on from there"
 
 
 def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
@@ -31,7 +31,7 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
             voice.warn(" ".join(line.split("\n")))
         return ExitCode.UNUSABLE_CAMPAIGN
     except EnvironmentProblem as error:
-        voice.warn(f"{error}; {_KEPT}")
+        voice.warn(f"{error}; {KEPT}")
         return ExitCode.ENVIRONMENT
     except Defect as error:
         voice.warn(str(error))
@@ -43,7 +43,7 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
 def _end_of(error: Exception, voice: Voice) -> ExitCode:
     known = environment_problem(error, "the work was prevented")
     if known is not None:
-        voice.warn(f"{known}; {_KEPT}")
+        voice.warn(f"{known}; {KEPT}")
         return ExitCode.ENVIRONMENT
     voice.warn("".join(traceback.format_exception(error)))
     voice.warn(f"truing has a defect: {type(error).__name__}: {error}")
@@ -56,7 +56,7 @@ def end_all(actions: list[Callable[[], ExitCode]], voice: Voice) -> ExitCode:
         with interruptible():
             return gravest([end(action, voice) for action in actions])
     except (Interrupted, KeyboardInterrupt) as error:
-        voice.warn(f"interrupted ({error or 'SIGINT'}); {_KEPT}")
+        voice.warn(f"interrupted ({error or 'SIGINT'}); {KEPT}")
         return ExitCode.ENVIRONMENT
 
 

@@ -16,7 +16,7 @@ from pipeline.source_digest import SourceTree
 from pipeline.stage_order import bare
 
 if TYPE_CHECKING:
-    from schemas.artifacts import Artifact
+    from schemas.artifact import Artifact
     from stages.declaration import Stage
 
 # The settings reach a stage through the one, its tables through the other: both shape what it leaves.

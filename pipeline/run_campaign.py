@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 from pipeline.campaign_check import check_campaign
-from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign, run_folder_of
+from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
 from pipeline.campaign_run import CampaignRun, open_run
-from pipeline.endings import defects_logged, end_all
+from pipeline.endings import defects_logged
 from pipeline.freshness import State
 from pipeline.problems import ExitCode
 from pipeline.run_folder import occupied
 from pipeline.selection import Selection
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
+from schemas.faults import CampaignFaults
 from stages.declaration import Stage
 
 _LOG = "defect.log"
@@ -86,32 +85,3 @@ def _verdict(failed: tuple[str, ...], wish: Wish, voice: Voice) -> ExitCode:
         return ExitCode.DONE
     voice.warn(f"QA: {len(failed)} failed ({', '.join(failed)}); the report says why")
     return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
-
-
-def _refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
-    """An artifact may bear a raw file's name (configurations.parquet), so a run never writes where raw files are."""
-    from truing.formats.source import raw_files
-
-    raw = {path.resolve().parent for path in raw_files(campaign.folder, campaign.document)}
-    if folder.resolve() in {campaign.folder.resolve(), *raw}:
-        raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])
-
-
-def run_campaigns(places: list[Path], out: Path | None, wish: Wish, *, quiet: bool) -> ExitCode:
-    """Run several campaigns one after the other; what ends one does not end the others, except an interruption."""
-    voice = Voice(quiet=quiet)
-    taken: set[Path] = set()
-
-    def action(place: Path) -> ExitCode:
-        campaign = usable_campaign(place)
-        folder = run_folder_of(campaign, out, several=len(places) > 1)
-        if folder in taken:
-            expected = "a name that no other campaign of this call has"
-            raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
-        taken.add(folder)
-        _refuse_raw_files(campaign, folder)
-        if len(places) > 1:
-            voice.say(f"{campaign.name} ({place})")
-        return run_campaign(campaign, folder, wish, voice)
-
-    return end_all([partial(action, place) for place in places], voice)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from stages.declaration import Stage
 
 ORDER: dict[str, tuple[str, ...]] = {
-    "photogrammetry": ("ingest", "qa", "pose", "deformation", "calibrate", "diagnose", "report"),
+    "photogrammetry": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "report"),
     "interferometer": ("ingest", "deformation", "report"),
 }
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Sequence
+from io import StringIO
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 _SECONDS_BETWEEN_LINES = 5.0
+_WIDE = 200  # characters of a table that nobody watches
 
 
 class Voice:
@@ -34,6 +37,21 @@ class Voice:
         except BrokenPipeError:  # whoever listened has gone; the run goes on
             self._quiet = True
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+    def show(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """A table, as wide as the terminal, or as it needs where there is none."""
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(*heads, box=None, pad_edge=False, header_style="bold")
+        for row in rows:
+            table.add_row(*map(Text, row))
+        console = Console(file=StringIO(), width=None if self._terminal else _WIDE, color_system=None)
+        with console.capture() as captured:
+            console.print(table)
+        for line in captured.get().splitlines():
+            self.say(line.rstrip())
 
     def warn(self, line: str) -> None:
         """One line that is said even when quiet."""
@@ -68,6 +86,25 @@ class Voice:
         elif time.monotonic() - self._last_line > _SECONDS_BETWEEN_LINES:
             self._last_line = time.monotonic()
             self.say(f"{self._stage}: {done} of {total} {what}" if total else f"{self._stage}: {done} {what}")
+
+
+class Recorder(Voice):
+    """Keeps what is said where nobody watches, for whoever asked for the work; each line with whether it warns."""
+
+    def __init__(self) -> None:
+        super().__init__(quiet=True)
+        self.lines: list[tuple[bool, str]] = []
+
+    def say(self, line: str) -> None:
+        """Keep one line."""
+        self.lines.append((False, line))
+
+    def warn(self, line: str) -> None:
+        """Keep one line that is said even when quiet."""
+        self.lines.append((True, line))
+
+    def __call__(self, done: int, total: int, what: str) -> None:
+        """Progress is for those who watch."""
 
 
 def _bar() -> Bar:

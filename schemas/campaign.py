@@ -116,6 +116,7 @@ class LeggedMechanism(MechanismSection):
     leg_tube: Rod | None = None
     tolerance: Tolerance = Tolerance()
     actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
+    model: str | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
 
     @model_validator(mode="after")
     def _legs_fit_the_type(self) -> LeggedMechanism:
@@ -252,9 +253,13 @@ class Noise(Section):
 
 
 class Bodies(Section):
-    """[bodies]: which body the others are seen from; absent, poses are in the measurement frame."""
+    """[bodies]: which body the others are seen from; absent, poses are in the measurement frame.
+
+    ``still`` names bodies that should stand still before an instrument whose frame is one for the campaign.
+    """
 
     reference: str | None = None
+    still: tuple[str, ...] = ()
 
 
 class Diagnosis(Section):

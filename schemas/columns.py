@@ -163,16 +163,59 @@ _DIAGNOSIS = (
     ),
     Column("explanation", "text", "what, where, how large, how sure"),
     Column("next_measurement", "text", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
+    _real(
+        "signal_to_noise", "", "the effect over its noise, all nuisances taken out of it", minimum=0.0, nullable=True
+    ),
+    _real("log_evidence", "", "logarithm of the odds against the model without it", nullable=True),
+    Column(
+        "scale_holds",
+        "text",
+        "whether its place in the ranking stays when plausible scales are tripled",
+        nullable=True,
+        choices=("holds", "changes"),
+    ),
 )
 
+_EXTENSION = (
+    _real("size", "", "the smallest size that is found with the probability beside it", minimum=0.0, nullable=True),
+    _real("power", "", "the probability of being found at that size", minimum=0.0, maximum=1.0),
+    *(
+        _real(f"pull_{when}", "", f"shift over what the data let it differ by, {model}", nullable=True)
+        for when, model in (("before", "no effect in the model"), ("after", "found effects in the model"))
+    ),
+    _real("chi_square", "", "the pulls together, their correlations taken into account", minimum=0.0, nullable=True),
+    Column("freedom", "integer", "how many independent pulls there are", minimum=0),
+    *(
+        _real(f"largest_{when}", "unit", f"largest of measured minus predicted {when} the extension", minimum=0.0)
+        for when in ("before", "after")
+    ),
+    Column("purpose", "text", "what a measurement is for: the cause to confirm, or the two to tell apart"),
+    Column("expected", "text", "what is expected once this pose and those before it are measured", nullable=True),
+    Column("conditions", "text", "what else to see to at the pose: approach, pause, surroundings", nullable=True),
+    _real("before", "", "the parameter as the earlier campaign left it, in the unit of its row", nullable=True),
+    _real("sigma_before", "", "one standard deviation of it then", minimum=0.0, nullable=True),
+    _real("now", "", "the parameter as this campaign alone has it", nullable=True),
+    _real("sigma_now", "", "one standard deviation of it now", minimum=0.0, nullable=True),
+    _real("sigma_difference", "", "one standard deviation of now minus before", minimum=0.0, nullable=True),
+    _real("z", "", "now minus before, over its standard deviation", nullable=True),
+    _real("change", "", "by how much it changed, were the changed ones the only ones", nullable=True),
+    _real("sigma_change", "", "one standard deviation of that", minimum=0.0, nullable=True),
+    Column("instead", "text", "numbers whose change in its place would explain as much", nullable=True),
+    Column("changed", "flag", "whether it is among the fewest numbers whose changes explain all differences"),
+)
+
+_FITTED = ("errors-in-variables", "implicit", "nominal", "points")
+_DEFORMING = ("none", "linear", "nonlinear", "matrix")
+
 _CALIBRATION = (
-    Column("deformation", "text", "how the platform deforms in the model", choices=("none", "linear", "matrix")),
+    Column("deformation", "text", "how the platform deforms in the model", choices=_DEFORMING),
     Column("parameter", "text", "the parameter: a_x, b_y, u_x, l, rho0, kappa, K12, ..."),
     _real("nominal", "", "the parameter before calibration, in the unit of its row", nullable=True),
     _real("identified", "", "the parameter after calibration", nullable=True),
     _real("tolerance", "", "one standard deviation of manufacturing and assembly", minimum=0.0, nullable=True),
     _real("pull", "", "(identified - nominal) over what tolerance and measurement let it differ by", nullable=True),
     Column("identifiable", "flag", "whether the data tell the parameter better than its tolerance does"),
+    Column("effect_of", "text", "the cause and its subject; empty for the machine's own numbers", nullable=True),
     Column("other_leg", "integer", "the leg of the other parameter, counted from 1", minimum=1, nullable=True),
     Column("other_parameter", "text", "the other parameter of a pair"),
     _real("correlation", "", "correlation of the two errors", minimum=-1.0, maximum=1.0),
@@ -188,7 +231,7 @@ _CALIBRATION = (
         minimum=0.0,
         nullable=True,
     ),
-    Column("estimator", "text", "how it was fitted", choices=("errors-in-variables", "implicit", "nominal")),
+    Column("estimator", "text", "how it was fitted", choices=_FITTED),
     Column("combination", "text", "parameters that cannot be told apart, in words", nullable=True),
     Column("effect", "text", "the effect that was left out of the model"),
     _real("predicted", "", "how much of the effect the parameter takes, by linear algebra before the fit"),
@@ -215,6 +258,7 @@ COLUMNS: dict[str, Column] = {
         _LOADS,
         _QUALITY,
         _DIAGNOSIS,
+        _EXTENSION,
         _CALIBRATION,
         _REQUIREMENTS,
     )

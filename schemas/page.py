@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from schemas.artifacts import ARTIFACTS, Artifact
+from schemas.artifact import Artifact
+from schemas.artifacts import ARTIFACTS
 from schemas.columns import COLUMNS, Column
 
 _HEAD = """# What does a run leave, column by column?

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.calibration_data import Gathered
+    from stages.calibration_extended import Extended
 
 LEAST_POSES = 3
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
@@ -23,7 +24,7 @@ LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
 DECLARATION = Stage(
     name="calibrate",
-    reads=("configurations?", "survey?", "poses", "deformation", "deformation_models"),
+    reads=("configurations?", "survey?", "poses", "deformation", "deformation_models", "model?"),
     leaves=(
         "calibration",
         "implicit_calibration",
@@ -69,9 +70,19 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if unreached := _unreached(gathered):
         return not_evaluated(unreached)
     try:
-        return calibrate(gathered, settings.requirement, progress)
+        return calibrate(gathered, settings.requirement, _extended(tables, gathered), progress)
     except NothingCalibrated as why:
         return not_evaluated(str(why))
+
+
+def _extended(tables: Mapping[str, pa.Table], gathered: Gathered) -> Extended | None:
+    """The extended model that the diagnosis left; None where it left none."""
+    from stages.calibration_extended import extended_of
+
+    text = tables.get("model")
+    if not isinstance(text, str):
+        return None
+    return extended_of(text, tables, gathered.measured, gathered.measured.roles != "verification")
 
 
 def _too_little(gathered: Gathered) -> str:

@@ -88,18 +88,16 @@ def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -
     return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, calibration.declared)
 
 
-def accuracy_rows(
-    artifact: str, calibrations: Sequence[Calibration], errors: Sequence[PoseErrors], measured: Measured
-) -> Rows:
-    """Return the errors of all calibrations as rows of accuracy.parquet or its like."""
+def accuracy_rows(artifact: str, told: Sequence[tuple[tuple[str, str], PoseErrors]], measured: Measured) -> Rows:
+    """Return the errors of all models, (model, deformation) each, as rows of accuracy.parquet or its like."""
     rows = Rows(artifact)
     parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
     units = np.array([1e-6] * 3 + [ARCSEC] * 3)
-    for calibration, found in zip(calibrations, errors, strict=True):
+    for (model, deformation), found in told:
         kept = np.isfinite(found.error).all(-1)
         rows.add(
-            model=calibration.case.structure.name,
-            deformation=calibration.case.deformation,
+            model=model,
+            deformation=deformation,
             pose=[pose for pose, good in zip(measured.poses, kept, strict=True) if good],
             role=measured.roles[kept],
             position_error_um=found.position[kept] * 1e6,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_accuracy import ARCSEC, PoseErrors
+from stages.calibration_extended import ESTIMATOR, MODEL, Extended, extended_figures
 from stages.calibration_fits import MAXIMUM_LIKELIHOOD, Calibration
 from stages.calibration_question import is_deformation
 from stages.response_tables import Rows
@@ -66,6 +67,14 @@ def nominal_rows(model: str, errors: PoseErrors, roles: NDArray) -> Rows:
     """Return the figures of the machine before any calibration."""
     rows = Rows("model_choice")
     _add(rows, model, "none", "nominal", _error_figures(errors, roles))
+    return rows
+
+
+def extended_choice_rows(extended: Extended, roles: NDArray) -> Rows:
+    """Return the figures of the extended model, which was fitted to other data and is not among those chosen from."""
+    rows = Rows("model_choice")
+    figures = [*_error_figures(extended.errors, roles), *extended_figures(extended)]
+    _add(rows, MODEL, extended.deformation, ESTIMATOR, figures)
     return rows
 
 

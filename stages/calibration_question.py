@@ -13,8 +13,8 @@ from stages.calibration_targets import noise_of_all, prior_of_all, with_bodies, 
 from truing.estimation.errors_in_variables import Prior
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.parameters import Parameter, ParameterSet, full_set
-from truing.simulation.point_model import FREE_DIRECTION, FREE_LENGTH_M
 from truing.simulation.structure import Machine, Structure
+from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
 # What nothing is known of: a deformation coefficient may still be this large.
@@ -28,6 +28,11 @@ class Case:
     structure: Structure
     deformation: str
     nominal: Machine
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Return what it is called in the tables."""
+        return self.structure.name, self.deformation
 
 
 def cases(gathered: Gathered, structures: tuple[Structure, ...]) -> Iterator[Case]:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_accuracy import PoseErrors
-from stages.calibration_fits import Calibration
 from stages.response_tables import Rows
 
 if TYPE_CHECKING:
@@ -19,9 +18,9 @@ _WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
 
 
 def requirement_rows(
-    asked: Requirement, calibration: Calibration, errors: PoseErrors, measurement: NDArray, held_out: NDArray
+    asked: Requirement, key: tuple[str, str], errors: PoseErrors, measurement: NDArray, held_out: NDArray
 ) -> Rows:
-    """Return a row per component that something is asked of.
+    """Return a row per component that something is asked of, judged by the errors of a model (model, deformation).
 
     measurement (B, 6, 6): covariance of the measured poses, whose noise is not the machine's; held_out (B,): the poses
     judged by, and where there are none all of them. The error is what 95 of 100 poses stay below: 1.96 rms of measured
@@ -35,7 +34,7 @@ def requirement_rows(
         if limit is not None:
             si = 1e-3 if i < 3 else np.pi / 180
             found = _interval(errors.error[judged, i] / si, measurement[judged, i, i] / si**2)
-            _add(rows, calibration, name, unit, limit, found, by)
+            _add(rows, key, name, unit, limit, found, by)
     return rows
 
 
@@ -57,7 +56,7 @@ def _interval(errors: NDArray, variances: NDArray) -> tuple[float, float, float]
 
 def _add(
     rows: Rows,
-    calibration: Calibration,
+    key: tuple[str, str],
     component: str,
     unit: str,
     limit: float,
@@ -67,8 +66,8 @@ def _add(
     error, lower, upper = found or (None, None, None)
     verdict = "not evaluated" if upper is None or lower is None else _verdict(lower, upper, limit)
     rows.add(
-        model=calibration.case.structure.name,
-        deformation=calibration.case.deformation,
+        model=key[0],
+        deformation=key[1],
         component=component,
         requirement=limit,
         error=error,

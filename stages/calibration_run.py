@@ -10,14 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration_accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
-from stages.calibration_choice import Judged, choice, choice_rows, departure_rows, doubts, nominal_rows
+from stages.calibration_choice import (
+    Judged,
+    choice,
+    choice_rows,
+    departure_rows,
+    doubts,
+    extended_choice_rows,
+    nominal_rows,
+)
 from stages.calibration_data import Gathered
+from stages.calibration_extended import MODEL, Extended, extended_correlations, extended_parameters
 from stages.calibration_fits import Calibration, implicit, maximum_likelihood
 from stages.calibration_knowledge import absorption_rows, observability_rows
 from stages.calibration_question import Case, cases, nothing_open
 from stages.calibration_requirements import requirement_rows
 from stages.calibration_screening import Screened, screened
-from stages.calibration_tables import correlation_rows, parameter_rows
+from stages.calibration_tables import LEAST_CORRELATION, correlation_rows, parameter_rows
 from stages.declaration import Outcome, Progress
 from stages.response_tables import Rows
 from truing.simulation.structures import structures
@@ -42,8 +51,8 @@ class NothingCalibrated(Exception):
     """No model's equations could be solved; says why."""
 
 
-def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Outcome:
-    """Calibrate every model, choose among them, and say what the data can know.
+def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None, progress: Progress) -> Outcome:
+    """Calibrate every model, choose among them, and say what the data can know; the extended model stands beside them.
 
     Raises NothingCalibrated where no model could be.
     """
@@ -75,6 +84,8 @@ def calibrate(gathered: Gathered, asked: Requirement, progress: Progress) -> Out
         "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
         "requirements": _requirements(gathered, asked, best, fitted),
     }
+    if extended is not None:
+        _add_extended(rows, extended, asked, gathered, fitted)
     open_questions = (*clean.left_out, *both.failed, _undeformed(gathered), _open(best))
     return Outcome(
         {name: found.table(identifier) for name, found in rows.items()},
@@ -127,15 +138,30 @@ def _judged(gathered: Gathered, calibration: Calibration, fitted: NDArray) -> Ju
     return Judged(calibration, errors, squares, legs)
 
 
+def _add_extended(
+    rows: dict[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray
+) -> None:
+    """Add the extended model to the tables of the calibrations."""
+    key, measured = (MODEL, extended.deformation), gathered.measured
+    rows["calibration"].extend(extended_parameters(extended))
+    rows["correlations"].extend(extended_correlations(extended, LEAST_CORRELATION))
+    rows["accuracy"].extend(accuracy_rows("accuracy", [(key, extended.errors)], measured))
+    rows["model_choice"].extend(extended_choice_rows(extended, measured.roles))
+    noise = measured.platform.covariance
+    rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted))
+
+
 def _accuracy(artifact: str, judged: Sequence[Judged], gathered: Gathered) -> Rows:
     told = [(one.calibration, one.errors) for one in judged if one.errors is not None]
-    return accuracy_rows(artifact, [one for one, _ in told], [errors for _, errors in told], gathered.measured)
+    return accuracy_rows(artifact, [(one.case.key, errors) for one, errors in told], gathered.measured)
 
 
 def _requirements(gathered: Gathered, asked: Requirement, best: Judged, fitted: NDArray) -> Rows:
     if best.errors is None:
         return Rows("requirements")
-    return requirement_rows(asked, best.calibration, best.errors, gathered.measured.platform.covariance, ~fitted)
+    return requirement_rows(
+        asked, best.calibration.case.key, best.errors, gathered.measured.platform.covariance, ~fitted
+    )
 
 
 def _open(best: Judged) -> str:

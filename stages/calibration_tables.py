@@ -11,7 +11,7 @@ from stages.response_tables import Rows
 from truing.simulation.parameters import SHARED, Parameter
 
 # Pairs of parameters less correlated than this are not told.
-_LEAST_CORRELATION = 0.05
+LEAST_CORRELATION = 0.05
 
 
 def parameter_rows(artifact: str, calibrations: Sequence[Calibration]) -> Rows:
@@ -42,7 +42,7 @@ def correlation_rows(calibrations: Sequence[Calibration]) -> Rows:
     for calibration in calibrations:
         entries = calibration.parameters.entries
         correlation = calibration.covariance / np.outer(calibration.sigma, calibration.sigma)
-        first, second = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) >= _LEAST_CORRELATION, 1))
+        first, second = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) >= LEAST_CORRELATION, 1))
         rows.add(
             model=calibration.case.structure.name,
             deformation=calibration.case.deformation,

@@ -13,7 +13,7 @@ from truing.estimation.errors_in_variables import Prior
 from truing.simulation.attachment_shifts import AttachmentShifts
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.leg_bodies import LegBodies, LegPoses, seated
-from truing.simulation.point_model import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.unknowns import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 
 def with_bodies(problem: CalibrationProblem, measured: Measured) -> CalibrationProblem:

@@ -13,17 +13,23 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign, LeggedMechanism
     from stages.mechanism_points import Gathered
-    from truing.estimation.acceptance import Stand
+    from truing.estimation.acceptance import Diagnosis, Settings
+    from truing.estimation.fitted_model import Stand
 
 DECLARATION = Stage(
     name="diagnose",
-    reads=("observations", "survey?", "configurations?", "poses", "residuals"),
-    leaves=("diagnosis", "model?"),
+    reads=("observations", "survey?", "configurations?", "poses", "residuals", "start?"),
+    leaves=("diagnosis", "model?", "detectable?", "pulls?", "pull_sums?", "prediction?", "next_poses?", "changes?"),
     settings=(
         "campaign.name",
         "mechanism.type",
         "mechanism.legs",
         "mechanism.tolerance",
+        "mechanism.reference_temperature_c",
+        "mechanism.actuator_pitch_mm",
+        "campaign.drives",
+        "bodies",
+        "workspace",
         "noise.point_mm",
         "noise.actuator_mm",
         "diagnosis",
@@ -32,33 +38,48 @@ DECLARATION = Stage(
 )
 
 # Simulated residual vectors, and as many sign-flipped ones, that the search is held against.
-DRAWS = 2000
+DRAWS = 400
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Search the catalogue for what makes the campaign depart from its simulation."""
     import numpy as np
 
-    from stages.mechanism_points import gather
-
-    if not settings.mechanism.is_legged:
-        return _not_evaluated(f"mechanism {settings.mechanism.type}: the catalogue holds no cause for it yet")
-    if "survey" not in tables or "configurations" not in tables:
-        return _not_evaluated("needs the survey of the targets and the actuator readings")
-    if len(cast("LeggedMechanism", settings.mechanism).legs) < 6:
-        return _not_evaluated("fewer than six legs leave the platform free: readings do not say where it is")
-    if settings.noise.point_mm is None:
-        return _not_evaluated("needs noise.point_mm")
     try:
-        gathered = gather(tables, settings)
+        gathered = gathered_of(tables, settings)
     except ValueError as why:
         return _not_evaluated(str(why))
-    if unreached := _unreached(gathered):
-        return _not_evaluated(unreached)
     try:
         return _diagnose(gathered, settings, progress)
     except np.linalg.LinAlgError:
         return _not_evaluated("the fit left what the legs can reach: geometry, survey or readings are far from right")
+
+
+def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
+    if settings.mechanism.is_legged:
+        return _of_mechanism(tables, settings)
+    if settings.mechanism.type != "none":
+        raise ValueError(f"mechanism {settings.mechanism.type}: the catalogue holds no cause for it yet")
+    from stages.body_points import gather_bodies
+
+    return gather_bodies(tables, settings)
+
+
+def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    from stages.earlier_campaign import started
+    from stages.mechanism_points import gather
+
+    if "survey" not in tables or "configurations" not in tables:
+        raise ValueError("needs the survey of the targets and the actuator readings")
+    if len(cast("LeggedMechanism", settings.mechanism).legs) < 6:
+        raise ValueError("fewer than six legs leave the platform free: readings do not say where it is")
+    if settings.noise.point_mm is None:
+        raise ValueError("needs noise.point_mm")
+    gathered = gather(tables, settings)
+    if unreached := _unreached(gathered):
+        raise ValueError(unreached)
+    return started(gathered, str(tables["start"]), settings.diagnosis.seed) if "start" in tables else gathered
 
 
 def _unreached(gathered: Gathered) -> str:
@@ -73,32 +94,42 @@ def _unreached(gathered: Gathered) -> str:
 
 
 def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Outcome:
-    from stages.diagnosis_rows import diagnosis_table
-    from stages.pose_conditions import unexplained_causes
-    from truing.estimation import acceptance
-    from truing.simulation.causes import catalogue
+    from stages.diagnosis_artifacts import artifacts_of
 
-    rule = acceptance.Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
-    search = acceptance.Acceptance(
-        gathered.model, gathered.calibration, gathered.held_out, rule, lambda what: progress(0, 1, what)
-    )
-    readings = gathered.calibration.conditions
-    verdicts, final = search.run([*catalogue().values(), *unexplained_causes(readings, gathered.model.nominal.rho0)])
-    table = diagnosis_table(verdicts, final, gathered.framing, settings.diagnosis.false_alarm)
+    rule = rule_of(settings)
+    diagnosis = decided(gathered, settings, progress)
+    progress(0, 1, "what could have stayed hidden, and what to measure next")
+    artifacts = artifacts_of(diagnosis, gathered, rule, settings)
     return Outcome(
-        {"diagnosis": table, "model": _model_text(final, settings)},
+        artifacts,
         read=_read(gathered),
-        left_out=_left_out(gathered, search.gross),
-        figure=_figure(table, final),
+        left_out=_left_out(gathered, diagnosis.gross),
+        figure=_figure(artifacts["diagnosis"], diagnosis.final),
     )
 
 
-def _model_text(final: Stand, settings: Campaign) -> str:
-    from truing.simulation.extended_model import extended, write_model
+def rule_of(settings: Campaign) -> Settings:
+    """How sure a finding must be in a campaign."""
+    from truing.estimation.acceptance import Settings
 
-    return write_model(
-        extended(final.model, final.fit.shared, final.covariance(), {"campaign": settings.campaign.name})
+    return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
+
+
+def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
+    """All that the search over the catalogue decides."""
+    from truing.estimation.acceptance import Acceptance
+    from truing.simulation.causes import catalogue, catalogue_of_bodies
+
+    kinds = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+    search = Acceptance(
+        gathered.model,
+        gathered.calibration,
+        gathered.held_out,
+        rule_of(settings),
+        lambda what: progress(0, 1, what),
+        gathered.given,
     )
+    return search.run(list(kinds.values()))
 
 
 def _read(gathered: Gathered) -> str:

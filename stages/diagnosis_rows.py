@@ -3,62 +3,84 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
-from truing.estimation.noise_level import NoiseLevel, noise_level
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.estimation.acceptance import Stand, Verdict
+    from truing.estimation.acceptance import Diagnosis
+    from truing.estimation.fitted_model import Stand
+    from truing.estimation.noise_following import NoiseFollowing
+    from truing.estimation.noise_level import NoiseLevel
+    from truing.estimation.verdicts import Verdict
 
-# The share of the false-alarm rate that noise larger than declared may use up.
-_NOISE_BUDGET = 0.1
+_SCATTER = "Measure one pose ten times over without moving anything: the scatter is the true noise."
 
 
-def diagnosis_table(verdicts: list[Verdict], final: Stand, framing: int, false_alarm: float) -> pa.Table:
-    """Rows of the verdicts in their order, noise larger than declared behind what was found; ``framing`` is the number
-    of platform targets away from the attachments."""
+@dataclass(frozen=True)
+class Words:
+    """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
+    a cause's key, and what limits all statements."""
+
+    detectable: Mapping[str, str]
+    next_measurement: Mapping[str, str]
+    remark: str
+
+
+def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> pa.Table:
+    """Rows of the verdicts in their order, noise that is larger than declared behind what was found.
+
+    ``noise_level`` is the p-value below which it is.
+    """
     import pyarrow as pa
 
-    rows = [_row(verdict, framing) for verdict in verdicts]
-    level = noise_level(final.fit.whitened)
-    if level.p_value <= _NOISE_BUDGET * false_alarm:
-        found = sum(row["verdict"] == "found" for row in rows)
-        rows.insert(found, _noise_row(level, final))
+    rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
+    noisy = [_following_row(own, diagnosis.final) for own in diagnosis.following]
+    if diagnosis.noise.p_value <= noise_level:
+        noisy.append(_noise_row(diagnosis.noise, diagnosis.final))
+    found = sum(row["verdict"] == "found" for row in rows)
+    rows[found:found] = noisy
     ranked = [{"rank": rank, **row} for rank, row in enumerate(rows, 1)]
-    return pa.Table.from_pylist(ranked, schema=ARTIFACTS["diagnosis"].arrow_schema())
+    artifact = ARTIFACTS["diagnosis"]
+    return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
 
 
-def _row(verdict: Verdict, framing: int) -> dict[str, Any]:
+def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]:
     from truing.report.findings import Facts, explanation
 
-    parameters = fitted_parameters(verdict.own, verdict.cause)
-    held = (_um(verdict.before.held_out), _um(verdict.after.held_out))
+    cause, legs = verdict.cause, diagnosis.plain.model.leg_count
+    parameters = told_parameters(verdict, legs)
+    held = (_um(verdict.held_out[0]), _um(verdict.held_out[1]))
     facts = Facts(
         verdict.verdict,
-        verdict.cause.says,
+        cause.says,
         parameters,
-        verdict.score.p_value,
+        verdict.p_value,
         verdict.candidates,
-        _um(verdict.before.error),
-        _um(verdict.after.error),
+        _um(verdict.before),
+        _um(verdict.after),
         held,
-        verdict.after.floor * 1e6,
+        verdict.floor * 1e6,
         verdict.reason,
-        _detectable(verdict),
-        bool(verdict.cause.follows(verdict.own.model.nominal.count)),
-        _remark(framing, verdict.after),
+        words.detectable.get(cause.key, ""),
+        not cause.catalogued,
+        words.remark,
+        subject=cause.subject,
+        odds=_odds(verdict, diagnosis),
+        largest=_reach(verdict),
     )
     return {
-        "cause": verdict.cause.id,
+        "cause": cause.id,
         "verdict": verdict.verdict,
-        "subject": "",
-        "p_value": verdict.score.p_value,
+        "subject": cause.subject,
+        "p_value": verdict.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(parameters),
-        "follows": " ".join(verdict.cause.follows(verdict.own.model.nominal.count)),
+        "follows": " ".join(cause.follows(legs)),
         "rms_before": facts.rms_before,
         "rms_after": facts.rms_after,
         "heldout_rms_before": held[0],
@@ -66,46 +88,62 @@ def _row(verdict: Verdict, framing: int) -> dict[str, Any]:
         "noise_floor": facts.floor,
         "unit": "um",
         "explanation": explanation(facts),
-        "next_measurement": verdict.cause.confirm,
+        "next_measurement": words.next_measurement.get(cause.key, cause.confirm),
+        "signal_to_noise": verdict.signal_to_noise,
+        "log_evidence": verdict.log_odds,
+        "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
     }
 
 
-def fitted_parameters(stand: Stand, cause: Any) -> dict[str, dict[str, Any]]:
+def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
     """A cause's parameters as the contract names them: value, sigma, unit."""
+    told = verdict.cause.told(verdict.values, verdict.covariance, legs)
+    return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in told}
+
+
+def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
+    """How much more probable the found cause is than one that cannot be told from it."""
+    import math
+
+    other = next((one for one in diagnosis.verdicts if one.cause.key == verdict.reason), None)
+    return None if other is None else math.exp(other.log_odds - verdict.log_odds)
+
+
+def _reach(verdict: Verdict) -> float | None:
+    """How far a found cause moves any prediction, um."""
+    if verdict.verdict != "found":
+        return None
     import numpy as np
 
-    model = stand.model
-    sigma = np.sqrt(np.diag(stand.covariance()))[model.layout[cause.key]] * model.effect_sigma(cause)
-    values = stand.fit.shared[model.layout[cause.key]] * model.effect_sigma(cause)
-    named = zip(cause.parameters(model.nominal.count), values, sigma, strict=True)
-    return {p.name: {"value": float(v / p.si), "sigma": float(s / p.si), "unit": p.unit} for p, v, s in named}
-
-
-def _detectable(verdict: Verdict) -> str:
-    size = verdict.score.detectable
-    if size is None:
-        return ""
-    first = verdict.cause.parameters(6)[0]
-    unit = "" if first.unit == "1" else f" {first.unit}"
-    return f"coefficients of {size * first.scale / first.si:.2g}{unit} (root mean square)"
-
-
-def _remark(framing: int, stand: Stand) -> str:
-    said = []
-    if framing < 3:
-        said.append(
-            "Fewer than three platform targets sit away from the attachments, so shifts are known modulo a plane "
-            "(z and two tilts)."
-        )
-    if stand.fit.state != "settled":
-        said.append("The fit did not settle within its iterations: treat the numbers as provisional.")
-    return " ".join(said)
+    moved = np.where(verdict.before.seen[..., None], verdict.after.gap - verdict.before.gap, 0.0)
+    return float(np.sqrt(np.max(np.sum(moved**2, -1)))) * 1e6
 
 
 def _noise_row(level: NoiseLevel, final: Stand) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves the points that nothing here explains."""
     from truing.report.findings import noise_explanation
 
+    said = noise_explanation(level.ratio, level.sigma, _um(final.error), final.floor * 1e6)
+    return _of_noise(level, final) | {"explanation": said, "next_measurement": _SCATTER}
+
+
+def _following_row(own: NoiseFollowing, final: Stand) -> dict[str, Any]:
+    """Noise that is larger in places, and the column or the target that it follows."""
+    from truing.report.findings import noise_explanation
+
+    names = [final.model.targets.names[target] for target in own.driver.targets]
+    follows = own.driver.name or f"target {names[0]}"
+    said = noise_explanation(own.ratio, own.sigma, _um(final.error), final.floor * 1e6, [follows])
+    return _of_noise(own, final) | {
+        "subject": f"target {names[0]}" if names else "",
+        "follows": own.driver.column,
+        "explanation": said,
+        "next_measurement": f"{_SCATTER} Repeat it where {follows} differs.",
+    }
+
+
+def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand) -> dict[str, Any]:
+    """What all rows on noise have: no effect on the mean, so nothing is predicted better."""
     rms, held = _um(final.error), _um(final.held_out)
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
     return {
@@ -122,8 +160,6 @@ def _noise_row(level: NoiseLevel, final: Stand) -> dict[str, Any]:
         "heldout_rms_after": held,
         "noise_floor": final.floor * 1e6,
         "unit": "um",
-        "explanation": noise_explanation(level.ratio, level.sigma, rms, final.floor * 1e6),
-        "next_measurement": "Measure one pose ten times over without moving anything: the scatter is the true noise.",
     }
 
 

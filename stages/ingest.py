@@ -26,12 +26,13 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="ingest",
     reads=(),
-    leaves=("survey?", "configurations?", "scans?", "observations?", "displacement?", "exclusions"),
+    leaves=("survey?", "configurations?", "scans?", "observations?", "displacement?", "start?", "exclusions"),
     settings=(
         "campaign.kind",
         "campaign.drives",
         "mechanism.type",
         "mechanism.legs",
+        "mechanism.model",
         "noise.point_mm",
         "bodies.reference",
         "files",
@@ -75,16 +76,19 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, log: FaultLog) -> Outcome:
     from stages.dense_scans import identifier_of, read_scans
     from stages.ingest_points import Points
+    from stages.ingest_start import read_start
     from stages.ingest_tables import read_configurations, read_survey
 
     configurations = read_configurations(source, settings, log)
     survey = read_survey(source, settings, log)
+    start = read_start(source, settings, log)
     if not source.entries("points") and not source.entries("scans"):
         log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
         log.throw()
     expected = _expected(settings, configurations, survey)
     scans = read_scans(source, expected.poses, log, progress)
-    artifacts: dict[str, pa.Table | pa.RecordBatchReader] = {} if survey is None else {"survey": survey.table}
+    artifacts: dict[str, Any] = {} if survey is None else {"survey": survey.table}
+    artifacts |= {} if start is None else {"start": start}
     artifacts |= {} if configurations is None else {"configurations": configurations.table}
     artifacts |= {} if scans is None else {"scans": scans.table(expected.poses)}
     small = [table for table in (configurations, survey, scans) if table is not None]

@@ -9,44 +9,40 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.judged_points import judged_points, swapped_targets
 from stages.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
 from stages.pose_conditions import chosen, pose_conditions
-from truing.estimation.acceptance import Poses
+from truing.estimation.fitted_model import Poses
 from truing.estimation.point_fit import Frames, MeasuredPoints
 from truing.estimation.rigid import umeyama
 from truing.estimation.rotation import exp_so3
+from truing.simulation.cause import Cause
+from truing.simulation.causes.following import ORDER
+from truing.simulation.causes.targets import TargetsSwapped
 from truing.simulation.kinematics import unit
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
-from truing.simulation.point_model import (
-    FREE_DIRECTION,
-    FREE_LENGTH_M,
-    Conditions,
-    Known,
-    PointModel,
-    nominal_leg_frames,
-)
+from truing.simulation.point_model import PointModel, nominal_leg_frames
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign, LeggedMechanism
 
-# A point this many robust standard deviations from the median of its own target is a gross error, not an effect.
-_GROSS = 12.0
-
 
 @dataclass(frozen=True)
 class Gathered:
     """Measured points and readings by role, the model of the plain simulation, and what was left out, in words."""
 
-    model: PointModel
+    model: Any  # a CausalModel
     calibration: Poses
     held_out: Poses | None
     left_out: str
     framing: int  # platform targets that sit on no attachment
+    given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
 
 
 @dataclass(frozen=True)
@@ -59,15 +55,19 @@ class _Bodies:
     points: NDArray  # (B, K, 3) m
     cov: NDArray  # (B, K, 3, 3) m^2
     seen: NDArray  # (B, K)
+    swapped: tuple[TargetsSwapped, ...]
 
 
 @dataclass(frozen=True)
 class _Prior:
-    """One standard deviation of the geometry (m, rad) and of a reading (m)."""
+    """One standard deviation of the geometry (m, rad) and of a reading (m), and what else is declared."""
 
     geometry: dict[str, float]
     reading: float
     open: tuple[str, ...]  # of a, b, u, l: those that campaign.toml gives no tolerance for
+    reference_temperature_c: float
+    pitch: float | None  # m, of the leadscrews
+    flexure_length: float | None  # m
 
 
 def nominal_legs(section: LeggedMechanism) -> Legs:
@@ -109,7 +109,15 @@ def _prior(section: LeggedMechanism, reading_mm: float) -> _Prior:
     if "u" in nominal_legs(section).closure.geometry:
         given["u"] = tolerance.u
         sigmas["u"] = FREE_DIRECTION if tolerance.u is None else tolerance.u
-    return _Prior(sigmas, reading_mm * 1e-3, tuple(name for name, value in given.items() if value is None))
+    flexures = [leg.flexure_length_mm for leg in section.legs if leg.flexure_length_mm is not None]
+    return _Prior(
+        sigmas,
+        reading_mm * 1e-3,
+        tuple(name for name, value in given.items() if value is None),
+        section.reference_temperature_c,
+        None if section.actuator_pitch_mm is None else section.actuator_pitch_mm * 1e-3,
+        float(np.mean(flexures)) * 1e-3 if len(flexures) == len(section.legs) else None,
+    )
 
 
 def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
@@ -117,10 +125,10 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     section = cast("LeggedMechanism", settings.mechanism)
     legs = facing(nominal_legs(section), tables["poses"])
     poses = pose_ids(tables["configurations"])
-    bodies = _bodies(tables, poses, legs.count, settings)
+    conditions = pose_conditions(tables["configurations"], poses, legs.count, settings.noise.actuator_mm * 1e-3)
+    bodies = _bodies(tables, poses, legs.count, settings, conditions.covariates[ORDER])
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
         raise ValueError("needs surveyed targets on base and platform")
-    conditions = pose_conditions(tables["configurations"], poses, legs.count, settings.noise.actuator_mm * 1e-3)
     frames = _base_frames(tables["poses"], poses)
     usable = np.isfinite(conditions.readings).all(1) & np.isfinite(frames.t).all(1)
     role = _roles(tables["configurations"], poses)
@@ -136,17 +144,24 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         _poses(bodies, conditions, frames, held) if held.any() else None,
         "; ".join([*words, *dropped]),
         int(np.sum((bodies.targets.body == PLATFORM) & (bodies.targets.leg < 0))),
+        bodies.swapped,
     )
 
 
-def _bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], legs: int, settings: Campaign) -> _Bodies:
+def _bodies(
+    tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], legs: int, settings: Campaign, order: NDArray
+) -> _Bodies:
     noise = (settings.noise.point_mm or 0.0) * 1e-3
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
     parts: dict[str, list[Any]] = {name: [] for name in ("body", "leg", "shape", "shape_cov", "points", "cov", "seen")}
+    named: list[tuple[str, str]] = []
+    swapped: list[TargetsSwapped] = []
     for body, kind, ridden in kinds:
         survey = survey_points(tables["survey"], body)
         found = pose_points(tables["observations"], body, poses, survey.targets)
-        kept = found.seen & ~_gross(tables["residuals"], body, poses, survey.targets)
+        judged = judged_points(tables["residuals"], body, found, survey.points, order)
+        swapped += swapped_targets(body, survey.targets, poses, order, judged.exchanges)
+        named += [(body, target) for target in survey.targets]
         parts["body"].append(np.full(len(survey.targets), kind))
         parts["leg"].append(survey.leg - 1 if kind == PLATFORM else np.full(len(survey.targets), ridden))
         for name, value in (
@@ -154,43 +169,21 @@ def _bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], legs: 
             ("shape_cov", _filled(survey.cov, noise)),
             ("points", found.points),
             ("cov", _filled(found.cov, noise)),
-            ("seen", kept),
+            ("seen", judged.kept),
         ):
             parts[name].append(value)
     joined = {
         name: np.concatenate(values, 0 if name in ("body", "leg", "shape", "shape_cov") else 1)
         for name, values in parts.items()
     }
-    return _Bodies(Targets(joined.pop("body"), joined.pop("leg")), **joined)
+    names, carriers = tuple(target for _, target in named), tuple(body for body, _ in named)
+    return _Bodies(Targets(joined.pop("body"), joined.pop("leg"), names, carriers), **joined, swapped=tuple(swapped))
 
 
 def _filled(cov: NDArray, noise: float) -> NDArray:
     """Return covariances with the declared noise where a point carries none."""
     known = np.isfinite(cov).all((-1, -2)) & (np.trace(np.nan_to_num(cov), axis1=-2, axis2=-1) > 0)
     return np.where(known[..., None, None], cov, np.eye(3) * noise**2)
-
-
-def _gross(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> NDArray:
-    """(B, T) points that the pose stage rejected, or that lie far outside the spread of their own target."""
-    import pyarrow.compute as pc
-
-    rows = residuals.filter(pc.equal(residuals.column("body"), body))
-    at = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
-    known = (at[0] >= 0) & (at[1] >= 0)
-    place = at[0][known], at[1][known]
-    rejected, values = np.zeros((len(poses), len(targets)), bool), np.full((len(poses), len(targets), 3), np.nan)
-    rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
-    values[place] = np.column_stack([number_column(rows, f"d{a}_mm") for a in "xyz"])[known]
-    return rejected | _outlying(np.where(rejected[..., None], np.nan, values))
-
-
-def _outlying(values: NDArray) -> NDArray:
-    """(B, T) which of values (B, T, 3) lie far from their own target's median; NaN never does."""
-    known = np.isfinite(values).all(-1)
-    values = np.where(known.any(0)[:, None], values, 0.0)
-    distance = np.sqrt(np.sum((values - np.nanmedian(values, 0)) ** 2, -1))
-    spread = np.nanmedian(distance, 0) / 1.538  # the median length of three unit normals
-    return np.nan_to_num(distance) > _GROSS * np.maximum(spread, 1e-6)
 
 
 def _base_frames(table: pa.Table, poses: tuple[int | str, ...]) -> Frames:
@@ -235,7 +228,17 @@ def _model(
         seat[leg] = frame.rotation[0, leg].T @ (t - frame.origin[0, leg])
     survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
     known = Known(
-        prior.geometry, bodies.shape, survey, prior.reading, np.array(ridden, int), rotation, seat, prior.open
+        prior.geometry,
+        bodies.shape,
+        survey,
+        prior.reading,
+        np.array(ridden, int),
+        rotation,
+        seat,
+        prior.open,
+        prior.reference_temperature_c,
+        prior.pitch,
+        prior.flexure_length,
     )
     return PointModel(legs, bodies.targets, known, conditions), bodies, dropped
 
@@ -258,7 +261,9 @@ def _leg_motions(
 
 
 def _subset(bodies: _Bodies, kept: NDArray) -> _Bodies:
-    targets = Targets(bodies.targets.body[kept], bodies.targets.leg[kept])
+    own = bodies.targets
+    names = [tuple(np.array(values, object)[kept]) for values in (own.names, own.bodies)]
+    targets = Targets(own.body[kept], own.leg[kept], names[0], names[1])
     return _Bodies(
         targets,
         bodies.shape[kept],
@@ -266,4 +271,5 @@ def _subset(bodies: _Bodies, kept: NDArray) -> _Bodies:
         bodies.points[:, kept],
         bodies.cov[:, kept],
         bodies.seen[:, kept],
+        tuple(cause for cause in bodies.swapped if cause.body in targets.bodies),
     )

@@ -126,19 +126,29 @@ def used_targets(
 def default_rotations(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> Array:
     """(B, 3, 3) rotation from the body frame to the measurement, through its parents; identity where a pose
     has none."""
+    R, t = default_motions(poses_table, body, poses)
+    return np.where(np.isfinite(t[:, :1, None]), R, np.eye(3))
+
+
+def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> tuple[Array, Array]:
+    """R (B, 3, 3) and t (B, 3) in m from the body frame to the measurement, through its parents; NaN where a pose
+    has none."""
     import pyarrow.compute as pc
 
     from truing.estimation.rotation import exp_so3
 
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
-    vector = np.zeros((len(poses), 3))
     place = positions(rows.column("pose"), poses)
-    vector[place[place >= 0]] = np.nan_to_num(
-        np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])[place >= 0]
-    )
-    rotation = exp_so3(vector)
+    found = np.full((len(poses), 6), np.nan)
+    names = [*(f"p{a}_mm" for a in _AXES), *(f"r{a}_rad" for a in _AXES)]
+    columns = np.column_stack([number_column(rows, name) for name in names])
+    found[place[place >= 0]] = (columns * ([1e-3] * 3 + [1.0] * 3))[place >= 0]
+    R = np.where(np.isfinite(found).all(1)[:, None, None], exp_so3(np.nan_to_num(found[:, 3:])), np.nan)
     parent = next(iter(rows.column("parent").to_pylist()), "measurement")
-    return rotation if parent == "measurement" else default_rotations(poses_table, parent, poses) @ rotation
+    if parent == "measurement":
+        return R, found[:, :3]
+    above, origin = default_motions(poses_table, parent, poses)
+    return above @ R, origin + (above @ found[:, :3, None])[..., 0]
 
 
 def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.point_arrays import number_column, positions
-from truing.simulation.causes.unexplained import APPROACH, OWN_DRIVE, Unexplained
-from truing.simulation.point_model import Conditions
+from truing.simulation.causes.following import APPROACH, LAST_STEP, MEMORY, ORDER
+from truing.simulation.unknowns import Conditions
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 # An actuator's direction of approach is that of its last movement larger than so many reading sigmas.
 _MOVED = 5.0
-# Degree of the polynomials that stand for any smooth dependence.
-_DEGREE = 3
+# How much of a movement a memory keeps from pose to pose.
+_KEPT = 0.7
 
 
 def pose_conditions(
@@ -38,9 +38,36 @@ def pose_conditions(
         for field in configurations.schema
         if field.name not in ("pose", "role", *names) and _is_number(field.type)
     }
+    covariates[ORDER] = order_in_time(covariates.get("time_s"), len(poses))
     if "time_s" in covariates:
         covariates[APPROACH] = approach(readings, covariates["time_s"], _MOVED * reading_sigma)
-    return Conditions(readings, covariates)
+        covariates[LAST_STEP] = remembered(readings, covariates["time_s"], 0.0)
+        covariates[MEMORY] = remembered(readings, covariates["time_s"], _KEPT)
+    return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
+
+
+def _span(time: NDArray | None) -> tuple[float, float] | None:
+    known = np.empty(0) if time is None else time[np.isfinite(time)]
+    return (float(known.min()), float(known.max())) if len(known) else None
+
+
+def order_in_time(time: NDArray | None, poses: int) -> NDArray:
+    """Rank (B,) of each pose in time over the whole campaign; as in the table where there is no time, or none here."""
+    known = np.zeros(poses) if time is None else np.where(np.isfinite(time), time, np.inf)
+    rank = np.empty(poses)
+    rank[np.argsort(known, kind="stable")] = np.arange(poses)
+    return rank
+
+
+def remembered(readings: NDArray, time: NDArray, kept: float) -> NDArray:
+    """Sum (B, L), m, of each actuator's movements up to a pose in time order, every earlier one ``kept`` times as much
+    as the next; 0 for the first."""
+    order = np.argsort(time, kind="stable")
+    steps = np.nan_to_num(np.diff(readings[order], axis=0))
+    total = np.zeros_like(readings)
+    for before, now, step in zip(order[:-1], order[1:], steps, strict=True):
+        total[now] = kept * total[before] + step
+    return total
 
 
 def _is_number(kind: pa.DataType) -> bool:
@@ -62,21 +89,10 @@ def approach(readings: NDArray, time: NDArray, least: float) -> NDArray:
 
 
 def chosen(conditions: Conditions, rows: NDArray) -> Conditions:
-    """The conditions of some poses."""
-    return Conditions(conditions.readings[rows], {name: value[rows] for name, value in conditions.covariates.items()})
-
-
-def unexplained_causes(conditions: Conditions, rho0: NDArray) -> list[Unexplained]:
-    """What the legs may follow without a cause of the catalogue: own drive, direction, every covariate that varies."""
-    moved = conditions.readings - rho0
-    found = []
-    for name, values in {OWN_DRIVE: moved, **conditions.covariates}.items():
-        distinct = len(np.unique(values))
-        if not np.isfinite(values).all() or distinct < 2:
-            continue
-        centre, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
-        if name == OWN_DRIVE:
-            centre, half = 0.0, np.abs(values).max()
-        degrees = {1, min(_DEGREE, distinct - 1)}
-        found += [Unexplained(name, float(centre), float(half), degree) for degree in sorted(degrees)]
-    return found
+    """The conditions of some poses (rows: mask)."""
+    return Conditions(
+        conditions.readings[rows],
+        {name: value[rows] for name, value in conditions.covariates.items()},
+        tuple(pose for pose, kept in zip(conditions.poses, rows, strict=True) if kept),
+        conditions.span_s,
+    )

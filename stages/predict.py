@@ -11,16 +11,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.simulation.extended_model import ExtendedModel, PredictedPoses
-    from truing.simulation.point_model import Conditions
+    from truing.simulation.unknowns import Conditions
 
 
 def predict(model: str, configurations: pa.Table, file: str = "configurations") -> pa.Table:
     """Return the poses, columns of poses.parquet, that a model.toml predicts for a table of actuator readings.
 
-    Needs the columns pose and rho1_mm .. rhoL_mm. Raises CampaignFaults where ``file`` lacks one of them or holds no
-    number, ValueError where the model is none.
+    Needs the columns pose, rho1_mm .. rhoL_mm and those that the model's effects follow (a temperature, the time).
+    Raises CampaignFaults where ``file`` lacks one of them or holds no number, ValueError where the model is none.
     """
-    from truing.simulation.extended_model import predict_poses, read_model
+    from truing.simulation.extended_model import predict_poses
+    from truing.simulation.model_text import read_model
 
     extended = read_model(model)
     conditions = _conditions(configurations, extended, file)
@@ -32,30 +33,35 @@ def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) ->
     """Return the conditions, every column that the model needs being there and holding numbers."""
     from stages.point_arrays import pose_ids
     from stages.pose_conditions import pose_conditions
-    from truing.simulation.causes.unexplained import APPROACH
+    from truing.simulation.extended_model import acts_on_poses
 
-    model = extended.model
-    needed = [f"rho{leg}_mm" for leg in range(1, model.nominal.count + 1)]
-    needed += [name for cause in model.causes for name in cause.follows(model.nominal.count) if name not in needed]
-    if any(cause.settings().get("column") == APPROACH for cause in model.causes):
-        needed.append("time_s")
+    model, legs = extended.model, extended.model.nominal.count
+    needed = {f"rho{leg}_mm": f"the reading of leg {leg}" for leg in range(1, legs + 1)}
+    for cause in filter(acts_on_poses, model.causes):
+        needed |= {name: f"which {cause.id} follows" for name in cause.needs(legs) if name not in needed}
     _check(configurations, needed, file)
     return pose_conditions(configurations, pose_ids(configurations), model.nominal.count, model.known.reading_sigma)
 
 
-def _check(configurations: pa.Table, needed: list[str], file: str) -> None:
+def _check(configurations: pa.Table, needed: dict[str, str], file: str) -> None:
+    """Raise CampaignFaults where a needed column (name to what it is) is missing, or a row of it holds no number."""
     import numpy as np
 
     from stages.point_arrays import number_column
 
-    missing = [name for name in ("pose", *needed) if name not in configurations.schema.names]
+    wanted = {"pose": "the pose's name", **needed}
+    missing = {name: what for name, what in wanted.items() if name not in configurations.schema.names}
     if missing:
-        raise CampaignFaults(Fault(file, "a column of that name", column=name) for name in missing)
-    values = np.column_stack([number_column(configurations, name) for name in needed])
+        raise CampaignFaults(
+            Fault(file, f"a column of that name, {what}", column=name) for name, what in missing.items()
+        )
+    names = list(needed)
+    values = np.column_stack([number_column(configurations, name) for name in names])
     rows, columns = np.nonzero(~np.isfinite(values))
     if len(rows):
+        first = 2 if file.endswith(".csv") else 1  # an editor counts the line of heads too
         raise CampaignFaults(
-            Fault(file, "a number", row=int(row) + 1, column=needed[column], value=str(values[row, column]))
+            Fault(file, "a number", row=int(row) + first, column=names[column], value=str(values[row, column]))
             for row, column in zip(rows, columns, strict=True)
         )
 

@@ -38,6 +38,12 @@ DECLARATION = Stage(
         "absorption?",
         "requirements?",
         "diagnosis?",
+        "detectable?",
+        "pulls?",
+        "pull_sums?",
+        "prediction?",
+        "next_poses?",
+        "changes?",
     ),
     leaves=("report",),
     settings=("campaign.name",),
@@ -49,7 +55,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Render the page."""
     from stages.measured_shape import target_places
     from truing.report.head import build_head
-    from truing.report.page import render_page
+    from truing.report.page import all_of
+    from truing.report.rendering.render import render_page
     from truing.report.sections import build_sections
     from truing.report.tables import SAID
 
@@ -62,7 +69,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     sections = build_sections(frames, {name: _provenance(table) for name, table in tables.items()})
     progress(1, 2, "figures")
     page = render_page(build_head(settings.campaign.name, frames), sections)
-    drawn = sum(len(section.figures) for section in sections)
+    drawn = sum(len(section.figures) for section in all_of(sections))
     read = f"{len(tables)} artifacts"
     return Outcome(
         {"report": page}, read, "nothing", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"

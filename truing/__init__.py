@@ -28,11 +28,13 @@ if TYPE_CHECKING:
     from truing.estimation.robust_pose import robust_pose
     from truing.estimation.rotation import exp_so3, log_so3, skew
     from truing.simulation.calibration_problem import CalibrationProblem
-    from truing.simulation.chain import Cause, Parameter, State, Step, simulate
-    from truing.simulation.extended_model import ExtendedModel, predict_poses, read_model
+    from truing.simulation.cause import Cause, Parameter, Step
+    from truing.simulation.chain import State, simulate
+    from truing.simulation.extended_model import ExtendedModel, predict_poses
     from truing.simulation.kinematics import forward, inverse
     from truing.simulation.legs import Closure, Legs
     from truing.simulation.mechanisms import mechanism
+    from truing.simulation.model_text import read_model
     from truing.simulation.parameters import ParameterSet, full_set, report_set
     from truing.simulation.recalibration import recalibrate
     from truing.simulation.structure import Machine, poses_at, readings_at
@@ -123,11 +125,13 @@ _ROOMS = {
     "truing.estimation.robust_pose": ("robust_pose",),
     "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
     "truing.simulation.calibration_problem": ("CalibrationProblem",),
-    "truing.simulation.chain": ("Cause", "Parameter", "State", "Step", "simulate"),
-    "truing.simulation.extended_model": ("ExtendedModel", "predict_poses", "read_model"),
+    "truing.simulation.cause": ("Cause", "Parameter", "Step"),
+    "truing.simulation.chain": ("State", "simulate"),
+    "truing.simulation.extended_model": ("ExtendedModel", "predict_poses"),
     "truing.simulation.kinematics": ("forward", "inverse"),
     "truing.simulation.legs": ("Closure", "Legs"),
     "truing.simulation.mechanisms": ("mechanism",),
+    "truing.simulation.model_text": ("read_model",),
     "truing.simulation.parameters": ("ParameterSet", "full_set", "report_set"),
     "truing.simulation.recalibration": ("recalibrate",),
     "truing.simulation.structure": ("Machine", "poses_at", "readings_at"),

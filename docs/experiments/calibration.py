@@ -43,7 +43,8 @@ RIGID = KinematicModel("6-pus")
 @cache
 def run_folder() -> Path:
     """A folder with a fresh run of the sample campaign, for as long as this process lives."""
-    from pipeline.run_campaign import Wish, run_campaigns
+    from pipeline.run_campaign import Wish
+    from pipeline.run_campaigns import run_campaigns
     from pipeline.selection import Selection
 
     folder = tempfile.TemporaryDirectory()

@@ -1,4 +1,4 @@
-"""Runs campaigns through the command line, reads what was found, and judges rates pooled, with binomial limits."""
+"""Runs campaigns through the command line, reads what was found, and lays it beside what was hidden."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,88 +20,245 @@ from tests.blind.generator.quaternions import Array
 
 PROJECT = Path(__file__).resolve().parents[2]
 UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousand draws
+WITHIN_95 = 1.959964
+TOLD = ("found", "indistinguishable")
+KEPT = ("cause", "verdict", "subject", "parameters", "follows", "p_value", "probability")
+KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
+
+Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A row of diagnosis.parquet: cause, verdict, subject, and the values and sigmas of its parameters by name."""
+    """A row of diagnosis.parquet that the diagnosis stands by, with the values and sigmas of its parameters by name."""
 
     cause: str
     verdict: str
-    subject: str
-    value: dict[str, float]
-    sigma: dict[str, float]
+    subject: frozenset[str]
+    follows: frozenset[str]
+    value: dict[str, Any]
+    sigma: dict[str, float | None]
+    figures: dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect that was hidden: its cause, what it concerns and follows, its parameters, and how strong it is."""
+
+    cause: str
+    kind: str
+    subject: frozenset[str]
+    follows: frozenset[str]
+    value: dict[str, Any]
+    strength: float
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A campaign that was run: what the diagnosis said, and the effects that were hidden (as the truth tells them)."""
+    """A campaign that was run: what the diagnosis said, and what was hidden (as the truth tells it)."""
 
-    name: str
-    findings: tuple[Finding, ...]
-    hidden: tuple[dict, ...]
+    record: Record
+
+    @property
+    def name(self) -> str:
+        return str(self.record["name"])
+
+    @cached_property
+    def told(self) -> tuple[Finding, ...]:
+        return tuple(_finding(row, self._legs) for row in self.record["findings"])
+
+    @cached_property
+    def hidden(self) -> tuple[Hidden, ...]:
+        truth = self.record["truth"]
+        strengths = truth.get("strengths") or [float("inf")] * len(truth["effects"])
+        pairs = zip(truth["effects"], strengths, strict=True)
+        return tuple(_hidden(effect, strength, self._legs) for effect, strength in pairs)
+
+    @property
+    def _legs(self) -> int:
+        return int(self.record["truth"]["legs"])
 
     @property
     def found(self) -> tuple[Finding, ...]:
-        return tuple(row for row in self.findings if row.verdict == "found")
+        return tuple(row for row in self.told if row.verdict == "found")
 
     @property
     def missed(self) -> set[str]:
-        """Causes that were hidden and not found."""
-        return {effect["cause"] for effect in self.hidden} - {row.cause for row in self.found}
+        """Causes that were hidden and not named, nor called indistinguishable from what was."""
+        return {effect.cause for effect in self.hidden} - {row.cause for row in self.told}
 
     @property
     def invented(self) -> list[str]:
-        """What was found although nobody had hidden it."""
-        causes = {effect["cause"] for effect in self.hidden}
-        return [f"{row.cause} {row.subject}".strip() for row in self.found if row.cause not in causes]
+        """What was found although nobody had hidden it, nor what it cannot be told from."""
+        hidden = {effect.cause for effect in self.hidden}
+        if self.missed:  # a wrong name in place of the right one is a matter of naming
+            return []
+        alike = {row.cause for row in self.told if row.verdict == "indistinguishable"}
+        spare = hidden & alike  # each hidden one that is only called alike stands behind one other name
+        names = [row for row in self.found if row.cause not in hidden]
+        return [f"{row.cause} {' '.join(sorted(row.subject))}".strip() for row in names[len(spare) :]]
 
-    def pulls(self, cause: str) -> Array:
-        """(value - truth) / sigma of every parameter of a cause that was hidden and found."""
-        truth = next(effect for effect in self.hidden if effect["cause"] == cause)["parameters"]
-        row = next(row for row in self.found if row.cause == cause)
-        return np.array([(row.value[name] - truth[name]["value"]) / row.sigma[name] for name in truth])
+    def misplaced(self, effect: Hidden) -> bool:
+        """Whether the rows of the cause that was hidden name other legs or targets."""
+        rows = [row for row in self.told if row.cause == effect.cause]
+        best = [row for row in rows if row.verdict == "found"] or rows
+        return frozenset[str]().union(*(row.subject for row in best)) != effect.subject
+
+    def follows_right(self, effect: Hidden) -> bool:
+        """Whether what is told as unexplained names all that the effect follows."""
+        rows = [row for row in self.found if row.cause == "unexplained"]
+        named = frozenset[str]().union(*(row.follows for row in rows))
+        if not effect.follows:
+            return any(row.subject == effect.subject for row in rows)
+        return effect.follows <= named
+
+    @property
+    def misnamed(self) -> list[str]:
+        """Names of the catalogue that an effect of no catalogue was given."""
+        return [row.cause for row in self.found if row.cause != "unexplained"]
+
+    def pulls(self, effect: Hidden) -> Array:
+        """(value - truth) / sigma of every parameter of an effect that was found at the right place."""
+        rows = [row for row in self.found if row.cause == effect.cause]
+        return np.array([z for row in rows for z in _pulls(row, effect.value)])
+
+    @property
+    def floor_ratio(self) -> float | None:
+        """Held-out error with all that was found over what noise leaves of it."""
+        rows = [row.figures for row in self.found if row.figures["heldout_rms_after"]]
+        if not rows or not rows[-1]["noise_floor"]:
+            return None
+        return rows[-1]["heldout_rms_after"] / rows[-1]["noise_floor"]
+
+    @property
+    def excess(self) -> tuple[float, float] | None:
+        """Held-out squares beyond the floor's, over the floor's, without and with all that was found."""
+        rows = [row.figures for row in self.found if row.figures["heldout_rms_after"]]
+        if not rows:
+            return None
+        floor = rows[-1]["noise_floor"] ** 2
+        return rows[0]["heldout_rms_before"] ** 2 / floor - 1, rows[-1]["heldout_rms_after"] ** 2 / floor - 1
 
 
-def run_all(folders: Sequence[Path]) -> list[Judged]:
-    """Runs every campaign folder through the command line, two at a time."""
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(run, folders))
+def _finding(row: Record, legs: int) -> Finding:
+    parameters = json.loads(row["parameters"] or "{}")
+    return Finding(
+        cause=row["cause"],
+        verdict=row["verdict"],
+        subject=_words(row["subject"], legs),
+        follows=frozenset((row["follows"] or "").split()),
+        value={name: entry["value"] for name, entry in parameters.items()},
+        sigma={name: entry["sigma"] for name, entry in parameters.items()},
+        figures={name: row[name] for name in KEPT_NUMBERS},
+    )
 
 
-def run(folder: Path) -> Judged:
-    """``python -m pipeline run`` on one folder, as far as the diagnosis."""
-    out, _ = through_the_command_line(folder, "diagnose")
-    hidden = json.loads(truth_path(folder).read_text(encoding="utf-8"))["effects"]
-    return Judged(folder.name, _findings(out / "diagnosis.parquet"), tuple(hidden))
+def _hidden(effect: Record, strength: float, legs: int) -> Hidden:
+    return Hidden(
+        cause=effect["cause"],
+        kind=effect.get("kind", effect["cause"]),
+        subject=_words(effect["subject"], legs),
+        follows=frozenset(effect.get("follows", "").split()),
+        value={name: entry["value"] for name, entry in effect["parameters"].items()},
+        strength=float(strength),
+    )
+
+
+def _words(subject: str | None, legs: int) -> frozenset[str]:
+    """A subject as the set of its words; all legs are the whole, which has none."""
+    words = frozenset((subject or "").replace("targets", "target").split())
+    return frozenset() if words == {f"leg{leg}" for leg in range(1, legs + 1)} else words
+
+
+def _pulls(row: Finding, truth: dict[str, Any]) -> list[float]:
+    value = dict(row.value)
+    for name in [name for name in value if name.startswith("amplitude")]:
+        phase = name.replace("amplitude", "phase")
+        if value[name] < 0 and phase in value:  # the same sine, half a turn further
+            value[name], value[phase] = -value[name], value[phase] + np.pi
+    if "alpha" in truth and "alpha_base" in value:  # told apart although they are the same
+        truth = dict.fromkeys(value, truth["alpha"])
+    pulls = []
+    for name in truth.keys() & value.keys():
+        if row.sigma[name]:
+            off = value[name] - truth[name]
+            off = (off + np.pi) % (2 * np.pi) - np.pi if name.startswith("phase") else off
+            pulls.append(off / row.sigma[name])
+    return pulls
+
+
+def run_all(folders: Sequence[Path], workers: int = 2) -> list[Judged]:
+    """Runs campaign folders through the command line, as many calls at a time, each with a share of them."""
+    shares = [list(folders[start::workers]) for start in range(workers)]
+    with ThreadPoolExecutor(workers) as pool:
+        done = [record for records in pool.map(run_share, shares) for record in records]
+    broken = {record["name"]: record["failed"] for record in done if "failed" in record}
+    assert not broken, broken
+    return [Judged(record) for record in done]
+
+
+def run_share(folders: Sequence[Path]) -> list[Record]:
+    """Runs folders of campaigns with names of their own in one call, as far as the diagnosis; one that leaves none has
+    ``failed`` in its record, which is what the call printed.
+    """
+    if not folders:
+        return []
+    out = folders[0].with_name(f"{folders[0].name}.runs")
+    command = [*COMMAND, *map(str, folders), "--out", str(out), "--only", "diagnose", "--qa", "warn"]
+    start = _processor_seconds()
+    done = subprocess.run(command, cwd=PROJECT, env=_one_thread(), capture_output=True, text=True, check=False)
+    seconds = (_processor_seconds() - start) / len(folders)
+    places = [out / folder.name if len(folders) > 1 else out for folder in folders]
+    said = f"exit code {done.returncode}\n{done.stderr or done.stdout}"
+    return [_read(folder, place, seconds, said) for folder, place in zip(folders, places, strict=True)]
+
+
+COMMAND = [sys.executable, "-m", "pipeline", "run"]
+
+
+def _processor_seconds() -> float:
+    """What all calls so far have taken: unlike the clock's time, it knows no neighbours."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
+
+
+def _one_thread() -> dict[str, str]:
+    # Two runs side by side would otherwise each start a thread per core.
+    return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def through_the_command_line(folder: Path, stage: str) -> tuple[Path, str]:
     """Runs one folder as far as a stage; where its artifacts are, and what it printed."""
     out = folder.with_name(f"{folder.name}.run")
-    command = [sys.executable, "-m", "pipeline", "run", str(folder), "--out", str(out), "--only", stage]
-    # Two runs side by side would otherwise each start a thread per core.
-    one_thread = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(command, cwd=PROJECT, env=one_thread, capture_output=True, text=True, check=False)
+    command = [*COMMAND, str(folder), "--out", str(out), "--only", stage]
+    done = subprocess.run(command, cwd=PROJECT, env=_one_thread(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{folder.name} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
     return out, done.stdout
 
 
-def _findings(path: Path) -> tuple[Finding, ...]:
+def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
+    """All that is judged of one run, as plain values."""
     import pyarrow.parquet as pq
 
-    return tuple(_finding(row) for row in pq.read_table(path).to_pylist())
-
-
-def _finding(row: dict[str, str]) -> Finding:
-    parameters = json.loads(row["parameters"] or "{}")
-    return Finding(
-        cause=row["cause"],
-        verdict=row["verdict"],
-        subject=row["subject"] or "",
-        value={name: entry["value"] for name, entry in parameters.items()},
-        sigma={name: entry["sigma"] for name, entry in parameters.items()},
-    )
+    truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
+    kept = {key: truth[key] for key in ("seed", "effects", "layout", "strengths") if key in truth}
+    record: Record = {
+        "name": folder.name,
+        "truth": {**kept, "legs": len(truth["geometry"]["a_mm"])},
+        "seconds": round(seconds, 2),
+    }
+    if not (out / "diagnosis.parquet").exists():
+        log = out / "defect.log"
+        return record | {"failed": log.read_text(encoding="utf-8")[-1500:] if log.exists() else said}
+    rows = pq.read_table(out / "diagnosis.parquet").to_pylist()
+    others = [row for row in rows if row["verdict"] not in TOLD and row.get("log_evidence") is not None]
+    others.sort(key=lambda row: -row["log_evidence"])
+    sums = out / "pull_sums.parquet"
+    return record | {
+        "findings": [{key: row.get(key) for key in (*KEPT, *KEPT_NUMBERS)} for row in rows if row["verdict"] in TOLD],
+        "rejected": [[row["cause"], row["subject"], row["log_evidence"]] for row in others[:3]],
+        "pull_sums": pq.read_table(sums).to_pylist() if sums.exists() else [],
+    }
 
 
 def most_of(trials: int, probability: float) -> int:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_between
-from truing.estimation.noise_level import noise_level
+from truing.estimation.noise_level import NoiseLevel, noise_level
+from truing.estimation.point_fit import MeasuredPoints
 from truing.estimation.whitening import Linearised, Whitened, whiten
 
 
@@ -30,15 +31,28 @@ def _fitted(level: float, seed: int) -> Whitened:
     )
 
 
+def _level(level: float, seed: int) -> NoiseLevel:
+    """Ten points a pose whose declared noise is that of the fit."""
+    unit = np.tile(np.eye(3), (20, 10, 1, 1))
+    measured = MeasuredPoints(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
+    return noise_level(_fitted(level, seed), measured, unit)
+
+
+def test_the_level_is_over_what_was_declared_and_not_over_what_was_used() -> None:
+    unit = np.tile(np.eye(3), (20, 10, 1, 1))
+    used = MeasuredPoints(np.zeros((20, 10, 3)), 4.0 * unit, np.ones((20, 10), bool))
+    assert noise_level(_fitted(1.0, 4), used, unit).ratio == pytest.approx(2.0, rel=0.1)
+
+
 @pytest.mark.parametrize("level", [0.8, 1.0, 1.3])
 def test_the_ratio_covers_the_truth(level: float) -> None:
-    found = [noise_level(_fitted(level, seed)) for seed in range(200)]
+    found = [_level(level, seed) for seed in range(200)]
     pulls = np.array([(one.ratio - level) / one.sigma for one in found])
     assert_between(float(np.mean(pulls)), -0.3, 0.3, what="mean pull")  # four standard deviations of the mean
     assert_between(float(np.std(pulls)), 0.8, 1.2, what="spread of pulls")
 
 
 def test_a_tenth_too_much_is_no_finding_and_a_half_is() -> None:
-    assert noise_level(_fitted(1.1, 1)).p_value > 0.05
-    assert noise_level(_fitted(1.5, 2)).p_value < 0.001
-    assert noise_level(_fitted(0.5, 3)).p_value > 0.999
+    assert _level(1.1, 1).p_value > 0.05
+    assert _level(1.5, 2).p_value < 0.001
+    assert _level(0.5, 3).p_value > 0.999

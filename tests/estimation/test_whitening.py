@@ -78,18 +78,6 @@ def test_a_prior_that_is_no_knowledge_counts_as_no_observation() -> None:
     assert_close(whiten(wide).freedom, measured - SHARED - POSES * LOCAL, atol=1e-4, what="freedom")
 
 
-def test_columns_without_shared_are_orthogonal_to_everything_that_was_fitted() -> None:
-    problem = draw(3)
-    found = whiten(problem)
-    columns = np.random.default_rng(4).normal(size=(POSES, ROWS, 2))
-    rest = found.without_shared(found.lifted(columns))
-    assert_close(found.rows.T @ rest, np.zeros((SHARED, 2)), atol=1e-11, what="shared")
-    local = rest[: POSES * (ROWS + LOCAL)].reshape(POSES, ROWS + LOCAL, 2)
-    priors = np.broadcast_to(np.eye(LOCAL), (POSES, LOCAL, LOCAL))
-    whole = np.concatenate([problem.by_local, priors], 1)
-    assert_close(np.swapaxes(whole, 1, 2) @ local, np.zeros((POSES, LOCAL, 2)), atol=1e-11, what="local")
-
-
 def test_the_rest_of_pure_noise_has_the_variance_of_noise() -> None:
     """Truth drawn from the prior, noise of unit variance: squares of the rest sum to the degrees of freedom."""
     rng, template = np.random.default_rng(5), draw(6)

@@ -87,6 +87,8 @@ def run(tables, settings, progress):
         time.sleep(float(trouble.removeprefix("pause")))
     if trouble == "crash":
         raise RuntimeError("no such luck")
+    if trouble == "vanish" and 666.0 in tables["observations"]["x_mm"].to_pylist():
+        os.kill(os.getpid(), 9)
     if trouble == "undeclared":
         settings.diagnosis.false_alarm
     if trouble == "full":
@@ -122,16 +124,6 @@ def run(tables, settings, progress):
     empty = {name: ARTIFACTS[name].empty() for name in ("deformation_models", "deformation_errors")}
     return Outcome({"deformation": table, **empty}, "rows", "nothing", settings.mechanism.type)
 """,
-    "calibrate": """
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
-
-DECLARATION = Stage("calibrate", ("deformation_models",), ("calibration",), ("mechanism.tolerance",), "identifies")
-
-
-def run(tables, settings, progress):
-    return Outcome({"calibration": ARTIFACTS["calibration"].empty()}, "models", "nothing", "nothing identified")
-""",
     "diagnose": """
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Stage
@@ -144,6 +136,16 @@ DECLARATION = Stage(
 def run(tables, settings, progress):
     model = f"[effects]\\nrows = {tables['deformation'].num_rows}\\nfalse_alarm = {settings.diagnosis.false_alarm}\\n"
     return Outcome({"diagnosis": ARTIFACTS["diagnosis"].empty(), "model": model}, "rows", "nothing", "nothing found")
+""",
+    "calibrate": """
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Stage
+
+DECLARATION = Stage("calibrate", ("deformation_models",), ("calibration",), ("mechanism.tolerance",), "identifies")
+
+
+def run(tables, settings, progress):
+    return Outcome({"calibration": ARTIFACTS["calibration"].empty()}, "models", "nothing", "nothing identified")
 """,
     "report": """
 from stages.declaration import Outcome, Stage

@@ -78,7 +78,7 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
     "a setting that no stage reads": (toml("[noise]", "[noise]\nactuator_mm = 0.1"), [], ""),
     "a tolerance": (
         toml("0.005", "0.004"),
-        ["pose", "deformation", "calibrate", "diagnose", "report"],
+        ["pose", "deformation", "diagnose", "calibrate", "report"],
         "noise.point_mm changed from 0.005 to 0.004",
     ),
     "a setting of a late stage": (
@@ -99,12 +99,12 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
     ),
     "a stage's code": (
         source("stages/deformation.py", '"delta_bz_um": 0.0', '"delta_bz_um": 1.0'),
-        ["deformation", "calibrate", "diagnose", "report"],
+        ["deformation", "diagnose", "calibrate", "report"],
         "source of stages/deformation.py changed",
     ),
     "a function-level import": (
         source("truing/estimation/mean.py", "/ len(values)", "/ len(values) + 1"),
-        ["pose", "deformation", "calibrate", "diagnose", "report"],
+        ["pose", "deformation", "diagnose", "calibrate", "report"],
         "source of truing/estimation/mean.py changed",
     ),
     "a module that nobody imports": (write("project/truing/estimation/unused.py", "x = 1"), [], ""),
@@ -137,6 +137,20 @@ def _not_behind(expected: list[str]) -> list[str]:
     return [name for name in ALL if name not in behind]
 
 
+def test_the_model_that_a_campaign_starts_from_is_judged_by_content(fake: FakeProject) -> None:
+    leg = "{ a_mm = [1.0, 0.0, 0.0], b_mm = [1.0, 0.0, 0.0], length_mm = 5.0 }"
+    legged = f'[mechanism]\ntype = "ups"\nmodel = "../earlier.toml"\nlegs = [{leg}, {leg}, {leg}]\n\n[noise]'
+    earlier = fake.campaign.parent / "earlier.toml"
+    earlier.write_text("format = 2\n")
+    fake.edit(fake.campaign / "campaign.toml", "[noise]", legged)
+    assert fake.run() == ALL
+    os.utime(earlier)
+    assert fake.run() == []
+    earlier.write_text("format = 2  # of another campaign\n")
+    assert "raw file ../earlier.toml changed" in fake.standings()["ingest"]
+    assert fake.run()[0] == "ingest"
+
+
 def test_forced_reruns_leave_the_same_bytes(ran: FakeProject) -> None:
     before = {path.name: path.read_bytes() for path in ran.out.glob("[a-z]*")}
     assert len(before) == 12
@@ -146,7 +160,7 @@ def test_forced_reruns_leave_the_same_bytes(ran: FakeProject) -> None:
 
 
 def test_from_runs_the_stage_and_all_after_it(ran: FakeProject) -> None:
-    assert ran.run("--from", "diagnose") == ["diagnose", "report"]
+    assert ran.run("--from", "diagnose") == ["diagnose", "calibrate", "report"]
 
 
 def test_only_runs_the_stage_and_what_it_needs(fake: FakeProject) -> None:
@@ -154,7 +168,7 @@ def test_only_runs_the_stage_and_what_it_needs(fake: FakeProject) -> None:
     assert fake.run("--only", "deformation") == []
     assert fake.run("--only", "deformation", "--force") == ["deformation"]
     assert fake.standings()["qa"].startswith("never run")
-    assert fake.run() == ["qa", "calibrate", "diagnose", "report"]
+    assert fake.run() == ["qa", "diagnose", "calibrate", "report"]
 
 
 def test_an_optional_artifact_that_is_no_longer_made_disappears(fake: FakeProject) -> None:

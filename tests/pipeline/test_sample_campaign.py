@@ -118,7 +118,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
 
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
-        for name, only in (("telescope", None), ("bodies", "deformation"), ("bodies", "qa"), ("bench", "deformation")):
+        parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
+        for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
             code = run_campaign(open_campaign(folder / name), out, Wish(Selection(only=only)), Voice(quiet=True))
             assert code in (ExitCode.DONE, ExitCode.FAILED_CHECK), name
@@ -204,6 +205,15 @@ def test_predict_says_where_the_platform_stands_in_every_pose(run_once: Any, tmp
     )
     # The sample's platform moves by millimetres; a tenth of one is far beyond noise and any deformation.
     assert_close(table["pz_mm"], measured.sort_by("pose")["pz_mm"], atol=0.1, what="pz_mm")
+
+
+def test_calibrate_speaks_of_the_extended_model_too(run_once: Any) -> None:
+    folder = run_once[0]["telescope"].folder
+    for name in ("calibration", "correlations", "accuracy", "model_choice", "requirements"):
+        models = pq.read_table(folder / f"{name}.parquet", columns=["model"])["model"].to_pylist()
+        assert "extended" in models, name
+    told = pq.read_table(folder / "accuracy.parquet").filter(pc.field("model") == "extended")
+    assert sorted(told["pose"].to_pylist()) == [*range(7), 41, 42]
 
 
 def test_predict_writes_csv_on_stdout_and_to_a_file(run_once: Any, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tests.real.diagnosed import diagnosed, length, sag, up_and_down, walked
 from truing.estimation.response import fit_response
 from truing.estimation.rigid import umeyama
 from truing.estimation.rotation import exp_so3
@@ -135,14 +136,51 @@ def lbcb(tables: Tables) -> dict[str, Any]:
     }
 
 
+_SHIFT = ("shift_x", "shift_y", "shift_z")
+
+
+def still_bodies(tables: Tables) -> dict[str, Any]:
+    """How far bodies walked that should stand still: as the diagnosis has it, and between first and last readings."""
+    found = diagnosed(tables)
+    told = {row["subject"]: length(row["value"], _SHIFT) for row in found["found"] if "shift_x" in row["value"]}
+    return {"diagnosis": found, "walked_mm": told, "seen_mm": walked(tables["observations"])}
+
+
+def mirror(tables: Tables) -> dict[str, Any]:
+    """Elevation up and back: what stays between the two ways."""
+    return {**elevation(tables), "both_ways": up_and_down(tables, "elevation_deg")}
+
+
+def sagging(tables: Tables) -> dict[str, Any]:
+    """Three readings at 90 degrees, three at 40, two at 90 again: rigid fits of one to another, um."""
+    points = tables["observations"]
+    return {"tipped": sag(points, (1, 4)), "back": sag(points, (1, 7)), "same": sag(points, (1, 2))}
+
+
+def moved_codes(tables: Tables) -> dict[str, Any]:
+    """How far the diagnosis has codes elsewhere, mm, by code and pose."""
+    rows = [row for row in diagnosed(tables)["found"] if row["cause"] == "target-moved"]
+    return {
+        row["subject"].removeprefix("target "): (row["value"]["from_pose"], length(row["value"], ("dx", "dy", "dz")))
+        for row in rows
+    }
+
+
+def irb120_and_its_base(tables: Tables) -> dict[str, Any]:
+    """The robot, and how far its base walked."""
+    return {**irb120(tables), **still_bodies(tables)}
+
+
 FACTS = {
-    "irb120-faro": irb120,
-    "so-lat-elevation": elevation,
-    "so-lat-mirror": elevation,
-    "so-lat-sameday": vstars,
-    "so-lat-epochs": vstars,
-    "so-lat-vstars": vstars,
-    "mocap-static": mocap,
-    "mocap-full": mocap,
+    "irb120-faro": irb120_and_its_base,
+    "so-lat-elevation": lambda tables: {**elevation(tables), "diagnosis": diagnosed(tables)},
+    "so-lat-mirror": lambda tables: {**mirror(tables), "diagnosis": diagnosed(tables)},
+    "so-lat-sag": lambda tables: {**sagging(tables), "diagnosis": diagnosed(tables)},
+    "so-lat-stability": still_bodies,
+    "so-lat-sameday": lambda tables: {**vstars(tables), "diagnosis": diagnosed(tables)},
+    "so-lat-epochs": lambda tables: {**vstars(tables), "diagnosis": diagnosed(tables)},
+    "so-lat-vstars": lambda tables: {**vstars(tables), "diagnosis": diagnosed(tables), "moved_mm": moved_codes(tables)},
+    "mocap-static": lambda tables: {"bodies": mocap(tables), "diagnosis": diagnosed(tables)},
+    "mocap-full": lambda tables: {"bodies": mocap(tables), "diagnosis": diagnosed(tables)},
     "lbcb-pier": lbcb,
 }

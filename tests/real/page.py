@@ -13,6 +13,8 @@ _SHORT = {
     "irb120-faro": "irb",
     "so-lat-elevation": "lat",
     "so-lat-mirror": "mirror",
+    "so-lat-sag": "sag",
+    "so-lat-stability": "stability",
     "so-lat-sameday": "sameday",
     "so-lat-epochs": "epochs",
     "so-lat-vstars": "vstars",

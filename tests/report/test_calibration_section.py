@@ -15,7 +15,8 @@ from tests.report.test_page import ATTACKS, PLOTLY, Reader
 from truing.report.calibration_section import calibration
 from truing.report.head import build_head
 from truing.report.identifiability_section import knowledge
-from truing.report.page import Section, render_page
+from truing.report.page import Section
+from truing.report.rendering.render import render_page
 from truing.report.requirement_section import requirements
 from truing.report.sections import build_sections
 

@@ -75,7 +75,7 @@ def complaints(log: str) -> list[str]:
 def test_every_figure_is_drawn(drawn):
     dom, _ = drawn
     figures = dict(re.findall(r'<div id="(figure-[a-z]+-\d+)"([^>]*)>', dom))
-    assert len(figures) == 7
+    assert len(figures) == 8
     parts = re.split(r'<div id="figure-', dom)[1:]
     for part in parts:
         assert 'class="main-svg"' in part, part[:40]

@@ -8,15 +8,16 @@ import pytest
 from tests.simulation.telescope import KAPPA, LINEAR, MATRIX, K, sample_model, sample_targets, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import skew
+from truing.simulation.cause import Effect
 from truing.simulation.causes.unexplained import APPROACH, OWN_DRIVE, Unexplained
-from truing.simulation.chain import Effect, simulate
+from truing.simulation.chain import simulate
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, PLATFORM
 
 STEP = 1e-30
-DRIVEN = Unexplained(OWN_DRIVE, 0.0, 1.3e-3, 3)
-TIMED = Unexplained("time_s", 1800.0, 1800.0, 2)
+DRIVEN = Unexplained(columns=(OWN_DRIVE,), centres=(0.0,), half_ranges=(1.3e-3,), degree=3)
+TIMED = Unexplained(columns=("time_s",), centres=(1800.0,), half_ranges=(1800.0,), degree=2)
 
 
 @pytest.fixture(scope="module")
@@ -89,13 +90,19 @@ def test_targets_on_the_base_stand_still_and_attachments_move_by_their_shift(mod
     assert_close(seat - telescope().b, shift[..., None] * [0.0, 0.0, 1.0], atol=1e-15, what="shift, m")
 
 
-def test_what_a_cause_signs_is_its_derivative_per_plausible_scale(model: PointModel, place: tuple) -> None:
+def test_what_a_cause_does_through_channels_is_its_derivative_per_plausible_scale(
+    model: PointModel, place: tuple
+) -> None:
+    """Of K, which follows what the drive's effects make of the readings and which nothing follows."""
     shared, local = place
     scale = np.array([parameter.scale for parameter in MATRIX.parameters(6)])
     expected = (
         model.predict(shared, local).by_shared[..., model.layout[MATRIX.key]] / model.effect_sigma(MATRIX) * scale
     )
-    assert_close(model.signature(MATRIX, shared, local), expected, atol=1e-18, what="signature, m")
+    (name, design), *others = model.designer(shared, local)(MATRIX).items()
+    assert not others
+    found = model.channels(shared, local)[name] @ design[:, None]
+    assert_close(found, expected, atol=1e-18, what="points per plausible scale, m")
 
 
 def test_a_diagonal_matrix_deforms_as_the_linear_model_does() -> None:
@@ -113,9 +120,19 @@ def test_an_unnamed_effect_follows_its_covariate_and_nothing_else() -> None:
     rho = np.tile(legs.rho0, (3, 1))
     values = np.arange(1.0, 7.0) * 1e-6
     covariates = {"warmth": np.array([10.0, 20.0, 30.0]), APPROACH: np.array([[1.0] * 6, [-1.0] * 6, [1.0] * 6])}
-    timed = simulate(legs, rho, [Effect(Unexplained("warmth", 20.0, 10.0, 1), values)], covariates)
+    timed = simulate(
+        legs,
+        rho,
+        [Effect(Unexplained(columns=("warmth",), centres=(20.0,), half_ranges=(10.0,), degree=1), values)],
+        covariates,
+    )
     assert_close(timed.delta_rho, np.outer([-1.0, 0.0, 1.0], values), atol=1e-18, what="rho, m")
-    backlash = simulate(legs, rho, [Effect(Unexplained(APPROACH, 0.0, 1.0, 1), values)], covariates)
+    backlash = simulate(
+        legs,
+        rho,
+        [Effect(Unexplained(columns=(APPROACH,), centres=(0.0,), half_ranges=(1.0,), degree=1), values)],
+        covariates,
+    )
     assert_close(backlash.delta_rho, np.outer([1.0, -1.0, 1.0], values), atol=1e-18, what="rho, m")
 
 

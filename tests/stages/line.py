@@ -11,15 +11,14 @@ import pyarrow as pa
 
 from pipeline.settings_view import SettingsView
 from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
+from schemas.campaign import Campaign, read_campaign
 from stages.declaration import Outcome
 from truing.formats.source import CampaignFiles
 
 
 def run_line(folder: Path, *stages: str) -> tuple[dict[str, pa.Table], dict[str, Outcome]]:
     """Every table that the named stages leave, held to its schema, and what each stage said."""
-    document = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
-    campaign = read_campaign(document)
+    campaign = settings_of(folder)
     tables: dict[str, Any] = {}
     said = {}
     for name in stages:
@@ -31,6 +30,11 @@ def run_line(folder: Path, *stages: str) -> tuple[dict[str, pa.Table], dict[str,
         said[name] = module.run(given, view, lambda *_: None, *more)
         tables |= {key: _whole(key, made) for key, made in said[name].artifacts.items()}
     return tables, said
+
+
+def settings_of(folder: Path) -> Campaign:
+    """What campaign.toml says."""
+    return read_campaign(tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8")))
 
 
 def _whole(name: str, made: Any) -> Any:

@@ -1,139 +1,36 @@
-"""Which causes are accepted into a model of points: forward, the most probable first, everything refitted each time."""
+"""Which causes are accepted into a model of points: forward, the most probable first, everything refitted each time.
+
+A cause has to be real (the search's p-value), the most probable of those that are (evidence, in pairs where two explain
+what a third would swallow), and must not predict held-out poses worse. In the end each is asked whether the others
+could do without it, and what is left whether its size follows something: then everything is weighted and judged anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.detectable import smallest_detectable
-from truing.estimation.evidence import NOISE_PRIOR_FREEDOM, Score, Search, probabilities, project
-from truing.estimation.point_fit import Frames, MeasuredPoints, PointFit, fit_points, whitened_columns
-from truing.estimation.prediction_error import PredictionError, noise_floor, prediction_error
-from truing.estimation.screening import gross_errors
+from truing.estimation.candidate_round import NAMED, Round, score_round
+from truing.estimation.candidate_search import Candidate, Search
+from truing.estimation.fitted_model import CausalModel, Fitter, Poses, Stand
+from truing.estimation.noise_following import NoiseFollowing
+from truing.estimation.noise_level import NoiseLevel, noise_level
+from truing.estimation.prediction_error import PredictionError
+from truing.estimation.verdicts import FOUND, INDISTINGUISHABLE, REJECTED, Verdict, certain, first_order, fitted
 
 # Rivals within this factor of the best in evidence cannot be told from it.
 RIVAL_FACTOR = 20.0
-# The share of the declared false-alarm rate that the search is set to, so that the rate is kept and not only met.
-BUDGET = 0.6
+# Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
+# that is larger than declared, and of noise that follows something.
+_CAUSES, _NOISE, _FOLLOWING = 0.45, 0.05, 0.1
 # A cause is rejected where held-out poses are predicted worse by more than this many standard errors.
 _WORSE = 2.5
-# How often the search may start anew without gross errors.
-_SCREENINGS = 3
-
-
-class CausalModel(Protocol):
-    """A model of points that can take up causes; causes are anything with a ``key``, an ``id`` and ``follows``."""
-
-    @property
-    def local_size(self) -> int:
-        """Return the number of local unknowns H."""
-
-    @property
-    def unpredicted(self) -> NDArray:
-        """Return which local unknowns (H,) the model does not claim to predict."""
-
-    def with_causes(self, causes: Sequence[Any]) -> Any:
-        """Return the model with these causes among its unknowns."""
-
-    def at(self, conditions: Any) -> Any:
-        """Return the model at other poses."""
-
-    def predict(self, shared: NDArray, local: NDArray) -> Any:
-        """Return points and derivatives, as `point_fit.Model` does."""
-
-    def signature(self, cause: Any, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how the points follow a cause's parameters, per plausible scale."""
-
-    def widened(self, shared: NDArray, model: Any) -> NDArray:
-        """Return shared unknowns of this model as those of another."""
-
-    def parameter_count(self, cause: Any) -> int:
-        """Return the number of a cause's parameters."""
-
-    def is_named(self, cause: Any) -> bool:
-        """Return whether a cause has a name of its own."""
-
-
-@dataclass(frozen=True)
-class Poses:
-    """Measured points of some poses, the conditions that the model needs there, and frames to start from."""
-
-    measured: MeasuredPoints
-    conditions: Any
-    frames: Frames
-
-    def without(self, wrong: NDArray) -> Poses:
-        """Return the poses without some points (B, K)."""
-        return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
-
-
-@dataclass(frozen=True)
-class Stand:
-    """A model fitted to the calibration poses, with what it leaves there and on held-out poses."""
-
-    causes: tuple[Any, ...]
-    model: Any  # a CausalModel
-    fit: PointFit
-    error: PredictionError
-    held_out: PredictionError | None
-    floor: float  # m
-
-    @property
-    def noise_ratio(self) -> float:
-        """Return the estimated noise level over the declared one, which counts as some observations itself."""
-        rest = self.fit.whitened.rest
-        freedom = self.fit.whitened.freedom
-        return float(np.sqrt((NOISE_PRIOR_FREEDOM + rest @ rest) / (NOISE_PRIOR_FREEDOM + freedom)))
-
-    def covariance(self) -> NDArray:
-        """Return the covariance (G, G) of the shared unknowns in prior sigmas, at the estimated noise level."""
-        return self.fit.whitened.covariance() * self.noise_ratio**2
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """One candidate cause: what was decided, on which scores, and the models without and with it."""
-
-    cause: Any
-    verdict: str  # found, indistinguishable, rejected
-    score: Score
-    probability: float
-    before: Stand  # without it, all found causes of smaller rank accepted
-    after: Stand  # the same with it
-    own: Stand  # where its parameters stand: in place of its rival, or where the campaign still sees it
-    candidates: int  # how many were tried together
-    reason: str = ""  # indistinguishable: from which cause; rejected: "held-out" (predicts worse) or "contained"
-
-
-@dataclass(frozen=True)
-class Round:
-    """A fitted model and what it leaves for each cause that is still open."""
-
-    stand: Stand
-    scores: Mapping[str, Score]
-
-    @property
-    def probabilities(self) -> dict[str, float]:
-        """Return the probability of each open cause, among them and none."""
-        return probabilities({name: score.log_evidence for name, score in self.scores.items()})
-
-    def verdict(self, cause: Any, verdict: str, after: Stand, reason: str = "") -> Verdict:
-        """Return a verdict on one of the causes, its parameters as fitted in ``after``."""
-        return Verdict(
-            cause,
-            verdict,
-            self.scores[cause.key],
-            self.probabilities[cause.key],
-            self.stand,
-            after,
-            after,
-            len(self.scores),
-            reason,
-        )
+_MOST_ROUNDS = 8
+_MOST_FOLLOWED = 2
 
 
 @dataclass(frozen=True)
@@ -144,9 +41,70 @@ class Settings:
     draws: int
     seed: int
 
+    @property
+    def level(self) -> float:
+        """Return the p-value below which a cause is real."""
+        return _CAUSES * self.false_alarm
+
+    @property
+    def noise_level(self) -> float:
+        """Return the p-value below which noise is larger than declared."""
+        return _NOISE * self.false_alarm
+
+    @property
+    def following_level(self) -> float:
+        """Return the p-value below which noise follows something."""
+        return _FOLLOWING * self.false_alarm
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All verdicts, found ones first; the plain and the final model; all rounds; what was left out."""
+
+    verdicts: tuple[Verdict, ...]
+    plain: Stand
+    final: Stand
+    rounds: tuple[Round, ...] = field(repr=False)
+    search: Search = field(repr=False)  # the last one, in which nothing was left to be found
+    gross: int  # points taken out as gross errors
+    noise: NoiseLevel  # what the final model leaves, over what was declared
+    following: tuple[NoiseFollowing, ...]  # what the noise follows; points were weighted accordingly
+    held_out: Poses | None
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    """A cause that was accepted: the candidate, the round in which it was chosen, and the model with it."""
+
+    candidate: Candidate
+    round: Round
+    cause: Any  # in the form that was fitted
+    after: Stand
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """A search from the plain model to one in which nothing is left to be found."""
+
+    plain: Stand
+    kept: list[_Accepted]
+    refused: list[Verdict]  # which predict worse, or which the others can do without
+    rounds: list[Round]
+    final: Stand
+
+    @property
+    def search(self) -> Search:
+        """Return the last round's search, which alone is still open."""
+        found = self.rounds[-1].search
+        assert found is not None
+        return found
+
 
 class Acceptance:
-    """The search over a catalogue for one campaign; ``run`` returns every candidate's verdict and the final model."""
+    """The search over a catalogue for one campaign; ``run`` returns every verdict and the final model.
+
+    ``given`` are causes that are certain before any search (labels that were exchanged): in every model from the start.
+    """
 
     def __init__(
         self,
@@ -155,165 +113,174 @@ class Acceptance:
         held_out: Poses | None,
         settings: Settings,
         progress: Callable[[str], None] = lambda what: None,
+        given: Sequence[Any] = (),
     ) -> None:
-        self._model, self._calibration, self._held_out = model, calibration, held_out
-        self._settings, self._progress = settings, progress
-        self.gross = 0  # points taken out as gross errors
+        self._fitter = Fitter(model, calibration, held_out, settings.seed, progress)
+        self._settings, self._progress, self._given = settings, progress, tuple(given)
 
-    @property
-    def _level(self) -> float:
-        return BUDGET * self._settings.false_alarm
-
-    def run(self, catalogue: Sequence[Any]) -> tuple[list[Verdict], Stand]:
-        """Return verdicts, found ones first in order of acceptance, and the model with all found causes.
-
-        Gross errors that show only against the final model are taken out, and the search starts anew without them.
-        """
-        plain = self._stand(())
-        if self._screened(plain):
-            plain = self._stand((), plain)
-        for _ in range(_SCREENINGS):
-            verdicts, final = self._search(plain, catalogue)
-            if not self._screened(final):
-                break
-            plain = self._stand((), plain)
-        return verdicts, final
-
-    def _search(self, plain: Stand, catalogue: Sequence[Any]) -> tuple[list[Verdict], Stand]:
-        rounds, open_causes = [self._round(plain, catalogue)], list(catalogue)
-        verdicts: list[Verdict] = []
-        while (chosen := self._choose(rounds[-1], open_causes)) is not None:
-            after = self._stand((*rounds[-1].stand.causes, chosen), rounds[-1].stand)
-            if _predicts_worse(rounds[-1].stand.held_out, after.held_out):
-                verdicts.append(rounds[-1].verdict(chosen, "rejected", after, "held-out"))
-                open_causes.remove(chosen)
-                continue
-            verdicts.append(rounds[-1].verdict(chosen, "found", after))
-            rivals = [cause for cause in self._rivals(rounds[-1], open_causes) if cause is not chosen]
-            verdicts += [self._indistinguishable(rounds[-1], cause, after, chosen) for cause in rivals]
-            open_causes = [cause for cause in open_causes if cause is not chosen and cause not in rivals]
-            rounds.append(self._round(after, open_causes))
-        verdicts += [self._rejected(rounds, cause) for cause in _best_of_each_kind(rounds[-1], open_causes)]
-        return sorted(verdicts, key=_rank), rounds[-1].stand
-
-    def _screened(self, stand: Stand) -> bool:
-        """Take out what is grossly wrong against a fitted model, held out or not; return whether there was anything."""
-        measured = self._calibration.measured
-        rows = stand.fit.whitened.rest[: measured.seen.size * 3 + stand.fit.whitened.problem.local_value.size]
-        rest = rows.reshape(len(measured.seen), -1)[:, : 3 * measured.seen.shape[1]]
-        wrong = gross_errors(rest.reshape(*measured.seen.shape, 3), measured.seen)
-        self._calibration = self._calibration.without(wrong)
-        count = int(wrong.sum())
-        if self._held_out is not None and stand.held_out is not None:
-            unseen = gross_errors(stand.held_out.whitened, self._held_out.measured.seen)
-            self._held_out = self._held_out.without(unseen)
-            count += int(unseen.sum())
-        self.gross += count
-        return count > 0
-
-    def _stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
-        """Return the model with some causes, fitted from an earlier one."""
-        self._progress("fitting " + (", ".join(cause.key for cause in causes) or "the plain simulation"))
-        model = self._model.with_causes(causes)
-        measured, frames = self._calibration.measured, self._calibration.frames
-        if start is None:
-            shared, local = self._model.widened(np.empty(0), model), np.zeros((len(frames.t), model.local_size))
-        else:
-            shared, local = start.model.widened(start.fit.shared, model), start.fit.local
-            frames = start.fit.frames
-        fit = fit_points(model, measured, frames, shared, local)
-        error = prediction_error(model, measured, fit.frames, fit.shared, model.unpredicted)
-        floor = noise_floor(fit, measured, model.unpredicted, np.random.default_rng(self._settings.seed))
-        return Stand(causes, model, fit, error, self._predicted(model, fit), floor)
-
-    def _predicted(self, model: CausalModel, fit: PointFit) -> PredictionError | None:
-        if self._held_out is None:
-            return None
-        held = self._held_out
-        return prediction_error(model.at(held.conditions), held.measured, held.frames, fit.shared, model.unpredicted)
-
-    def _round(self, stand: Stand, causes: Sequence[Any]) -> Round:
-        """Return what a fitted model leaves for each of the causes."""
-        if not causes:
-            return Round(stand, {})
-        self._progress(f"scoring {len(causes)} candidate causes")
-        fit, measured = stand.fit, self._calibration.measured
-        signatures = {
-            cause.key: project(
-                fit.whitened,
-                whitened_columns(measured, fit.frames, stand.model.signature(cause, fit.shared, fit.local)),
-            )
-            for cause in causes
-        }
-        rng = np.random.default_rng([self._settings.seed, len(stand.causes)])
-        scores = Search(fit.whitened, signatures, self._settings.draws, rng).scores()
-        level = self._level / len(causes)
-        return Round(
-            stand,
-            {
-                name: replace(
-                    score,
-                    detectable=smallest_detectable(signatures[name], fit.whitened.freedom, level, np.log(RIVAL_FACTOR)),
-                )
-                for name, score in scores.items()
-            },
+    def run(self, kinds: Sequence[Any]) -> Diagnosis:
+        """Return what is decided on all kinds of cause of a catalogue."""
+        following: list[NoiseFollowing] = []
+        searched = self._searched(kinds)
+        while len(following) < _MOST_FOLLOWED and (found := self._noise_follows(searched.final)):
+            following.append(found)
+            self._fitter.reweight(found.factor)
+            searched = self._searched(kinds)
+        fitter, final = self._fitter, searched.final
+        return Diagnosis(
+            tuple(sorted(self._verdicts(searched), key=lambda verdict: verdict.rank)),
+            searched.plain,
+            final,
+            tuple(searched.rounds),
+            searched.search,
+            fitter.gross,
+            noise_level(final.fit.whitened, final.measured, fitter.declared_points),
+            tuple(following),
+            fitter.held_out,
         )
 
-    def _choose(self, current: Round, causes: Sequence[Any]) -> Any | None:
-        """Return the cause to accept: of those that explain the data equally well, named ones before unnamed, the one
-        with the fewest parameters."""
+    def _noise_follows(self, final: Stand) -> NoiseFollowing | None:
+        return self._fitter.following(final, self._settings.following_level)
 
-        def complexity(cause: Any) -> tuple[bool, int, float]:
-            named, count = self._model.is_named(cause), self._model.parameter_count(cause)
-            return not named, count, -current.scores[cause.key].log_evidence
+    def _searched(self, kinds: Sequence[Any]) -> _Searched:
+        plain = self._fitter.prepared(self._given)
+        rounds = [self._round(plain, kinds, 0)]
+        found, worse = self._forward(rounds, kinds)
+        kept, dropped, final = self._dropped(found, plain)
+        return _Searched(plain, kept, [*worse, *dropped], rounds, final)
 
-        return min(self._rivals(current, causes), key=complexity, default=None)
+    def _verdicts(self, searched: _Searched) -> list[Verdict]:
+        """Return one verdict per kind of cause, and one per further subject that was found."""
+        final, held_out = searched.final, self._fitter.held_out
+        verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
+        for step in searched.kept:
+            plain = first_order(step.round, step.candidate, FOUND, held_out)
+            verdicts.append(fitted(plain, step.cause, step.round.stand, step.after, final))
+        others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
+        for verdict in others:  # one row per cause: the first thing that is to be said of it
+            if verdict.cause.id not in {told.cause.id for told in verdicts}:
+                verdicts.append(verdict)
+        return verdicts
 
-    def _rivals(self, current: Round, causes: Sequence[Any]) -> list[Any]:
-        """Return the significant causes within a factor 20 of the best in evidence.
+    def _round(self, stand: Stand, kinds: Sequence[Any], number: int) -> Round:
+        self._progress(f"scoring the candidates of {len(kinds)} kinds of cause")
+        return score_round(stand, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
 
-        None at all is a rival too, with the fewest parameters: what does not beat it by that factor is not accepted.
+    def _forward(self, rounds: list[Round], kinds: Sequence[Any]) -> tuple[list[_Accepted], list[Verdict]]:
+        """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
+        found: list[_Accepted] = []
+        worse: list[Verdict] = []
+        while len(found) < _MOST_ROUNDS:
+            current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
+            if (chosen := self._choose(current, refused)) is None:
+                break
+            cause = chosen.cause.refined()
+            after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
+            if _predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
+                worse.append(first_order(current, chosen, REJECTED, self._fitter.held_out, "held-out"))
+                continue
+            rounds[-1] = current.closed()
+            found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
+            rounds.append(self._round(after, kinds, len(rounds)))
+        return found, worse
+
+    def _covered(self, cause: Any, after: Stand) -> NDArray:
+        """Return at which held-out poses (B,) a cause claims to hold."""
+        held = self._fitter.held_out
+        if held is None:
+            return np.ones(len(after.measured.seen), bool)
+        return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
+
+    def _choose(self, current: Round, refused: set[str]) -> Candidate | None:
+        """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
+        parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
+        stronger of them."""
+        rivals = [c for c in self._equals(current) if c.kind not in refused]
+        pair = current.best_pair if rivals else None
+        if pair is not None and self._is_real(current, pair[0]) and pair[0].kind not in refused:
+            return pair[0]
+        unnamed = max((current.posterior(c) for c in rivals if not c.cause.catalogued), default=-np.inf)
+        least = unnamed - NAMED
+        named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
+        return min(named or rivals, key=lambda c: (*_complexity(c), -current.posterior(c)), default=None)
+
+    def _is_real(self, current: Round, candidate: Candidate) -> bool:
+        """Return whether chance is ruled out, and the data speak for the cause rather than for none.
+
+        The second is no matter of course: many parameters may be far from zero together, and of no plausible size in
+        any direction.
         """
-        scores = {cause: current.scores[cause.key] for cause in causes}
-        significant = [cause for cause, score in scores.items() if score.p_value <= self._level]
-        best = max((scores[cause].log_evidence for cause in significant), default=0.0)
-        least = max(best - np.log(RIVAL_FACTOR), np.log(RIVAL_FACTOR))
-        return [cause for cause in significant if scores[cause].log_evidence >= least]
+        speaks = current.scores[candidate.key].log_evidence > 0.0
+        return speaks and current.p_value(candidate) <= self._settings.level
 
-    def _indistinguishable(self, current: Round, cause: Any, accepted: Stand, chosen: Any) -> Verdict:
-        own = self._stand((*current.stand.causes, cause), current.stand)
-        both = self._stand((*accepted.causes, cause), accepted)
-        return replace(current.verdict(cause, "indistinguishable", both, chosen.key), before=accepted, own=own)
+    def _equals(self, current: Round) -> list[Candidate]:
+        """Return the best candidates of those kinds that are real and within a factor 20 of the best in evidence."""
+        real = [c for c in current.best.values() if self._is_real(current, c)]
+        best = max((current.posterior(c) for c in real), default=0.0)
+        return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
-    def _rejected(self, rounds: Sequence[Round], cause: Any) -> Verdict:
-        """Return the verdict on a cause that the final model does without."""
-        last = rounds[-1]
-        if last.scores[cause.key].freedom or len(rounds) == 1:
-            return last.verdict(cause, "rejected", self._stand((*last.stand.causes, cause), last.stand))
-        seen = next((r for r in reversed(rounds) if r.scores[cause.key].freedom), rounds[0])
-        own = self._stand((*seen.stand.causes, cause), seen.stand)
-        contained = replace(last.verdict(cause, "rejected", last.stand, "contained"), own=own)
-        return replace(contained, probability=seen.probabilities[cause.key])
+    def _dropped(self, found: list[_Accepted], plain: Stand) -> tuple[list[_Accepted], list[Verdict], Stand]:
+        """Return what is kept once every accepted cause had to show that the others cannot do without it."""
+        final, kept = found[-1].after if found else plain, list(found)
+        dropped: list[Verdict] = []
+        for step in found[:-1]:
+            if len(kept) > 1 and not self._is_needed(step, final):
+                kept.remove(step)
+                dropped.append(first_order(step.round, step.candidate, REJECTED, self._fitter.held_out, "dropped"))
+                final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
+        return kept, dropped, final
+
+    def _is_needed(self, step: _Accepted, final: Stand) -> bool:
+        """Return whether an accepted cause is still real in the final model (Wald's test at the search's threshold)."""
+        values, covariance = final.values(step.cause)
+        size = step.candidate.signature.parameters
+        squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
+        judge = step.round.judge
+        group = judge.group_of(step.candidate.kind, step.candidate.signature.rank)
+        return bool(judge.raw(squares, group, 1.0) <= judge.threshold(group, self._settings.level))
+
+    def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
+        """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
+        found = []
+        for step in kept:
+            for rival in self._equals(step.round):
+                if rival.kind != step.candidate.kind and _is_told(step, rival):
+                    own = self._fitter.stand((*step.round.stand.causes, rival.cause.refined()), step.round.stand)
+                    held_out = self._fitter.held_out
+                    plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, step.cause.key)
+                    found.append(replace(plain, own=own))
+        return found
+
+    def _rejected(self, rounds: Sequence[Round]) -> list[Verdict]:
+        """Return the verdicts on the best of every kind that the final model does without.
+
+        What speaks for them is told of the first round, where they competed with what was found.
+        """
+        closing, first, found = rounds[-1], rounds[0], []
+        for kind, candidate in closing.best.items():
+            before = first.best.get(kind)
+            if candidate.signature.rank or before is None or not before.signature.rank:
+                reason = "" if candidate.signature.rank else "unseen"
+                verdict = first_order(closing, candidate, REJECTED, self._fitter.held_out, reason)
+            else:
+                verdict = first_order(first, before, REJECTED, self._fitter.held_out, "contained")
+            found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
+        return found
 
 
-def _best_of_each_kind(current: Round, causes: Sequence[Any]) -> list[Any]:
-    """Return of causes with the same id (one effect at several subjects) the most probable."""
-    best: dict[str, Any] = {}
-    for cause in causes:
-        rival = best.setdefault(cause.id, cause)
-        if current.scores[cause.key].log_evidence > current.scores[rival.key].log_evidence:
-            best[cause.id] = cause
-    return list(best.values())
+def _is_told(step: _Accepted, rival: Candidate) -> bool:
+    """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
+    return rival.cause.catalogued or step.round.posterior(rival) >= step.round.posterior(step.candidate)
 
 
-def _predicts_worse(before: PredictionError | None, after: PredictionError | None) -> bool:
-    """Return whether held-out poses are predicted significantly worse, pose against pose."""
-    if before is None or after is None or len(before.squares) < 2:
+def _complexity(candidate: Candidate) -> tuple[bool, int]:
+    """Return whether a candidate has no name, and its number of parameters."""
+    return not candidate.cause.catalogued, candidate.signature.parameters
+
+
+def _predicts_worse(before: PredictionError | None, after: PredictionError | None, covered: NDArray) -> bool:
+    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose."""
+    if before is None or after is None or covered.sum() < 2:
         return False
-    worse = after.squares - before.squares
+    worse = (after.squares - before.squares)[covered]
     return bool(worse.mean() > _WORSE * worse.std(ddof=1) / np.sqrt(len(worse)) and worse.mean() > 0)
-
-
-def _rank(verdict: Verdict) -> tuple[int, float]:
-    order = ("found", "indistinguishable", "rejected").index(verdict.verdict)
-    return order, (0.0 if order == 0 else -verdict.probability)

@@ -60,15 +60,19 @@ class MeasuredPoints:
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of the poses: R (B, 3, 3) and t (B, 3) in m, from the model's frame to that of the measurement."""
+    """Frames of the poses: R (B, 3, 3) and t (B, 3) in m, from the model's frame to that of the measurement.
+
+    They are fitted unless ``free`` is false: then the measurement has one frame for the campaign, the model's.
+    """
 
     R: NDArray
     t: NDArray
+    free: bool = True
 
     def moved(self, step: NDArray) -> Frames:
         """Return the frames after a step (B, 6) in units of the frame's scale."""
         motion = step * _FRAME_SIGMA
-        return Frames(exp_so3(motion[:, 3:]) @ self.R, self.t + motion[:, :3])
+        return Frames(exp_so3(motion[:, 3:]) @ self.R, self.t + motion[:, :3], self.free)
 
 
 class FitState(StrEnum):
@@ -109,7 +113,7 @@ def linearise(model: Model, measured: MeasuredPoints, frames: Frames, shared: ND
     gap = measured.points - arms - frames.t[:, None]
     turned = measured.whitener @ frames.R[:, None]
     framed = measured.whitener @ np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], -1)
-    by_local = np.concatenate([framed * _FRAME_SIGMA, turned @ found.by_local], -1)
+    by_local = np.concatenate([framed * _FRAME_SIGMA * frames.free, turned @ found.by_local], -1)
     poses = len(arms)
     return Linearised(
         residual=(measured.whitener @ gap[..., None]).reshape(poses, -1),

@@ -6,7 +6,8 @@ model does not claim to predict (the roll of a leg about its own axis).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +20,50 @@ _ROUNDS = 2
 _FLOOR_DRAWS = 24
 
 
+_BY_POSE = ("gap", "whitened", "local", "by_shared", "by_fitted")
+
+
 @dataclass(frozen=True)
 class PredictionError:
-    """Measured minus predicted points (B, K, 3), in m in the measurement's axes, zero where unseen."""
+    """Measured minus predicted points (B, K, 3), in m in the measurement's axes, zero where unseen.
+
+    ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each pose
+    (B, M, h) are those at the prediction, whitened.
+    """
 
     gap: NDArray
-    seen: NDArray  # (B, K)
+    measured: MeasuredPoints
     whitened: NDArray  # (B, K, 3) the same in units of the noise
+    frames: Frames
+    local: NDArray
+    by_shared: NDArray
+    by_fitted: NDArray
+
+    @property
+    def seen(self) -> NDArray:
+        """Return which points (B, K) were measured."""
+        return self.measured.seen
+
+    def less(self, columns: NDArray) -> PredictionError:
+        """Return the error where the prediction moves by columns (B, M), whitened, and each pose is fitted anew."""
+        left = self.whitened.reshape(columns.shape) - columns
+        left = left - np.einsum("bmh,bh->bm", self.by_fitted, _fit(self.by_fitted, left[..., None])[..., 0])
+        return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     @property
     def squares(self) -> NDArray:
         """Return the whitened sum of squares of each pose (B,)."""
         return np.sum(self.whitened**2, (1, 2))
+
+    @property
+    def rms_by_pose(self) -> NDArray:
+        """Return the root mean square per coordinate of each pose (B,) in m, zero where nothing was seen."""
+        return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(3 * self.seen.sum(1), 1)))
+
+    @property
+    def largest_by_pose(self) -> NDArray:
+        """Return the largest distance of a point in each pose (B,) in m."""
+        return np.asarray(np.sqrt(np.max(np.sum(self.gap**2, -1), 1)))
 
     @property
     def rms(self) -> float | None:
@@ -41,7 +74,20 @@ class PredictionError:
     @property
     def largest(self) -> float | None:
         """Return the largest distance of a point in m, None where nothing was seen."""
-        return float(np.sqrt(np.max(np.sum(self.gap**2, -1)))) if self.seen.any() else None
+        return float(self.largest_by_pose.max()) if self.seen.any() else None
+
+
+def merged(errors: Sequence[PredictionError], block: NDArray, measured: MeasuredPoints) -> PredictionError:
+    """Return the error of every pose as it is in the one of errors that block (B,) names."""
+    each = np.arange(len(block))
+
+    def chosen(arrays: list[NDArray]) -> NDArray:
+        return np.asarray(np.stack(arrays)[block, each])
+
+    turned, moved = (chosen([getattr(e.frames, name) for e in errors]) for name in ("R", "t"))
+    frames = replace(errors[0].frames, R=turned, t=moved)
+    parts = {name: chosen([getattr(e, name) for e in errors]) for name in _BY_POSE}
+    return PredictionError(measured=measured, frames=frames, **parts)
 
 
 def prediction_error(
@@ -56,9 +102,15 @@ def prediction_error(
         frames = frames.moved(step[:, :6])
         local[:, unpredicted] += step[:, 6:]
     at = linearise(model, measured, frames, shared, local)
-    gap = np.linalg.solve(_square(measured), at.residual.reshape(*measured.seen.shape, 3, 1))[..., 0]
-    gap = np.where(measured.seen[..., None], gap, 0.0)
-    return PredictionError(gap, measured.seen, at.residual.reshape(*measured.seen.shape, 3))
+    whitened = at.residual.reshape(*measured.seen.shape, 3)
+    gap = _unwhitened(measured, at.residual)
+    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, at.by_local[..., kept])
+
+
+def _unwhitened(measured: MeasuredPoints, rows: NDArray) -> NDArray:
+    """Return whitened rows (B, M) as distances (B, K, 3) in m, zero where a point is missing."""
+    gap = np.linalg.solve(_square(measured), rows.reshape(*measured.seen.shape, 3, 1))[..., 0]
+    return np.where(measured.seen[..., None], gap, 0.0)
 
 
 def noise_floor(fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, rng: np.random.Generator) -> float:

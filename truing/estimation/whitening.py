@@ -41,18 +41,28 @@ class Whitened:
     residual: NDArray  # (N,)
 
     @cached_property
-    def _triangle(self) -> NDArray:
-        """Return the triangular factor (G + 1, G + 1) of rows and residual: all that a step needs."""
-        return np.asarray(np.linalg.qr(np.column_stack([self.rows, self.residual]), mode="r"))
+    def _gram(self) -> NDArray:
+        """Return the products (G + 1, G + 1) of rows and residual: all that a step needs.
+
+        The priors among the rows keep it regular; its condition is the square of theirs, which leaves nine digits.
+        """
+        together = np.column_stack([self.rows, self.residual])
+        return together.T @ together
 
     @cached_property
     def _inverse(self) -> NDArray:
-        return np.linalg.inv(self._triangle[:-1, :-1])
+        return np.linalg.inv(np.linalg.cholesky(self._gram[:-1, :-1]).T)
+
+    @cached_property
+    def _along(self) -> NDArray:
+        """Return the parts (G,) of the residual along the basis."""
+        return self._inverse.T @ self._gram[:-1, -1]
 
     @cached_property
     def basis(self) -> NDArray:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
-        return self.rows @ self._inverse
+        nearly = self.rows @ self._inverse
+        return nearly @ np.linalg.inv(np.linalg.cholesky(nearly.T @ nearly).T)
 
     @cached_property
     def rest(self) -> NDArray:
@@ -65,7 +75,7 @@ class Whitened:
         local = np.einsum(
             "bmh,bm->bh", self.local_basis, _with_priors(self.problem.residual, -self.problem.local_value)
         )
-        return float(np.sum(local**2) + np.sum(self._triangle[:-1, -1] ** 2))
+        return float(np.sum(local**2) + np.sum(self._along**2))
 
     @cached_property
     def leverage(self) -> NDArray:
@@ -90,7 +100,7 @@ class Whitened:
 
     def step(self) -> tuple[NDArray, NDArray]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
-        shared = self._inverse @ self._triangle[:-1, -1]
+        shared = self._inverse @ self._along
         left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
         return shared, local[..., 0]
@@ -99,23 +109,17 @@ class Whitened:
         """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
         return self._inverse @ (self.basis.T @ rows)
 
+    def from_basis(self, parts: NDArray) -> NDArray:
+        """Return the shared unknowns (G, ...) whose rows are the basis times parts (G, ...), in prior sigmas."""
+        return self._inverse @ parts
+
     def covariance(self) -> NDArray:
         """Return the covariance (G, G) of the shared unknowns, in prior sigmas squared."""
         return self._inverse @ self._inverse.T
 
-    def lifted(self, columns: NDArray) -> NDArray:
-        """Return columns (B, M, P) of the poses' rows as (N, P), free of what local unknowns explain."""
-        priors = np.zeros((len(columns), self.problem.local_value.shape[1], columns.shape[-1]))
-        own = self.without_local(np.concatenate([columns, priors], 1)).reshape(-1, columns.shape[-1])
-        return np.concatenate([own, np.zeros((len(self.rows) - len(own), own.shape[1]))])
-
     def without_local(self, columns: NDArray) -> NDArray:
         """Return columns (B, M + H, P) less what the local unknowns explain of them."""
         return columns - self.local_basis @ (np.swapaxes(self.local_basis, 1, 2) @ columns)
-
-    def without_shared(self, columns: NDArray) -> NDArray:
-        """Return columns (N, P) less what the shared unknowns explain of them."""
-        return columns - self.basis @ (self.basis.T @ columns)
 
 
 def whiten(problem: Linearised) -> Whitened:

@@ -37,6 +37,7 @@ class CampaignFiles:
     def __init__(self, folder: Path, campaign: Campaign, scratch: Path | None = None) -> None:
         self.folder, self.scratch = folder, scratch
         self._files = campaign.files
+        self._earlier = getattr(campaign.mechanism, "model", None)
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:
         """How a table's raw files are read: as [files.<table>] says, else as the contract names them."""
@@ -56,6 +57,11 @@ class CampaignFiles:
         """The files that a path or glob of campaign.toml means, ``pose2`` before ``pose10``."""
         return tuple(RawFile(name, self.folder / name) for name in _expand(self.folder, pattern))
 
+    @property
+    def earlier_model(self) -> RawFile | None:
+        """The model of an earlier campaign that this one starts from; None where it starts from nothing."""
+        return None if self._earlier is None else RawFile(self._earlier, self.folder / self._earlier)
+
     @cached_property
     def raw_files(self) -> tuple[Path, ...]:
         """Every raw file that ingest opens."""
@@ -66,7 +72,8 @@ class CampaignFiles:
             for pattern in entry.paths
             for raw in self.resolve(pattern)
         )
-        return tuple(sorted(set(found)))
+        earlier = [model.path] if (model := self.earlier_model) is not None and model.path.is_file() else []
+        return tuple(sorted({*found, *earlier}))
 
 
 def raw_files(folder: Path, document: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -76,7 +83,14 @@ def raw_files(folder: Path, document: Mapping[str, Any]) -> tuple[Path, ...]:
     patterns = [name for table in TABLES if table not in mapped for name in _contract_names(table)]
     for entry in mapped.values():
         patterns += _patterns(entry)
+    patterns += _earlier_model(document)
     return tuple(sorted({folder / name for pattern in patterns for name in _expand(folder, pattern)}))
+
+
+def _earlier_model(document: Mapping[str, Any]) -> list[str]:
+    mechanism = document.get("mechanism")
+    model = mechanism.get("model") if isinstance(mechanism, Mapping) else None
+    return [model] if isinstance(model, str) else []
 
 
 def _patterns(entry: object) -> list[str]:

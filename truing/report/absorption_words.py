@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.report.calibrations import Key
 from truing.report.numbers import count, plain, with_uncertainty
 from truing.report.parameter_names import name_of, shown_in
+from truing.report.tables import Tables, filled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +25,19 @@ _NAMED = 3
 
 
 Group = tuple[str, str, str]  # effect, deformation, estimator
+
+
+def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
+    """The absorption by a calibration's model of the structure, with the tolerance of each parameter that has one."""
+    table = filled(tables, "absorption")
+    if table is None:
+        return None
+    own = table[table["model"] == key[0]] if (table["model"] == key[0]).any() else table
+    fitted = filled(tables, "calibration")
+    if fitted is None or "tolerance" not in fitted:
+        return own.assign(tolerance=float("nan"))
+    names = ["model", "deformation", "leg", "parameter"]
+    return own.merge(fitted[[*names, "tolerance"]].drop_duplicates(names), on=names, how="left")
 
 
 def group_words(group: Group) -> str:

@@ -10,6 +10,7 @@ from truing.report.calibration_words import cost_of_models, lead, method_words
 from truing.report.calibrations import (
     ERRORS_IN_VARIABLES,
     IMPLICIT,
+    TO_POINTS,
     chosen_calibration,
     figures_by_calibration,
     rows_of,
@@ -87,6 +88,10 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
     listings = []
     if by_default is not None:
         listings.append(all_calibrations(by_default, fitted, f"All calibrations, {_BY_DEFAULT}"))
+    extended = figures_by_calibration(tables, TO_POINTS)
+    if extended is not None:
+        caption = "The extended model of the diagnosis, fitted to every point and all that was found"
+        listings.append(all_calibrations(extended, fitted, caption))
     if as_reported is not None:
         caption = f"The same {_AS_REPORTED}. {method_words(tables)}".strip()
         listings.append(all_calibrations(as_reported, filled(tables, "implicit_calibration"), caption, folded=True))

@@ -10,6 +10,7 @@ from truing.report.calibration_listing import GOOD
 from truing.report.calibrations import (
     IMPLICIT,
     NOMINAL,
+    TO_POINTS,
     Key,
     called,
     chosen_calibration,
@@ -40,6 +41,7 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
         _doubts(facts),
         _gain(tables, chosen, facts),
         _rivals(figures, chosen),
+        _extended(tables),
         ended,
         _free(fitted),
     ]
@@ -117,6 +119,14 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
         who = "The other calibration is" if len(rest) == 1 else f"The {len(rest)} other calibrations are"
         said.append(f"{who} less probable or worse: {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
     return " ".join(said)
+
+
+def _extended(tables: Tables) -> str:
+    """How far the model that the diagnosis extended misses at the same poses."""
+    figures = figures_by_calibration(tables, TO_POINTS)
+    if figures is None or not _known(figures.iloc[0], _HELD_OUT):
+        return ""
+    return f"The extended model of the diagnosis misses by {_errors(figures.iloc[0], 'verification')} there."
 
 
 def _from_to(values: pd.Series) -> str:

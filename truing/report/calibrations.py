@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 Key = tuple[str, str]  # model, deformation
 ERRORS_IN_VARIABLES, IMPLICIT, NOMINAL = "errors-in-variables", "implicit", "nominal"
+TO_POINTS = "points"  # the extended model's estimator
 DEFORMATIONS = ("none", "linear", "matrix")
+EXTENDED = "extended"  # the model of the diagnosis, among those of the structure
 _KEY = ["model", "deformation"]
 _DEFORMATION_WORDS = {"none": "the deformation ignored", "linear": "linear deformation", "matrix": "matrix deformation"}
 
@@ -54,6 +56,8 @@ def rows_of(table: pd.DataFrame, key: Key) -> pd.DataFrame:
 
 def called(key: Key) -> str:
     """``the 6-pus model with matrix deformation``."""
+    if key[0] == EXTENDED:
+        return "the extended model of the diagnosis"
     model = "Jacobian" if key[0] == "jacobian" else key[0]
     return f"the {model} model with {deformation_words(key[1])}"
 

@@ -105,6 +105,10 @@ def _slope(rows: pd.DataFrame, slope: float) -> go.Scatter:
     )
 
 
+# Wider matrices have no room for numbers in their cells.
+_NUMBERED = 15
+
+
 def coefficient_map(models: pd.DataFrame) -> go.Figure:
     """The matrix model's coefficients as a heat map; entries that chance could explain are set in brackets."""
     import plotly.graph_objects as go
@@ -121,7 +125,7 @@ def coefficient_map(models: pd.DataFrame) -> go.Figure:
             x=[f"actuator {c}" for c in values.columns],
             y=[f"attachment {r} " for r in values.index],
             text=_cells(values.to_numpy(), real, "{:.1f}"),
-            texttemplate="%{text}",
+            texttemplate="%{text}" if len(values.columns) <= _NUMBERED else None,
             textfont={"size": 14},
             customdata=sigma,
             colorscale="RdBu_r",

@@ -1,88 +1,75 @@
-"""The section of the diagnosis: what the simulation gets wrong, in words and in figures."""
+"""The section of the diagnosis, the heart of the page: what the simulation gets wrong, how sure, and what it costs."""
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING
-
-from truing.report.diagnosis_figure import misses
-from truing.report.numbers import count, p_value, plain, printed, sign, with_uncertainty
+from truing.report.absorption_words import absorbed_by, swallowed
+from truing.report.calibrations import shown_calibration
+from truing.report.diagnosis_changes import changes
+from truing.report.diagnosis_evidence import evidence
+from truing.report.diagnosis_gain import gained
+from truing.report.diagnosis_hidden import hidden
+from truing.report.diagnosis_next import following
+from truing.report.diagnosis_pulls import pulls
+from truing.report.diagnosis_sizes import sizes
+from truing.report.diagnosis_words import certainty, counted, lower
+from truing.report.headline import clause
+from truing.report.judged import RIVAL, Judged, found_of, judged
+from truing.report.numbers import printed
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_diagnosis
-from truing.report.tables import Tables, cell
+from truing.report.tables import Tables, filled
 
-if TYPE_CHECKING:
-    import pandas as pd
+_TITLE = "Diagnosis"
 
 
 def diagnosis(tables: Tables) -> Section | None:
-    """Candidates with their evidence and their gain."""
+    """What was found and how sure, the evidence, the gain, the geometry, what stays hidden, and what to do next."""
     if "diagnosis" not in tables:
         return None
-    table = tables["diagnosis"].sort_values("rank")
-    if not len(table):
+    rows = judged(tables)
+    if not rows:
         why = why_no_diagnosis(tables)
-        return Section("diagnosis", "Diagnosis", why[:1].upper() + why[1:], state="not evaluated")
-    found = table[table["verdict"] == "found"]
-    drawn = [
-        (misses(rows), "Calibration poses were fitted to, held-out poses were not.")
-        for _, rows in found[found["rms_before"].notna() & found["rms_after"].notna()].groupby("unit", sort=False)
+        return Section("diagnosis", _TITLE, why[:1].upper() + why[1:], state="not evaluated")
+    found = found_of(rows)
+    rivals = [row for row in rows if row.verdict == RIVAL]
+    told = [("warn" if row.is_noise else "found", _finding(row, tables)) for row in found]
+    told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
+    listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
+    parts = tuple(part for part in _parts(rows, found, tables) if part is not None)
+    return Section("diagnosis", _TITLE, counted(rows), listings=listings, said=tuple(told), parts=parts)
+
+
+def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Section | None]:
+    return [
+        evidence(rows),
+        gained(rows, tables),
+        sizes(found) if found else None,
+        pulls(tables),
+        _swallowed(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
+        hidden(rows, tables),
+        following(rows, tables),
+        changes(tables),
     ]
-    listings = [
-        _words(found, "What was found"),
-        _words(table[table["verdict"] == "indistinguishable"], "What this campaign cannot tell from it"),
-        _candidates(table),
-        *(_parameters(r.cause, r.subject, r.parameters) for r in found.itertuples()),
-        _words(table[table["verdict"] == "rejected"], "What was not found, and how large it could have stayed", True),
-    ]
-    return Section("diagnosis", "Diagnosis", _lead(table, found), tuple(drawn), tuple(x for x in listings if x.rows))
 
 
-def _lead(table: pd.DataFrame, found: pd.DataFrame) -> str:
-    judged = f"{count(len(table), 'candidate')} judged"
-    if not len(found):
-        return f"{judged}, none found: the simulation agrees with the data to within its noise."
-    return f"{judged}, {len(found)} found and accepted into the extended model, model.toml."
+def _finding(row: Judged, tables: Tables) -> str:
+    """What, where, how large; then how sure."""
+    sure = certainty(row)
+    return f"{clause(row, tables)}. {sure[:1].upper()}{sure[1:]}." if sure else f"{clause(row, tables)}."
 
 
-def _words(rows: pd.DataFrame, caption: str, folded: bool = False) -> Listing:
-    told = tuple(
-        (r.cause, cell(r.subject), printed(cell(r.explanation)), printed(cell(r.next_measurement)))
-        for r in rows.itertuples()
-    )
-    heads = ("cause", "subject", "what the data say", "next measurement")
-    return Listing(heads, told, caption=caption, folded=folded, held_by="diagnosis.parquet")
+def _words(rows: list[Judged]) -> Listing:
+    """The full sentences, as the tables hold them."""
+    told = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
+    heads = ("cause", "what the data say", "next measurement")
+    return Listing(heads, told, (), "In full, as diagnosis.parquet has it", True, "diagnosis.parquet")
 
 
-def _candidates(table: pd.DataFrame) -> Listing:
-    rows = tuple(
-        (
-            str(r.rank),
-            r.cause,
-            r.verdict,
-            cell(r.subject),
-            p_value(r.p_value),
-            plain(r.probability),
-            f"{plain(r.rms_before)} → {plain(r.rms_after)}",
-            f"{plain(r.heldout_rms_before)} → {plain(r.heldout_rms_after)}",
-            plain(r.noise_floor),
-            sign(cell(r.unit)),
-        )
-        for r in table.itertuples()
-    )
-    heads = ("rank", "cause", "verdict", "subject", "p", "probability", "rms", "held-out rms", "noise floor", "unit")
-    marks = tuple("fail" if v == "found" else "none" for v in table["verdict"])
-    return Listing(heads, rows, marks, "All candidates, before and after each is accepted", len(rows) > 12)
-
-
-def _parameters(cause: str, subject: object, parameters: str) -> Listing:
-    rows = tuple(
-        (
-            name,
-            with_uncertainty(p["value"], p.get("sigma")) if isinstance(p["value"], (int, float)) else cell(p["value"]),
-            sign(cell(p.get("unit"))),
-        )
-        for name, p in json.loads(parameters).items()
-    )
-    title = f"Parameters of {f'{cause} {cell(subject)}'.strip()}"
-    return Listing(("parameter", "value", "unit"), rows, caption=title, folded=len(rows) > 8)
+def _swallowed(tables: Tables) -> Section | None:
+    """Where the absorption map stands, and what it says in a sentence."""
+    fitted = filled(tables, "calibration")
+    said = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
+    if not said:
+        return None
+    see = (("knowledge", "The absorption map, under What can be known."),)
+    return Section("swallowed", "What parameters swallow where it is left out", said, see=see)

@@ -2,59 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from truing.report.calibrations import chosen_calibration, figures_by_calibration
-from truing.report.numbers import count, plain, printed, quantity, sign
+from truing.report.diagnosis_changes import change_words, has_changed
+from truing.report.diagnosis_words import diagnosis_verdicts
+from truing.report.numbers import count, plain, quantity
 from truing.report.page import Head
-from truing.report.reasons import why_no_diagnosis
 from truing.report.requirement_section import chosen_requirements, tally
 from truing.report.tables import Tables, filled
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
-# Findings that the head tells; the section tells all.
-_TOLD = 3
 
 Verdict = tuple[str, str]
 
 
 def build_head(campaign: str, tables: Tables) -> Head:
     """The sentences that a busy person acts on, and the figures that place them."""
-    told = [*_diagnosis(tables), *_requirements(tables), *_quality(tables)]
+    told = [*diagnosis_verdicts(tables), *_changes(tables), *_requirements(tables), *_quality(tables)]
     verdicts = sorted(told, key=lambda verdict: verdict[0] == "none")
     return Head(campaign, tuple(verdicts), tuple(_tiles(tables)))
 
 
-def _diagnosis(tables: Tables) -> list[Verdict]:
-    table = tables.get("diagnosis")
-    if table is None or not len(table):
-        return [("none", f"Diagnosis not evaluated: {why_no_diagnosis(tables)}")]
-    found = table[table["verdict"] == "found"].sort_values("rank")
-    if not len(found):
-        said = "No cause of the catalogue was found: the simulation agrees with the data to within its noise."
-        return [("pass", said)]
-    told = [("found", _short(row)) for _, row in found.head(_TOLD).iterrows()]
-    if len(found) > _TOLD:
-        told.append(("found", f"{count(len(found) - _TOLD, 'further finding')}: see Diagnosis."))
-    return told
-
-
-def _short(row: pd.Series) -> str:
-    """What was found and what accepting it brings; sizes and probabilities are the section's business."""
-    said = printed(str(row["explanation"]).partition(": ")[0].rstrip("."))
-    before, after, floor = (plain(row[c]) for c in ("rms_before", "rms_after", "noise_floor"))
-    gain = f" Accepting it brings the rms of predictions from {before} to {after} {sign(row['unit'])}"
-    gain = f"{gain} (noise alone: {floor})." if row["rms_after"] < row["rms_before"] else ""
-    then = row["next_measurement"]
-    return f"{said}.{gain}" + (f" To confirm: {_lower(str(then))}" if isinstance(then, str) and then else "")
-
-
-def _lower(sentence: str) -> str:
-    return printed(sentence[:1].lower() + sentence[1:])
+def _changes(tables: Tables) -> list[Verdict]:
+    said = change_words(tables)
+    return [("warn" if has_changed(tables) else "pass", said)] if said else []
 
 
 def _quality(tables: Tables) -> list[Verdict]:

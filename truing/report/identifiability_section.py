@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from truing.report import absorption_figures
-from truing.report.absorption_words import agreement, swallowed
+from truing.report.absorption_words import absorbed_by, agreement, swallowed
 from truing.report.calibrations import Key, called, rows_of, shown_calibration
 from truing.report.knowledge_figure import knowledge_map
 from truing.report.numbers import plain, with_uncertainty
@@ -34,7 +34,7 @@ def knowledge(tables: Tables) -> Section | None:
         return Section("knowledge", _TITLE, why_not_known(tables), state="not evaluated")
     fitted = filled(tables, "calibration")
     key = shown_calibration(tables, fitted if fitted is not None else observed)
-    absorbed = _of_model(tables, key)
+    absorbed = absorbed_by(tables, key)
     said = " ".join(words for words in (_rank(observed, key), swallowed(absorbed)) if words)
     listings = [*_observability(observed, key), *([_absorbed(absorbed)] if absorbed is not None else [])]
     shown = tuple(listing for listing in listings if listing.rows)
@@ -62,19 +62,6 @@ def _whole(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
 
 def _facts(own: pd.DataFrame) -> dict[str, float]:
     return dict(zip(own["figure"], own["value"], strict=True))
-
-
-def _of_model(tables: Tables, key: Key) -> pd.DataFrame | None:
-    """The absorption by the chosen model of the structure, with the tolerance of each parameter where it has one."""
-    table = filled(tables, "absorption")
-    if table is None:
-        return None
-    own = table[table["model"] == key[0]] if (table["model"] == key[0]).any() else table
-    fitted = filled(tables, "calibration")
-    if fitted is None or "tolerance" not in fitted:
-        return own.assign(tolerance=float("nan"))
-    names = ["model", "deformation", "leg", "parameter"]
-    return own.merge(fitted[[*names, "tolerance"]].drop_duplicates(names), on=names, how="left")
 
 
 def _rank(observed: pd.DataFrame, key: Key) -> str:

@@ -16,6 +16,8 @@ _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
     """``13.2 ± 0.4 um``: two digits of the uncertainty where it begins with 1 or 2, else one (GUM 7.2.6)."""
+    if not math.isfinite(value):
+        return plain(value)
     if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
         return f"{plain(value)} {unit}".strip()
     largest = max(abs(value), sigma)
@@ -51,6 +53,13 @@ def plain(value: float | None) -> str:
     return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
 
 
+def rough(value: float | None) -> str:
+    """Two significant digits, all before the point."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 9.95 else f"{value:#.2g}"
+
+
 def quantity(value: float | None, unit: str) -> str:
     """A number in a unit that suits its size: ``3.4 µm`` for 0.0034 mm, nothing after a ratio."""
     if value is None or not math.isfinite(value):
@@ -69,7 +78,7 @@ def sign(unit: str) -> str:
 
 def printed(sentence: str) -> str:
     """A sentence with its units as they are printed."""
-    return re.sub(r"\bu(m|rad)\b", r"µ\1", sentence)
+    return re.sub(r"(?<=/mm)[23]\b", lambda power: "²³"[int(power[0]) - 2], re.sub(r"\bu(m|rad)\b", r"µ\1", sentence))
 
 
 def p_value(p: float | None) -> str:

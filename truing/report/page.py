@@ -1,14 +1,12 @@
-"""The page: sections put into one self-contained HTML file, the same bytes for the same tables."""
+"""What a page consists of: a head, sections, and in them figures with captions and tables as shown."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import jinja2
     import plotly.graph_objects as go
 
 # Rows of a listing that a page holds, so that a thousand poses of many bodies stay below some megabytes.
@@ -25,6 +23,7 @@ class Listing:
     caption: str = ""
     folded: bool = False
     held_by: str = ""  # the artifact that holds all rows, where the page cannot
+    csv: str = ""  # the same for a machine, to be copied as a whole
 
     @property
     def shown(self) -> tuple[tuple[str, ...], ...]:
@@ -42,14 +41,20 @@ class Listing:
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the page: a sentence to begin with, then figures with captions, then tables."""
+    """One part of the page: sentences to begin with, then figures with captions, tables, and parts of its own.
+
+    ``said`` are further sentences, each a mark of colour and words; ``see`` the sections where more of it stands.
+    """
 
     id: str
     title: str
     lead: str
     figures: tuple[tuple[go.Figure, str], ...] = ()
     listings: tuple[Listing, ...] = ()
-    state: str = ""
+    state: str = ""  # pass, fail, changed, or what is not evaluated
+    said: tuple[tuple[str, str], ...] = ()
+    parts: tuple[Section, ...] = ()
+    see: tuple[tuple[str, str], ...] = ()  # id of a section, words
 
 
 @dataclass(frozen=True)
@@ -61,38 +66,8 @@ class Head:
     tiles: tuple[tuple[str, str], ...] = field(default=())  # what, how much
 
 
-def render_page(head: Head, sections: Sequence[Section]) -> str:
-    """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
-    drawn = [
-        {
-            "section": section,
-            "figures": [
-                _drawn(figure, f"{section.id}-{k}", caption) for k, (figure, caption) in enumerate(section.figures)
-            ],
-        }
-        for section in sections
-    ]
-    script = _plotly_script() if any(section.figures for section in sections) else ""
-    return _template().render(head=head, sections=drawn, plotly=script)
-
-
-def _drawn(figure: go.Figure, name: str, caption: str) -> dict[str, str]:
-    # Nothing of a campaign may leave the page: plotly's button that uploads a chart goes.
-    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False}
-    html = figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config=config)
-    return {"html": html, "caption": caption}
-
-
-def _plotly_script() -> str:
-    from plotly.offline import get_plotlyjs
-
-    return get_plotlyjs()
-
-
-@cache
-def _template() -> jinja2.Template:
-    import jinja2
-
-    loader = jinja2.PackageLoader("truing.report")
-    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template("report.html.jinja")
+def all_of(sections: Sequence[Section]) -> Iterator[Section]:
+    """Sections, each before its parts."""
+    for section in sections:
+        yield section
+        yield from all_of(section.parts)

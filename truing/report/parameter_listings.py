@@ -8,6 +8,7 @@ from truing.report.calibrations import Key, called, deformation_words, in_order,
 from truing.report.numbers import with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, shown_in
+from truing.report.tables import cell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,15 +52,21 @@ def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, 
     heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if own["leg"].isna().any() else []))
     cells: dict[str, dict[str, str]] = {}
     for r in own.assign(known=_identifiable(own)).itertuples():
-        kind, unit = kind_of(r.parameter, r.leg), shown_in(r.parameter, r.unit)[1]
+        kind, unit = _kind(r), shown_in(r.parameter, r.unit)[1]
         column = f"leg {int(r.leg)}" if r.leg == r.leg else "all legs"
         cells.setdefault(f"{kind} ({unit})".replace(" ", UNBROKEN) if unit else kind, {})[column] = _cell(r)
     return heads, tuple((kind, *(row.get(head, "") for head in heads)) for kind, row in cells.items())
 
 
+def _kind(r: Any) -> str:
+    """What a parameter is in every leg; of an effect with its name, as two of them may have parameters alike."""
+    kind, effect = kind_of(r.parameter, r.leg), cell(getattr(r, "effect_of", None))
+    return kind if not effect or r.parameter.startswith(_BENT) else f"{kind} of {effect}"
+
+
 def _cell(r: Any) -> str:
     factor, _ = shown_in(r.parameter, r.unit)
-    if r.parameter.startswith(_BENT):  # a deformation has no drawing that it could depart from
+    if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no drawing that it could depart from
         return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)
     said = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
     pull = getattr(r, "pull", float("nan"))

@@ -23,7 +23,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
     ``provenance``: the metadata of each artifact.
     """
-    parts = (measured, quality, diagnosis, calibration, knowledge, requirements, poses, deformation, excluded)
+    parts = (diagnosis, calibration, knowledge, requirements, measured, quality, poses, deformation, excluded)
     drawn = (part(tables) for part in parts)
     return [*(section for section in drawn if section is not None), _provenance(provenance)]
 

@@ -8,99 +8,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.kinematics import forward
+from truing.estimation.rotation import skew
+from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.kinematics import forward, leg_vectors, pose_change, unit
 from truing.simulation.legs import Change, Legs
 
+if TYPE_CHECKING:
+    from truing.simulation.targets import Targets
 
-class Step(StrEnum):
-    """Where in the chain a cause acts."""
-
-    DRIVE = "drive"
-    STRUCTURE = "structure"
-    INSTRUMENT = "instrument"
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a cause: its name and unit as in the tables, how large it plausibly is (one sigma), in SI.
-
-    ``si`` is what one unit of the tables is in SI.
-    """
-
-    name: str
-    unit: str
-    scale: float
-    si: float = 1.0
-
-
-class Cause:
-    """A way in which nature departs from the plain simulation; a subclass is all that a new cause takes.
-
-    ``change`` returns the derivative of the state by the cause's parameters. For a linear cause it is its whole
-    effect; `Effect` multiplies it by the parameters' values.
-    """
-
-    id: str
-    kind: str = "linear"
-    step: Step
-
-    @property
-    def says(self) -> str:
-        """Return what nature does, in words that fit "The data show that ..."."""
-        raise NotImplementedError
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        raise NotImplementedError
-
-    @property
-    def key(self) -> str:
-        """Return the name that tells it from all others; its id unless there are several of the kind."""
-        return self.id
-
-    def follows(self, legs: int) -> tuple[str, ...]:
-        """Return the columns that it follows where it is no cause of the catalogue; else none."""
-        return ()
-
-    def settings(self) -> dict[str, str | float | int]:
-        """Return what a model needs beside the parameters to know the cause again."""
-        return {}
-
-    def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the parameters for a mechanism with that many legs."""
-        raise NotImplementedError
-
-    def change(self, state: State) -> Change:
-        """Return the derivative of the state's fields by the parameters; complex-safe."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Effect:
-    """A cause with the values of its parameters, in their units' SI form."""
-
-    cause: Cause
-    values: NDArray  # (P,)
-
-    def apply(self, state: State) -> State:
-        """Return the state as this effect leaves it."""
-        change = self.cause.change(state)
-        return state.shifted({name: slope @ self.values for name, slope in change.fields.items()})
+Met = tuple[Effect, "State"]
+POSE = "pose"
+_OF_STATE = ("indicated", "rho", "delta_bz", "moved", "points")
+_OF_LEGS = ("a", "b", "u", "l")
+# An effect that depends on the pose moves it by less than a hundredth of what moved it: six rounds reach rounding.
+_ROUNDS = 6
+_TINY = 1e-30
 
 
 @dataclass(frozen=True)
 class State:
-    """What the chain passes on, B poses of L legs; m and rad.
+    """What the chain passes on, B poses of L legs and K targets; m and rad.
 
     ``indicated`` is where the actuators seem to stand (what effects of the drive depend on), ``rho`` where they do,
-    ``delta_bz`` the attachments' shift along z of the platform; the pose p, R of the platform in the base frame is set
-    once the structure has answered.
+    ``delta_bz`` the attachments' shift along z of the platform; ``legs`` may differ from pose to pose. ``shape`` is
+    where targets sit, along the axes of their body's survey, from the body's origin (a leg's: its lower joint), and
+    ``moved`` by how much they sit elsewhere, pose by pose. Once the structure has answered: the pose p, R of the
+    platform in the base frame, ``points`` (the targets in the base frame, as recorded so far) and ``turn``, the
+    rotations from the axes of the bodies' surveys to the base. ``upright`` are the legs' directions at the
+    nominal reference, ``home`` the platform's rotation there.
     """
 
     legs: Legs
@@ -111,62 +52,195 @@ class State:
     converged: NDArray = field(default_factory=lambda: np.empty(0, bool))  # (B,)
     indicated: NDArray = field(default_factory=lambda: np.empty((0, 0)))  # (B, L)
     covariates: Mapping[str, NDArray] = field(default_factory=dict)  # (B,) or (B, L), in the units of their columns
+    targets: Targets | None = None
+    shape: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3)
+    moved: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))  # (B, K, 3), or broadcasts to it
+    points: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))  # (B, K, 3)
+    turn: NDArray = field(default_factory=lambda: np.empty((0, 0, 3, 3)))  # (B, K, 3, 3)
+    reference_temperature_c: float = 20.0
+    upright: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
+    home: NDArray = field(default_factory=lambda: np.eye(3))  # (3, 3)
+
+    @property
+    def heat(self) -> NDArray:
+        """Return the temperature (B,) above the reference, K."""
+        return self.covariates["temperature_c"] - self.reference_temperature_c
 
     @property
     def delta_rho(self) -> NDArray:
         """Return the displacement (B, L) from the reference reading, m."""
         return self.rho - self.legs.rho0
 
-    def shifted(self, shifts: dict[str, NDArray]) -> State:
+    def shifted(self, shifts: Mapping[str, NDArray]) -> State:
         """Return the state with each named field moved by the array given for it."""
-        own = {name: getattr(self, name) + shift for name, shift in shifts.items() if name in ("rho", "delta_bz")}
+        own = {name: getattr(self, name) + shift for name, shift in shifts.items() if name in _OF_STATE}
         joints = {name: getattr(self.legs, name) + shift for name, shift in shifts.items() if name not in own}
         return replace(self, **own, legs=self.legs.replace(**joints) if joints else self.legs)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A state whose structure has answered, and how it came about.
+
+    ``met`` is every effect of the drive and of the structure, in the order in which they acted, with the state that it
+    met; ``driven`` is the state between the two steps.
+    """
+
+    state: State
+    driven: State
+    met: tuple[Met, ...]
+
+    def downstream(self, cause: Cause) -> tuple[Met, ...]:
+        """Return the effects that act after a cause, which comes last in its step where it is not among them."""
+        keys = [effect.cause.key for effect, _ in self.met]
+        if cause.key in keys:
+            return self.met[keys.index(cause.key) + 1 :]
+        return self.met[self._drives if cause.step is Step.DRIVE else len(self.met) :]
+
+    def at(self, cause: Cause) -> State:
+        """Return the state that a cause meets."""
+        found = {effect.cause.key: met for effect, met in self.met}
+        return found.get(cause.key, self.driven if cause.step is Step.DRIVE else self.state)
+
+    @cached_property
+    def answer(self) -> Change:
+        """Return what the effects of the structure make of a twist of the platform, per component of it, m and rad."""
+        if not any(POSE in effect.cause.reads for effect, _ in self.of_structure):
+            return Change({}, 6)
+        shifted = np.broadcast_to(np.eye(3, 6), (1, 3, 6))
+        turned = np.zeros((*self.state.R.shape, 6))
+        turned[..., 3:] = np.einsum("aij,bjk->bika", skew(np.eye(3)), self.state.R)
+        answer = carried(Change({"p": shifted, "R": turned}, 6), self.of_structure)
+        return Change({name: slope for name, slope in answer.fields.items() if name not in ("p", "R")}, 6)
+
+    @property
+    def of_structure(self) -> tuple[Met, ...]:
+        """Return the effects of the structure."""
+        return self.met[self._drives :]
+
+    @property
+    def _drives(self) -> int:
+        return sum(effect.cause.step is Step.DRIVE for effect, _ in self.met)
 
 
 def simulate(
     legs: Legs, rho: NDArray, effects: Sequence[Effect] = (), covariates: Mapping[str, NDArray] | None = None
 ) -> State:
     """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
-    state = State(legs, rho, np.zeros_like(rho), indicated=rho, covariates=covariates or {})
-    for step in (Step.DRIVE, Step.STRUCTURE):
-        for effect in effects:
-            if effect.cause.step is step:
-                state = effect.apply(state)
+    home = forward(legs, legs.rho0[None])
+    upright = unit(leg_vectors(legs, home.p, home.R, legs.rho0[None]))[0]
+    start = State(legs, rho, np.zeros_like(rho), indicated=rho, covariates=covariates or {})
+    return passed(replace(start, upright=upright, home=home.R[0]), effects).state
+
+
+def passed(start: State, effects: Sequence[Effect]) -> Passage:
+    """Return how a state passes drive and structure; effects of one step act in their order, each on what it meets.
+
+    Effects that depend on the pose are found by rounds: the pose that the others lead to, then again with theirs.
+    """
+    driven, drives = _through(start, [effect for effect in effects if effect.cause.step is Step.DRIVE])
+    structure = [effect for effect in effects if effect.cause.step is Step.STRUCTURE]
+    rounds = _ROUNDS if any(POSE in effect.cause.reads for effect in structure) else 0
+    entry = _posed(driven, driven) if rounds else driven
+    for _ in range(rounds):
+        entry = _posed(_through(entry, structure)[0], driven)
+    state, met = _through(entry, structure)
+    return Passage(_posed(state, state), driven, (*drives, *met))
+
+
+def _through(state: State, effects: Sequence[Effect]) -> tuple[State, list[Met]]:
+    met = []
+    for effect in effects:
+        met.append((effect, state))
+        state = effect.apply(state)
+    return state, met
+
+
+def _posed(state: State, target: State) -> State:
+    """Return the target with the pose that a state's legs lead to."""
     reached = forward(state.legs, state.rho, state.delta_bz)
-    return replace(state, p=reached.p, R=reached.R, converged=reached.converged)
+    return replace(target, p=reached.p, R=reached.R, converged=reached.converged)
 
 
-def carried(state: State, effects: Sequence[Effect], change: Change) -> Change:
-    """Return a change with all that follows from it down the chain, in effects that depend on what it changes."""
+def carried(change: Change, met: Sequence[Met]) -> Change:
+    """Return a change with what effects downstream of it, in their order, make of it."""
     fields = dict(change.fields)
-    indicated = fields.pop("indicated", None)
-    if indicated is not None:
-        fields["rho"] = fields.get("rho", 0.0) + indicated
-        _follow(
-            fields, state, [effect for effect in effects if effect.cause.step is Step.DRIVE], "indicated", indicated
-        )
-    if "rho" in fields:
-        _follow(
-            fields, state, [effect for effect in effects if effect.cause.step is Step.STRUCTURE], "rho", fields["rho"]
-        )
+    for effect, state in met:
+        for name, slope in _answer(effect, state, fields, change.size).items():
+            fields[name] = fields.get(name, 0.0) + slope
     return Change(fields, change.size)
 
 
-def _follow(fields: dict[str, NDArray], state: State, effects: Sequence[Effect], source: str, driven: NDArray) -> None:
-    """Add to the fields what effects make of a change ``driven`` (B, L, P) of their source."""
-    for effect in effects:
-        for name, slope in _slope(effect, state, source).items():
-            fields[name] = fields.get(name, 0.0) + np.einsum("b...m,bmp->b...p", slope, driven)
+def settled(passage: Passage, change: Change) -> tuple[Change, NDArray]:
+    """Return a change at the end of the structure, with what its effects make of the pose's motion, and the twist.
+
+    The twist (B, 6, P) of the platform is exact.
+    """
+    twist = _twist(passage.state, change)
+    if not passage.answer.fields:
+        return change, twist
+    answer = passage.answer
+    twist = np.linalg.solve(np.eye(6) - _twist(passage.state, answer), twist)
+    fields = dict(change.fields)
+    for name, slope in answer.fields.items():
+        fields[name] = fields.get(name, 0.0) + np.einsum("b...q,bqp->b...p", slope, twist)
+    return Change(fields, change.size), twist
 
 
-def _slope(effect: Effect, state: State, source: str) -> dict[str, NDArray]:
-    """Return the derivative of an effect by its source at each leg, leg last: a complex step, exact to rounding."""
-    tiny = 1e-30
-    columns: dict[str, list[NDArray]] = {}
-    for leg in range(state.legs.count):
-        nudge = 1j * tiny * (np.arange(state.legs.count) == leg)
-        nudged = replace(state, **{source: getattr(state, source) + nudge})
-        for name, slope in effect.cause.change(nudged).fields.items():
-            columns.setdefault(name, []).append((slope @ effect.values).imag / tiny)
-    return {name: np.stack(found, -1) for name, found in columns.items()}
+def _twist(state: State, change: Change) -> NDArray:
+    return pose_change(state.legs, state.p, state.R, state.rho, state.delta_bz, change)
+
+
+def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
+    """Return the derivative of `moved` by each target's own shape: an array of that shape, (B, K, 3, 3)."""
+    total = np.zeros(shape)
+    for effect, state in met:
+        if "shape" in effect.cause.reads:
+            for axis, nudge in enumerate(1j * _TINY * np.eye(3)):
+                shift = effect.cause.shift(replace(state, shape=state.shape + nudge), effect.values).get("moved")
+                total[..., axis] += 0.0 if shift is None else shift.imag / _TINY
+    return total
+
+
+def _answer(effect: Effect, state: State, fields: Mapping[str, NDArray], size: int) -> dict[str, NDArray]:
+    """Return by how much an effect's shift changes (B, ..., P) when the fields that it reads do: a complex step."""
+    reads = effect.cause.reads | ({"p", "R"} if POSE in effect.cause.reads else set())
+    driven = {name: slope for name, slope in fields.items() if name in reads}
+    if not driven:
+        return {}
+    poses = len(state.rho)
+    shifts = effect.cause.shift(_nudged(state, driven, size), effect.values)
+    return {
+        name: np.moveaxis(
+            np.broadcast_to(shift.imag / _TINY, (size * poses, *shift.shape[1:])).reshape(
+                size, poses, *shift.shape[1:]
+            ),
+            0,
+            -1,
+        )
+        for name, shift in shifts.items()
+        if np.iscomplexobj(shift)
+    }
+
+
+def _nudged(state: State, driven: Mapping[str, NDArray], size: int) -> State:
+    """Return size times the B poses of a state, one after the other, each with a tiny imaginary part of its fields."""
+    poses = len(state.rho)
+
+    def copies(array: NDArray, slope: NDArray | None = None) -> NDArray:
+        many = np.broadcast_to(array, (size, poses, *array.shape[1:]))
+        if slope is not None:
+            many = many + 1j * _TINY * np.moveaxis(slope, -1, 0)
+        return many.reshape(size * poses, *many.shape[2:])
+
+    posed = ("p", "R") if len(state.p) else ()
+    own: dict[str, Any] = {
+        name: copies(getattr(state, name), driven.get(name)) for name in ("indicated", "rho", "delta_bz", *posed)
+    }
+    joints = {}
+    for name in _OF_LEGS:
+        array, rank = getattr(state.legs, name), 1 if name == "l" else 2
+        if name in driven or array.ndim > rank:
+            joints[name] = copies(array if array.ndim > rank else array[None], driven.get(name))
+    covariates = {name: copies(value) for name, value in state.covariates.items()}
+    return replace(state, **own, covariates=covariates, legs=state.legs.replace(**joints))

@@ -95,16 +95,17 @@ def measured(
 ) -> Campaign:
     """The instrument's step: what is written down of a machine that stands where it does, and the truth."""
     exact = exact_points(machine, standing, setting.marks)
-    recorded = exact
+    recorded, scatter = exact, np.ones(exact.shape[:2])
     for effect in effects:
         recorded = effect.instrument(recorded, standing, setting)
+        scatter = effect.scatter(scatter, setting)
     return Campaign(
         layout=layout,
         schedule=setting.schedule,
         marks=setting.marks,
         surveyed=survey(setting.marks, layout, stream["survey"]),
         readings=read_actuators(indicated, layout, stream["readings"]),
-        record=record_points(recorded, setting.marks, layout, stream["points"]),
+        record=record_points(recorded, scatter, setting.marks, layout, stream["points"]),
         truth=truth_of(built, machine, standing, exact, setting.marks, tuple(effects)),
     )
 

@@ -47,6 +47,11 @@ class Effect:
         """What it concerns, empty for the whole."""
         return ""
 
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Columns that it follows, of an effect that is in no catalogue and known by these alone."""
+        return ()
+
     def drive(self, drho: Array, setting: Setting) -> Array:
         """True displacements (N, 6) of the actuators from those that they indicate, mm."""
         return drho
@@ -58,11 +63,18 @@ class Effect:
         """Points (N, M, 3) as they are recorded, from those that are there; base frame."""
         return points
 
+    def scatter(self, scatter: Array, setting: Setting) -> Array:
+        """How many times the instrument's noise each point has (N, M)."""
+        return scatter
+
 
 def as_record(effect: Effect) -> dict[str, object]:
     """The effect as it stands in the file of truths."""
     values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
-    return json.loads(json.dumps({"cause": effect.id, "subject": effect.subject, "parameters": values}))
+    told = {"cause": effect.id, "subject": effect.subject, "parameters": values}
+    if effect.id == "unexplained":
+        told |= {"kind": type(effect).__name__, "follows": " ".join(effect.drivers)}
+    return json.loads(json.dumps(told))
 
 
 def _per_leg(name: str, legs: tuple[int, ...], values: Array, unit: str) -> dict[str, Parameter]:
@@ -333,7 +345,7 @@ class TargetMoved(Effect):
         late = rank >= rank[setting.schedule.pose.index(self.from_pose)]
         turn = standing.turn[late, BODIES.index(self.body)]
         moved = points.copy()
-        moved[late, _mark(setting.marks, self.body, self.target)] += rotate(turn, np.array(self.shift))
+        moved[late, setting.marks.index(self.body, self.target)] += rotate(turn, np.array(self.shift))
         return moved
 
 
@@ -355,11 +367,7 @@ class TargetsSwapped(Effect):
 
     def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
         rows = np.isin(setting.schedule.pose, self.poses)
-        first, second = (_mark(setting.marks, self.body, target) for target in self.targets)
+        first, second = (setting.marks.index(self.body, target) for target in self.targets)
         swapped = points.copy()
         swapped[rows, first], swapped[rows, second] = points[rows, second], points[rows, first]
         return swapped
-
-
-def _mark(marks: Marks, body: str, target: str) -> int:
-    return list(zip(marks.body, marks.name, strict=True)).index((body, target))

@@ -57,10 +57,12 @@ def _targets(campaign: Campaign) -> Iterable[str]:
 def _configurations(campaign: Campaign) -> Iterable[str]:
     schedule = campaign.schedule
     legs = campaign.readings.shape[1]
-    yield "pose,role,time_s," + ",".join(f"rho{i}_mm" for i in range(1, legs + 1)) + ",temperature_c"
+    heads = [f"rho{i}_mm" for i in range(1, legs + 1)]
+    yield ",".join(["pose", "role", "time_s", *heads, "temperature_c", *schedule.further])
     for n, pose in enumerate(schedule.pose):
         readings = _numbers(campaign.readings[n], campaign.layout.decimals)
-        yield f"{pose},{schedule.role[n]},{schedule.time_s[n]:.1f},{readings},{schedule.temperature_c[n]:.2f}"
+        air = "".join(f",{column[n]:.2f}" for column in (schedule.temperature_c, *schedule.further.values()))
+        yield f"{pose},{schedule.role[n]},{schedule.time_s[n]:.1f},{readings}{air}"
 
 
 def _numbers(values: Array, decimals: int) -> str:

@@ -19,34 +19,34 @@ FEWEST_SEEN = 4  # of base and platform in every pose: below, no one would have 
 @dataclass(frozen=True)
 class Record:
     """Points (N, M, 3) in the frame of each pose's measurement, whether they were seen, and which are grossly
-    wrong (N, M).
+    wrong (N, M); how the base frame is turned into the measurement's (N, 4).
     """
 
     points: Array
     seen: Array
     gross: Array
+    turn: Array
 
 
-def record_points(points: Array, marks: Marks, layout: Layout, rng: np.random.Generator) -> Record:
-    """Measures points (N, M, 3) given in the base frame; noise, gross errors and losses each from a stream of
-    their own.
+def record_points(points: Array, scatter: Array, marks: Marks, layout: Layout, rng: np.random.Generator) -> Record:
+    """Measures points (N, M, 3) given in the base frame, with ``scatter`` (N, M) times the instrument's noise;
+    noise, gross errors and losses each from a stream of their own.
     """
     frames, noise, gross, losses = rng.spawn(4)
-    measured = _in_own_frames(points, layout.surroundings, frames)
-    measured += _point_noise(points.shape, layout.noise, noise)
+    turn, shift = _own_frames(len(points), layout.surroundings, frames)
+    measured = rotate(turn[:, None], points) + shift
+    measured += scatter[..., None] * _point_noise(points.shape, layout.noise, noise)
     wrong = _hit(points.shape[:2], layout.faults.gross_share, gross)
     low, high = np.log(layout.faults.gross_mm)
     errors = unit(gross.normal(size=points.shape)) * np.exp(gross.uniform(low, high, points.shape[:2]))[..., None]
     measured += np.where(wrong[..., None], errors, 0.0)
-    return Record(measured, _seen(points.shape[:2], marks, layout.faults, losses), wrong)
+    return Record(measured, _seen(points.shape[:2], marks, layout.faults, losses), wrong, turn)
 
 
-def _in_own_frames(points: Array, surroundings: Surroundings, rng: np.random.Generator) -> Array:
-    n = len(points)
+def _own_frames(n: int, surroundings: Surroundings, rng: np.random.Generator) -> tuple[Array, Array]:
     angle = surroundings.frame_turn_rad * rng.uniform(0.0, 1.0, (n, 1))
     turn = from_vector(angle * unit(rng.normal(size=(n, 3))))
-    shift = rng.normal(0.0, surroundings.frame_shift_mm, (n, 1, 3))
-    return rotate(turn[:, None], points) + shift
+    return turn, rng.normal(0.0, surroundings.frame_shift_mm, (n, 1, 3))
 
 
 def _point_noise(shape: tuple[int, ...], noise: Noise, rng: np.random.Generator) -> Array:

@@ -135,6 +135,7 @@ class Surroundings:
     reference_temperature_c: float = 20.0
     temperature_step_c: float = 0.05
     positioning_mm: float = 0.002  # how far an actuator stands from the value that was asked for
+    columns: tuple[str, ...] = ()  # further columns of configurations.csv, names of schedule.COLUMNS
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,10 @@ class Marks:
         """Indices of the body's targets."""
         return np.flatnonzero([b == body for b in self.body])
 
+    def index(self, body: str, name: str) -> int:
+        """Index of one target."""
+        return list(zip(self.body, self.name, strict=True)).index((body, name))
+
     def framing(self, body: str) -> Array:
         """Indices of the targets that define the body's frame: those that sit on no attachment."""
         return np.flatnonzero([b == body and leg == 0 for b, leg in zip(self.body, self.on_leg, strict=True)])

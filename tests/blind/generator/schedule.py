@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,12 @@ from tests.blind.generator.quaternions import Array
 
 TABLES = Path(__file__).with_name("telescope_configurations.csv")
 STROKE_MM = 1.3
+# Further columns, as they go in time: air that changes slowly, and a load that is changed from pose to pose.
+COLUMNS: Mapping[str, Callable[[int, np.random.Generator], Array]] = {
+    "humidity_pct": lambda n, rng: 45 + np.cumsum(rng.normal(0.0, 1.5, n)),
+    "pressure_hpa": lambda n, rng: 1013 + np.cumsum(rng.normal(0.0, 0.6, n)),
+    "load_n": lambda n, rng: 50.0 * rng.integers(0, 4, n) + rng.normal(0.0, 0.5, n),
+}
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,7 @@ class Schedule:
     time_s: Array
     temperature_c: Array
     reference_temperature_c: float
+    further: Mapping[str, Array] = field(default_factory=dict)  # other columns (N,), by name
 
     @property
     def rank(self) -> Array:
@@ -47,6 +54,16 @@ def published_moves() -> list[tuple[int, str, Array]]:
         (number, row["role"], STROKE_MM * np.array([float(row[f"level_{i}"]) for i in range(1, LEGS + 1)]))
         for number, row in enumerate(rows, start=1)
     ]
+
+
+def even_moves(
+    calibration: int, verification: int, rng: np.random.Generator, stroke_mm: float = STROKE_MM
+) -> list[tuple[int, str, Array]]:
+    """Displacements drawn evenly from the whole stroke, those held out from half of it."""
+    roles = ["calibration"] * calibration + ["verification"] * verification
+    reach = np.array([1.0] * calibration + [0.5] * verification)[:, None]
+    asked = stroke_mm * reach * rng.uniform(-1.0, 1.0, (len(roles), LEGS))
+    return [(n, role, row) for n, (role, row) in enumerate(zip(roles, asked, strict=True), 1)]
 
 
 def random_moves(
@@ -78,4 +95,5 @@ def plan(moves: Sequence[tuple[int, str, Array]], surroundings: Surroundings, rn
         time_s=(ticks - ticks[0])[rank],
         temperature_c=(surroundings.reference_temperature_c + walk).round(2)[rank],
         reference_temperature_c=surroundings.reference_temperature_c,
+        further={name: COLUMNS[name](n, rng).round(2)[rank] for name in surroundings.columns},
     )

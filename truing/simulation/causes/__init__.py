@@ -4,10 +4,51 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-from truing.simulation.causes.platform_deformation import LinearPlatformDeformation, MatrixPlatformDeformation
-from truing.simulation.chain import Cause
+from truing.simulation.cause import Cause
+from truing.simulation.causes.base_deformation import BaseDeformation
+from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
+from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.causes.flexure_shift import FlexureShift
+from truing.simulation.causes.leg_drift import LegDrift
+from truing.simulation.causes.measurement_scale import MeasurementScale
+from truing.simulation.causes.platform_deformation import (
+    LinearPlatformDeformation,
+    MatrixPlatformDeformation,
+    NonlinearPlatformDeformation,
+)
+from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.causes.unexplained import Unexplained
+from truing.simulation.causes.warmth import LegThermal, ThermalExpansion
 
-OWN_CAUSES = (LinearPlatformDeformation(), MatrixPlatformDeformation())
+OWN_CAUSES: tuple[Cause, ...] = (
+    LinearPlatformDeformation(),
+    MatrixPlatformDeformation(),
+    NonlinearPlatformDeformation(),
+    ThermalExpansion(),
+    BaseDeformation(),
+    LegDrift(),
+    LegThermal(),
+    FlexureShift(),
+    ActuatorGain(),
+    ActuatorBacklash(),
+    PeriodicError(),
+    MeasurementScale(),
+    TargetMoved(),
+    TargetsSwapped(),
+    BodyDeformation(),
+    BodyDrift(),
+    Unexplained(),
+)
+# Of these, what a body without a mechanism knows.
+_OF_BODIES = (
+    "thermal-expansion",
+    "measurement-scale",
+    "target-moved",
+    "targets-swapped",
+    "body-deformation",
+    "body-drift",
+    "unexplained",
+)
 # A lab's package names its own causes under this group: `"my-cause" = "my_package.causes:MyCause"`.
 ENTRY_POINTS = "truing.causes"
 
@@ -23,3 +64,9 @@ def catalogue() -> dict[str, Cause]:
             raise ValueError(f"cause {cause.id}: found in two places, expected one")
         found[cause.id] = cause
     return found
+
+
+def catalogue_of_bodies() -> dict[str, Cause]:
+    """Return all causes that bodies without a mechanism know, by id; those of installed packages are among them."""
+    of_legs = {cause.id for cause in OWN_CAUSES} - set(_OF_BODIES)
+    return {name: cause for name, cause in catalogue().items() if name not in of_legs}

@@ -1,0 +1,133 @@
+"""How well the diagnosis does on campaigns that it has never seen: hundreds of them, with effects hidden at random.
+
+    python -m benchmarks.blind [--campaigns 40] [--workers 2] [--seed 1] [--results FILE] [--write]
+
+Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
+Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
+kept line by line in FILE. ``--write`` makes the tables and figures of docs/how-well-does-it-diagnose.md anew from it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tests.blind.generator.case import hide, layouts_for
+from tests.blind.generator.hidden import CATALOGUE, STRANGE, draw_two
+from tests.blind.judging import Judged, Record, run_share
+from tests.blind.rates import clear_from, told
+
+RESULTS = Path("runs") / "blind.jsonl"
+# Of twenty campaigns: nothing, one effect, two, one of no catalogue.
+CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
+BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
+PER_CALL = 4
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One campaign of the benchmark: what is hidden in it, in which layout, how strong."""
+
+    number: int
+    group: str
+    names: tuple[str, ...]
+    layout: str
+    strength: float
+    seed: int
+
+
+def drawn(number: int, seed: int) -> Drawn:
+    """The campaign of a number: groups and causes take turns, all else is drawn."""
+    rng = np.random.default_rng([seed, 6, number])
+    turn, place = divmod(number * 7, len(CYCLE))  # 7 and 20 have no divisor in common: groups are mixed
+    group = CYCLE[place]
+    names = _names(group, turn, rng)
+    kinds = layouts_for(names)
+    strength = _strength(group, names, rng)
+    return Drawn(number, group, names, str(rng.choice(kinds)), strength, int(rng.integers(2**31)))
+
+
+def _names(group: str, turn: int, rng: np.random.Generator) -> tuple[str, ...]:
+    if group == "one":
+        return (str(rng.choice(sorted(CATALOGUE))),)
+    if group == "two":
+        return draw_two(rng)
+    if group == "unknown":
+        return (str(rng.choice(sorted(STRANGE))),)
+    return ()
+
+
+def _strength(group: str, names: Sequence[str], rng: np.random.Generator) -> float:
+    """From where the effects must be found up to three times that; of single ones some are weaker."""
+    if not names:
+        return 1.0
+    clear = max(clear_from(name, two=group == "two") for name in names)
+    if group == "one" and rng.random() < BELOW_CLEAR:
+        return float(clear * rng.uniform(0.4, 1.0))
+    return float(clear * np.exp(rng.uniform(0.0, np.log(3.0))))
+
+
+def run(cases: Sequence[Drawn]) -> list[Record]:
+    """Draws, writes and diagnoses campaigns in one call of the command line."""
+    with tempfile.TemporaryDirectory() as home:
+        folders = [
+            hide(one.names, one.layout, one.strength, one.seed).write(Path(home) / f"{one.group}-{one.number}")
+            for one in cases
+        ]
+        records = run_share(folders)
+    return [{"number": one.number, "group": one.group} | record for one, record in zip(cases, records, strict=True)]
+
+
+def kept(results: Path) -> list[Record]:
+    """The results so far, without those of campaigns that failed: they are run again."""
+    lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
+    return [record for record in map(json.loads, lines) if "failed" not in record]
+
+
+def run_missing(cases: Sequence[Drawn], results: Path, workers: int) -> Iterator[Record]:
+    """Runs what the results lack, and adds it to them as it comes."""
+    done = {record["number"] for record in kept(results)}
+    missing = [one for one in cases if one.number not in done]
+    shares = [missing[start : start + PER_CALL] for start in range(0, len(missing), PER_CALL)]
+    results.parent.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(workers) as pool, results.open("a", encoding="utf-8") as file:
+        for future in as_completed([pool.submit(run, share) for share in shares]):
+            for record in future.result():
+                file.write(json.dumps(record) + "\n")
+                file.flush()
+                yield record
+
+
+def main() -> None:
+    """Run what is missing, and write the page if asked to."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, default=40)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--write", action="store_true", help="make the page anew")
+    options = parser.parse_args()
+    cases = [drawn(number, options.seed) for number in range(options.campaigns)]
+    for record in run_missing(cases, options.results, options.workers):
+        print(_line(record), flush=True)
+    if options.write:
+        from benchmarks.blind_page import write_page
+
+        write_page(kept(options.results))
+
+
+def _line(record: Record) -> str:
+    if "failed" in record:
+        return f"{record['name']} FAILED\n{record['failed']}"
+    return f"{record['seconds']:5.1f} s  {told(Judged(record))}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,213 @@
+"""The tables of docs/how-well-does-it-diagnose.md, from the results of ``benchmarks.blind``; nothing is typed."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blind_figures import confusion_figure, power_figure, strip_figure
+from docs.experiments.marked_tables import renew, table
+from tests.blind import rates
+from tests.blind.generator.draw import LAYOUTS
+from tests.blind.generator.hidden import CATALOGUE
+from tests.blind.judging import Judged, Record
+from tests.blind.rates import Count
+
+PROJECT = Path(__file__).resolve().parents[1]
+PAGE = PROJECT / "docs" / "how-well-does-it-diagnose.md"
+FIGURES = PROJECT / "docs" / "figures"
+KEPT = PROJECT / "docs" / "experiments" / "blind_results.jsonl.gz"  # what the page was made from
+NAME = "unexplained"
+
+
+def interval(good: int, trials: int) -> tuple[float, float]:
+    """Return the exact 95 % bounds of a probability (Clopper and Pearson 1934)."""
+    from scipy.stats import beta
+
+    low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
+    high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
+    return float(low), float(high)
+
+
+def write_page(records: Sequence[Record]) -> None:
+    """Make tables and figures of the page anew, and keep the results that they were made from."""
+    lines = "".join(json.dumps(record) + "\n" for record in sorted(records, key=lambda one: one["number"]))
+    KEPT.write_bytes(gzip.compress(lines.encode(), mtime=0))
+    campaigns = kept_campaigns()
+    renew(PAGE, tables(campaigns))
+    power_figure(FIGURES / "blind-power.svg", campaigns)
+    strip_figure(FIGURES / "blind-causes.svg", campaigns)
+    confusion_figure(FIGURES / "blind-confusion.svg", *confusion(campaigns))
+
+
+def kept_campaigns() -> list[Judged]:
+    """Return the campaigns that the page was made from."""
+    lines = gzip.decompress(KEPT.read_bytes()).decode().splitlines()
+    return [Judged(json.loads(line)) for line in lines]
+
+
+def tables(campaigns: Sequence[Judged]) -> dict[str, Callable[[], str]]:
+    """Return what makes each table of the page."""
+    makers = {"goals": goals, "causes": causes, "layouts": layouts, "unknown": unknown, "wrong": wrong}
+    return {name: lambda make=make: make(campaigns) for name, make in makers.items()}
+
+
+def _clear(campaigns: Sequence[Judged]) -> list[Judged]:
+    return [one for one in campaigns if not one.hidden or rates.is_clear(one)]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if np.isfinite(share) else ""
+
+
+def _of(count: Count) -> list[str]:
+    low, high = interval(count.good, count.trials)
+    return [f"{count.good} of {count.trials}", _percent(count.share), f"{_percent(low)} to {_percent(high)}"]
+
+
+def goals(campaigns: Sequence[Judged]) -> str:
+    """Return the table of what was asked and what is reached."""
+    clear = _clear(campaigns)
+    rows = [
+        ["nothing hidden: something found", "at most 5 %", *_of(rates.alarms(clear))],
+        ["one effect: something found", "95 %", *_of(rates.detected(clear))],
+        ["named, or told to look like what was found", "90 %", *_of(rates.named(clear))],
+        ["of these: the right legs or targets", "95 %", *_of(rates.placed(clear))],
+        ["two effects: both named", "75 %", *_of(rates.both_named(clear))],
+        ["more found beside all that was hidden", "", *_of(rates.invented(clear))],
+        ["an effect of no catalogue: `unexplained`, with all that drives it", "80 %", *_of(rates.driven(clear))],
+        ["the same: given a name", "at most 10 %", *_of(rates.misnamed(clear))],
+        ["true parameters within stated 95 %", "90 to 98 %", *_mean(rates.coverage(clear))],
+        ["held-out error over the noise floor", "at most 1.1", *_middle(rates.floors(clear))],
+        ["share of the held-out excess over the floor that is removed", "", *_pooled(rates.excesses(clear))],
+        ["pulls after the extension inside their 95 % band", "95 %", *_of(rates.pulled(clear))],
+        [
+            "processor seconds for a campaign",
+            "20 s on 2 cores",
+            *_middle(np.array([one.record["seconds"] for one in clear])),
+        ],
+    ]
+    return table(["", "asked", "campaigns", "reached", "95 % interval"], rows)
+
+
+def _mean(shares: NDArray) -> list[str]:
+    if len(shares) < 2:
+        return [str(len(shares)), "", ""]
+    off = 1.96 * shares.std(ddof=1) / np.sqrt(len(shares))
+    low, high = shares.mean() - off, min(shares.mean() + off, 1.0)
+    return [str(len(shares)), _percent(shares.mean()), f"{_percent(low)} to {_percent(high)}"]
+
+
+def _pooled(excess: NDArray) -> list[str]:
+    """Return the share of the excess of all campaigns together that is removed, its interval by the jackknife."""
+    if len(excess) < 3:
+        return [str(len(excess)), "", ""]
+    total = excess.sum(axis=0)
+    without = 1 - (total[1] - excess[:, 1]) / (total[0] - excess[:, 0])
+    off = 1.96 * np.sqrt((len(excess) - 1) * np.var(without))
+    share = float(1 - total[1] / total[0])
+    return [str(len(excess)), _percent(share), f"{_percent(share - off)} to {_percent(share + off)}"]
+
+
+def _middle(values: NDArray) -> list[str]:
+    """Return the median, and where nine in ten lie."""
+    if not len(values):
+        return ["0", "", ""]
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+    return [str(len(values)), f"median {middle:.2f}", f"nine in ten: {low:.2f} to {high:.2f}"]
+
+
+def causes(campaigns: Sequence[Judged]) -> str:
+    """Return the table of each cause: what is clear, and what is too weak to be found for certain."""
+    rows = []
+    for cause in CATALOGUE:
+        own = [one for one in campaigns if [effect.cause for effect in one.hidden] == [cause]]
+        clear = [one for one in own if rates.is_clear(one)]
+        weak = [one for one in own if not rates.is_clear(one)]
+        covered = rates.coverage(clear)
+        shares = [
+            rates.detected(clear),
+            rates.named(clear),
+            rates.placed(clear),
+            rates.detected(weak),
+            rates.named(weak),
+        ]
+        cells = [f"{share.good} of {share.trials}" if share.trials else "" for share in shares]
+        rows.append([f"`{cause}`", *cells[:3], _percent(covered.mean()) if len(covered) else "", *cells[3:]])
+    heads = ["cause", "found", "named", "right legs or targets", "truth within 95 %", "weak: found", "weak: named"]
+    return table(heads, rows)
+
+
+def layouts(campaigns: Sequence[Judged]) -> str:
+    """Return the table of each layout."""
+    rows = []
+    for kind in LAYOUTS:
+        own = [one for one in _clear(campaigns) if one.record["truth"]["layout"] == kind]
+        shares = [rates.alarms(own), rates.detected(own), rates.named(own), rates.placed(own), rates.both_named(own)]
+        rows.append([kind, *(f"{share.good} of {share.trials}" if share.trials else "" for share in shares)])
+    return table(["layout", "false alarms", "found", "named", "right legs or targets", "both of two named"], rows)
+
+
+def unknown(campaigns: Sequence[Judged]) -> str:
+    """Return the table of effects in no catalogue."""
+    strange = [one for one in campaigns if one.hidden and one.hidden[0].cause == NAME]
+    rows = []
+    for kind in sorted({one.hidden[0].kind for one in strange}):
+        own = [one for one in strange if one.hidden[0].kind == kind]
+        driven, misnamed = rates.driven(own), rates.misnamed(own)
+        names = Counter(name for one in own for name in set(one.misnamed))
+        told = ", ".join(f"`{name}` {count}" for name, count in names.most_common())
+        rows.append([_words(kind), str(len(own)), str(driven.good), str(misnamed.good), told])
+    return table(["effect", "campaigns", "told with what drives it", "given a name", "which"], rows)
+
+
+def _words(kind: str) -> str:
+    """Return ``GrowingNoise`` as ``growing noise``."""
+    return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in kind).strip()
+
+
+def wrong(campaigns: Sequence[Judged]) -> str:
+    """Return every clear campaign with effects of the catalogue that went wrong, so that each can be drawn again."""
+    bad = [one for one in _clear(campaigns) if one.hidden and one.hidden[0].cause != NAME and _went_wrong(one)]
+    bad += [one for one in campaigns if not one.hidden and one.found]
+    rows = [[one.name, str(one.record["truth"]["layout"]), _hidden(one), _found(one)] for one in bad]
+    return table(["campaign", "layout", "hidden, at signal-to-noise", "found"], rows)
+
+
+def _went_wrong(one: Judged) -> bool:
+    return bool(one.missed or one.invented or any(one.misplaced(effect) for effect in one.hidden))
+
+
+def _hidden(one: Judged) -> str:
+    strength = {float("inf"): ""}
+    told = (
+        f"{e.kind} {' '.join(sorted(e.subject))} {strength.get(e.strength, f'{e.strength:.1f}')}" for e in one.hidden
+    )
+    return "; ".join(" ".join(words.split()) for words in told) or "nothing"
+
+
+def _found(one: Judged) -> str:
+    told = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in one.found)
+    return "; ".join(told) or "nothing"
+
+
+def confusion(campaigns: Sequence[Judged]) -> tuple[list[str], list[str], NDArray]:
+    """Return rows (what was hidden), columns (what it is told to be) and shares, of clear campaigns with one effect.
+
+    What is called indistinguishable from the right name counts as the right name.
+    """
+    rows, columns = [*CATALOGUE, NAME], [*CATALOGUE, NAME, "nothing"]
+    counts = np.zeros((len(rows), len(columns)))
+    for one in _clear(campaigns):
+        if len(one.hidden) == 1:
+            cause = one.hidden[0].cause
+            first = one.found[0].cause if one.found else "nothing"
+            told = cause if not one.missed and one.found else first
+            counts[rows.index(cause), columns.index(told)] += 1
+    return rows, columns, counts

@@ -1,0 +1,199 @@
+"""The catalogue of causes in tables: docs/causes.md.
+
+    python -m docs.experiments.causes
+
+asks every cause for its parameters, and puts their effects on sample_data/telescope side by side: how much of one is
+left when another has imitated it as well as it can.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from docs.experiments.marked_tables import renew, table
+from truing.estimation.point_fit import MeasuredPoints, PointFit, fit_points, whitened_columns
+from truing.simulation.cause import Cause, Step
+from truing.simulation.causes import OWN_CAUSES, catalogue
+from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
+from truing.simulation.causes.leg_drift import LegDrift
+from truing.simulation.causes.measurement_scale import PER_KELVIN, MeasurementScale
+from truing.simulation.causes.per_leg import PerLeg
+from truing.simulation.causes.warmth import APART
+
+if TYPE_CHECKING:
+    from stages.mechanism_points import Gathered
+    from truing.simulation.point_model import PointModel
+
+DOCS = Path(__file__).resolve().parents[1]
+CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
+LEGS = 6
+_WHERE = {Step.DRIVE: "drive", Step.STRUCTURE: "structure", Step.INSTRUMENT: "instrument"}
+_CORNERS = (-0.1, -0.1, 0.0, 0.1, -0.1, 0.0, 0.1, 0.1, 0.0, -0.1, 0.1, 0.05)
+# Causes that only stand for something once they are told what it concerns.
+_MARKS = ("T1", "T2", "T3", "T4")
+EXAMPLES: dict[str, Cause] = {
+    "body-deformation": BodyDeformation(
+        "B", _MARKS, _CORNERS, terms=("temperature_c",), columns=("temperature_c",), zeros=(20.0,), ranges=(5.0,)
+    ),
+    "body-drift": BodyDrift("B", _MARKS, _CORNERS),
+}
+_FORMS = {"thermal-expansion": {"form": APART}, "measurement-scale": {"form": "both"}}
+# What is compared: single targets and exchanged labels are like nothing else, and bodies have no legs.
+_ALONE = ("target-moved", "targets-swapped", "body-deformation", "body-drift", "unexplained")
+# A share of its signal that a rival leaves, below which a cause is taken for it.
+ALIKE = 0.2
+
+
+def example(name: str) -> Cause:
+    """Return an instance of a cause of the catalogue that concerns something."""
+    return EXAMPLES.get(name, catalogue()[name])
+
+
+def parameters(cause: Cause) -> str:
+    """Return names, units and plausible sizes of a cause's parameters, those of several legs or targets in one."""
+    fullest = replace(cause, **_FORMS.get(cause.id, {}))
+    sized: dict[str, str] = {}
+    for entry in fullest.parameters(LEGS):
+        unit = "" if entry.unit == "1" else f" {entry.unit}"
+        sized.setdefault(_stem(entry.name), f"{entry.scale / entry.si:.2g}{unit}")
+    by_size: dict[str, list[str]] = {}
+    for stem, size in sized.items():
+        by_size.setdefault(size, []).append(f"`{stem}`")
+    return "; ".join(f"{', '.join(stems)} {size}" for size, stems in by_size.items()) or "none"
+
+
+def _stem(name: str) -> str:
+    """Return a parameter's name without the leg or target that it is of."""
+    name = re.sub(r"^K\d+$", "K11 .. K66", name)
+    name = re.sub(r"^leg\d+_degree\d+$", "leg1_degree1 ..", name)
+    return re.sub(r"_\d+$", "", re.sub(r"^T\d+_", "T1_", name))
+
+
+def concerns(cause: Cause) -> str:
+    """Return what a cause may concern."""
+    names = {f.name for f in fields(cause)}
+    if cause.id == "unexplained":
+        return "legs, single targets, a body's targets, the scale"
+    if "body" in names:
+        return "two targets" if cause.id == "targets-swapped" else "a target" if "target" in names else "a body"
+    return "all legs, or any of them" if isinstance(cause, PerLeg) else "the whole"
+
+
+def catalogue_table() -> str:
+    """Return one row per cause of the catalogue."""
+    rows = []
+    for own in OWN_CAUSES:
+        cause = example(own.id)
+        needs = ", ".join(f"`{name}`" for name in cause.needs(LEGS)) if cause.catalogued else "what it follows"
+        rows.append([f"`{cause.id}`", _WHERE[cause.step], concerns(cause), parameters(cause), needs])
+    return table(["id", "step", "may concern", "parameters as fitted, plausible size", "needs beside readings"], rows)
+
+
+@cache
+def _gathered() -> Gathered:
+    """Return what the diagnosis compares of the sample campaign."""
+    from schemas.campaign import read_campaign
+    from stages.mechanism_points import gather
+    from tests.stages.line import run_line
+
+    settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
+    return gather(run_line(CAMPAIGN, "ingest", "pose")[0], settings)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The plain model of the sample campaign fitted to the points that are looked at."""
+
+    model: PointModel
+    measured: MeasuredPoints
+    fit: PointFit
+
+    def effect(self, cause: Cause) -> NDArray:
+        """Return the effect (N, P) of plausible parameters on what was measured, nuisances refitted, in sigmas."""
+        wider = self.model.with_causes((cause,))
+        slopes = wider.predict(self.model.widened(self.fit.shared, wider), self.fit.local).by_shared
+        scale = np.array([parameter.scale for parameter in cause.parameters(LEGS)]) / wider.effect_sigma(cause)
+        own = slopes[..., wider.layout[cause.key]] * scale
+        return self.fit.whitened.without_shared(
+            self.fit.whitened.lifted(whitened_columns(self.measured, self.fit.frames, own))
+        )
+
+
+def seen(bare: bool) -> Seen:
+    """Return the campaign as measured, or ``bare``: without the targets on attachments and legs."""
+    gathered = _gathered()
+    model, poses = gathered.model, gathered.calibration
+    own = (model.targets.leg < 0) | (not bare)
+    measured = replace(poses.measured, seen=poses.measured.seen & own)
+    start = np.zeros(model.shared_size), np.zeros((len(poses.frames.t), model.local_size))
+    return Seen(model, measured, fit_points(model, measured, poses.frames, *start))
+
+
+def compared() -> tuple[Cause, ...]:
+    """Return what is compared: each cause for all legs, with temperature where it has a driver."""
+    start, end = _gathered().model.conditions.span_s
+    evenly = {"leg-drift": LegDrift((), start, end - start)}
+    known = [evenly.get(cause.id, cause) for cause in OWN_CAUSES if cause.id not in _ALONE]
+    return (*known, MeasurementScale(PER_KELVIN))
+
+
+def left(of: NDArray, rival: NDArray) -> float:
+    """Return the share of an effect's size that is left once a rival has imitated it as well as it can."""
+    basis, strengths, _ = np.linalg.svd(rival, full_matrices=False)
+    basis = basis[:, strengths > 1e-6 * strengths[0]]
+    return float(np.linalg.norm(of - basis @ (basis.T @ of)) / np.linalg.norm(of))
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """How strong each cause of plausible size is (C,), in sigmas, and what is left (C, C) of it (row) with another."""
+
+    signal: NDArray
+    left: NDArray
+
+
+@cache
+def likeness(bare: bool) -> Likeness:
+    """Return how strong causes are in a campaign, and how like each other."""
+    campaign = seen(bare)
+    effects = [campaign.effect(cause) for cause in compared()]
+    shares = np.array([[left(of, rival) for rival in effects] for of in effects])
+    return Likeness(np.array([np.linalg.norm(of) for of in effects]), shares)
+
+
+def likeness_table(bare: bool) -> str:
+    """Return the signals, and the shares in per cent, small ones in bold."""
+    found, causes = likeness(bare), compared()
+    rows = []
+    for n, cause in enumerate(causes):
+        form = " per K" if cause == MeasurementScale(PER_KELVIN) else ""
+        cells = [_cell(found.left[n, k]) if k != n else "" for k in range(len(causes))]
+        rows.append([f"{n + 1} `{cause.id}`{form}", _sigmas(found.signal[n]), *cells])
+    return table(["hidden, and in its place", "sigma", *(str(n) for n in range(1, len(causes) + 1))], rows)
+
+
+def _sigmas(signal: float) -> str:
+    return f"{signal:.0f}" if signal >= 10.0 else f"{signal:.2g}"
+
+
+def _cell(share: float) -> str:
+    told = f"{100 * share:.0f}"
+    return f"**{told}**" if share < ALIKE else told
+
+
+TABLES = {
+    "catalogue": catalogue_table,
+    "likeness": lambda: likeness_table(bare=False),
+    "likeness-bare": lambda: likeness_table(bare=True),
+}
+
+if __name__ == "__main__":
+    renew(DOCS / "causes.md", TABLES)

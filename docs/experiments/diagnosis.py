@@ -1,0 +1,101 @@
+"""What the diagnosis says of the sample campaign, and how many draws its search needs: docs/diagnosis.md.
+
+python -m docs.experiments.diagnosis
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from docs.experiments.marked_tables import renew, table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.estimation.acceptance import Diagnosis
+
+DOCS = Path(__file__).resolve().parents[1]
+CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
+_SHOWN = 5  # rows of the diagnosis
+DRAWS, SEEDS = (100, 400, 1600), 6
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The sample campaign's diagnosis: all that was decided, and the tables that it leaves."""
+
+    diagnosis: Diagnosis
+    tables: dict[str, pa.Table]
+
+
+@cache
+def sample() -> Sample:
+    """Return the diagnosis of the sample campaign."""
+    from schemas.campaign import read_campaign
+    from stages.diagnose import decided, gathered_of, rule_of
+    from stages.diagnosis_artifacts import artifacts_of
+    from tests.stages.line import run_line
+
+    settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
+    gathered = gathered_of(run_line(CAMPAIGN, "ingest", "pose")[0], settings)
+    diagnosis = decided(gathered, settings, lambda *_: None)
+    return Sample(diagnosis, artifacts_of(diagnosis, gathered, rule_of(settings), settings))
+
+
+def sample_table() -> str:
+    """Return the first rows of the sample's diagnosis."""
+    heads = ["", "verdict", "p", "probability", "log10 odds", "signal to noise", "rms, µm", "held out, µm", "floor, µm"]
+    rows = []
+    for row in sample().tables["diagnosis"].to_pylist()[:_SHOWN]:
+        rms = [f"{row[f'{kind}rms_before']:.2f} → {row[f'{kind}rms_after']:.2f}" for kind in ("", "heldout_")]
+        odds = f"{row['log_evidence'] / np.log(10):.1f}"
+        numbers = [f"{row['p_value']:.2g}", f"{row['probability']:.2f}", odds, f"{row['signal_to_noise']:.1f}"]
+        name = f"`{row['cause']}` {row['subject']}".strip()
+        rows.append([name, row["verdict"], *numbers, *rms, f"{row['noise_floor']:.2f}"])
+    return table(heads, rows)
+
+
+def pulls_table() -> str:
+    """Return the sums of squared pulls without and with what was found."""
+    rows = [
+        [row["model"], f"{row['chi_square']:.0f}", str(row["freedom"]), f"{row['lower']:.0f} to {row['upper']:.0f}"]
+        for row in sample().tables["pull_sums"].to_pylist()
+    ]
+    return table(["model", "pulls squared, summed", "independent", "95 % band"], rows)
+
+
+@cache
+def signal_needed(draws: int) -> tuple[float, float]:
+    """Return the signal-to-noise from which the best gain of one leg is found, mean and scatter over seeds."""
+    from scipy.special import fdtri
+
+    level = 0.45 * 0.05
+    found = []
+    for seed in range(SEEDS):
+        closing = sample().diagnosis.search
+        search = replace(closing, draws=draws, rng=np.random.default_rng(seed))
+        group = search.judge.group_of("actuator-gain", 1)
+        limit = search.judge.threshold(group, level)
+        freedom = search.noise.freedom(group.reading_share)
+        found.append(float(np.sqrt(fdtri(1, freedom - 1, 1.0 - limit))))
+    return float(np.mean(found)), float(np.std(found, ddof=1))
+
+
+def draws_table() -> str:
+    """Return how far the threshold of acceptance depends on the number of draws."""
+    rows = [
+        [str(draws), f"{mean:.2f}", f"{scatter:.2f}"] for draws in DRAWS for mean, scatter in [signal_needed(draws)]
+    ]
+    return table(["draws", "signal to noise needed", "scatter between seeds"], rows)
+
+
+TABLES = {"sample": sample_table, "pulls": pulls_table, "draws": draws_table}
+
+if __name__ == "__main__":
+    renew(DOCS / "diagnosis.md", TABLES)

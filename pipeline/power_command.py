@@ -1,0 +1,229 @@
+"""`truing power`: which effects a campaign's own layout would show, and from which size on."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.campaign_folder import CampaignFolder, run_folder_of
+from pipeline.executor import Workforce, results
+from pipeline.given_table import ENDINGS, table_bytes
+from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
+from pipeline.run_campaign import usable_campaign
+from pipeline.settings_view import SettingsView
+from pipeline.stage_order import stage_module
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.campaign_plan import CampaignPlan
+    from stages.power import Answer, Question, Trial
+
+# So many campaigns without an effect per campaign of each size with one.
+_NOTHING_PER_DRAW = 5
+_DEFAULT_FILE = "power.parquet"
+
+
+@dataclass(frozen=True)
+class PowerWish:
+    """What the caller asked for: causes (all where none is named), draws per size, share of gross errors, seed."""
+
+    causes: tuple[str, ...] = ()
+    draws: int = 4
+    gross: float = 0.0
+    seed: int = 0
+
+
+def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path | None) -> ExitCode:
+    """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
+    _check(wish, out)
+    voice, campaign = Voice(quiet=False), usable_campaign(place)
+    settings = campaign.validated()
+    file = run_folder_of(campaign, None, several=False) / _DEFAULT_FILE if out is None else out
+    with voice.during("power") as progress:
+        progress(0, 2, "steps: the campaign's layout")
+        plan = _plan(campaign, settings, wish)
+        progress(1, 2, "steps: what theory expects")
+        asked = _questions(plan, settings, wish)
+    answers: list[Answer] = []
+    try:
+        for given in _answers(plan, settings, asked, wish, workforce, voice):
+            answers.append(given)
+    except (Interrupted, KeyboardInterrupt):
+        if answers:
+            _tell(campaign, asked, answers, file, voice)  # hours may lie behind them
+        raise
+    _tell(campaign, asked, answers, file, voice)
+    return ExitCode.DONE
+
+
+def _check(wish: PowerWish, out: Path | None) -> None:
+    from truing.simulation.causes import catalogue
+
+    if out is not None and out.suffix not in ENDINGS:
+        raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
+    known = [name for name, kind in catalogue().items() if kind.catalogued]
+    strange = [name for name in wish.causes if name not in known]
+    if strange:
+        raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
+
+
+def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish) -> CampaignPlan:
+    """The campaign as a plan, from what was measured or from survey and configurations alone; raises CampaignFaults."""
+    import numpy as np
+
+    from stages.campaign_plan import bare_plan, full_plan
+    from stages.diagnose import gathered_of
+
+    tables = _tables(campaign, settings)
+    try:
+        bare = bare_plan(tables, settings)
+        drawn = {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(wish.seed)), settings)
+        plan = full_plan(bare, gathered_of(drawn, settings), drawn["poses"])
+    except ValueError as why:
+        raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be drawn again: {why}")]) from None
+    return plan.with_gross(wish.gross)
+
+
+def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
+    """Survey and configurations and, where there are points, observations and poses; raises CampaignFaults."""
+    from truing.formats.source import CampaignFiles
+
+    if not settings.mechanism.is_legged:
+        expected = "a mechanism of legs, whose points can be simulated"
+        raise CampaignFaults([Fault(str(campaign.file), expected, column="mechanism.type")])
+    source = CampaignFiles(campaign.folder, settings)
+    if not source.entries("points"):
+        return _planning_tables(source, settings)
+    made = _run("ingest", {}, settings, source)
+    return made if "observations" not in made else _posed(made, settings)
+
+
+def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
+    from stages.ingest_tables import read_configurations, read_survey
+    from truing.formats.faultlog import FaultLog
+
+    log = FaultLog()
+    survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
+    log.throw()
+    if survey is None:
+        raise CampaignFaults([Fault("targets.csv", "the survey of the targets, or their planned places")])
+    return {"survey": survey.table, "configurations": configurations.table}
+
+
+def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.Table]:
+    return {**tables, **_run("pose", tables, settings)}
+
+
+def _run(name: str, tables: Mapping[str, pa.Table], settings: Campaign, *more: Any) -> dict[str, pa.Table]:
+    """What a stage leaves, in memory."""
+    import pyarrow as pa
+
+    stage = stage_module(name)
+    wanted = {read.rstrip("?") for read in stage.DECLARATION.reads}
+    given = {key: table for key, table in tables.items() if key in wanted}
+    made = stage.run(given, SettingsView(settings, stage.DECLARATION.settings), lambda *_: None, *more).artifacts
+    whole = {key: left.read_all() if isinstance(left, pa.RecordBatchReader) else left for key, left in made.items()}
+    return {key: _plain(left) if isinstance(left, pa.Table) else left for key, left in whole.items()}
+
+
+def _plain(table: pa.Table) -> pa.Table:
+    """The table as its file gives it back: text without its dictionary."""
+    import pyarrow as pa
+
+    kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
+    return table.cast(pa.schema(kinds))
+
+
+def _questions(plan: CampaignPlan, settings: Campaign, wish: PowerWish) -> list[Question]:
+    """What is asked, with what theory expects of it, from a campaign that is drawn without any effect."""
+    import numpy as np
+
+    from stages.diagnose import gathered_of
+    from stages.power import expected_sights, questions
+
+    drawn = _posed(plan.drawn((), np.random.default_rng(wish.seed)), settings)
+    return questions(plan, expected_sights(gathered_of(drawn, settings), settings), wish.causes)
+
+
+def _answers(
+    plan: CampaignPlan,
+    settings: Campaign,
+    asked: Sequence[Question],
+    wish: PowerWish,
+    workforce: Workforce,
+    voice: Voice,
+) -> Generator[Answer]:
+    """Draw and diagnose all campaigns, wherever that is done; the same answers everywhere."""
+    from stages.power import trials
+
+    pieces = trials(asked, plan, wish.draws, _NOTHING_PER_DRAW * wish.draws, wish.seed)
+    work = partial(diagnosed_trial, plan, settings)
+    with voice.during("power") as progress:
+        told = results(work, pieces, workforce, _lost, lambda done: progress(done, len(pieces), "campaigns"))
+        with closing(told):
+            yield from told
+
+
+def diagnosed_trial(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
+    """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
+    import numpy as np
+
+    from stages.diagnose import decided, gathered_of
+    from stages.diagnosis_rows import Words, diagnosis_table
+    from stages.power import answer
+
+    tables = _posed(plan.drawn(trial.effects, np.random.default_rng(trial.seed)), settings)
+    try:
+        diagnosis = decided(gathered_of(tables, settings), settings, lambda *_: None)
+    except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
+        return answer(trial, ())
+    table = diagnosis_table(diagnosis, Words({}, {}, ""), settings.diagnosis.false_alarm)
+    return answer(trial, table.to_pylist())
+
+
+def _lost(trial: Trial) -> Answer:
+    raise EnvironmentProblem(f"no worker survives the campaign drawn from seed {trial.seed}: not enough memory?")
+
+
+def _tell(
+    campaign: CampaignFolder, asked: Sequence[Question], answers: Sequence[Answer], file: Path, voice: Voice
+) -> None:
+    from stages.power import curve, false_alarms
+    from stages.power_tables import rates_table, sizes_table
+    from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
+
+    curves = [curve(question, place, answers) for place, question in enumerate(asked)]
+    sizes, rates = sizes_table(curves), rates_table(curves, false_alarms(answers))
+    said, drawn = sizes.to_pandas(), rates.to_pandas()
+    voice.show(SIZE_HEADS, size_rows(said))
+    if alarm_words(drawn):
+        voice.say(alarm_words(drawn))
+    _leave(campaign.name, {"": sizes, "-rates": rates}, (said, drawn), file)
+    voice.say(f"tables and page: {file}, {_beside(file, '-rates', file.suffix)}, {_beside(file, '', '.html')}")
+
+
+def _leave(name: str, tables: Mapping[str, pa.Table], frames: tuple[pd.DataFrame, pd.DataFrame], file: Path) -> None:
+    from pipeline.problems import environment
+    from pipeline.whole_file import write_whole
+    from truing.report.power_page import power_head, power_sections
+    from truing.report.rendering.render import render_page
+
+    with environment(f"{file.parent} cannot be made"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    for ending, table in tables.items():
+        write_whole(_beside(file, ending, file.suffix), table_bytes(table, file.suffix, quoting="needed"))
+    page = render_page(power_head(name, *frames), power_sections(*frames))
+    write_whole(_beside(file, "", ".html"), page.encode())
+
+
+def _beside(file: Path, ending: str, suffix: str) -> Path:
+    return file.with_name(f"{file.stem}{ending}{suffix}")

@@ -1,0 +1,146 @@
+"""What an artifact is: its file, its columns, its key; and the enforcement of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from schemas.columns import COLUMNS, Column, find_column
+from schemas.faults import Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A file that a stage leaves: columns in order, which may be absent, whether covariates may be added.
+
+    ``columns`` is empty for what is no table (report.html, model.toml). ``covariates`` allows further real columns
+    under any name, as a campaign's own drives and surroundings have. ``families`` are numbered columns.
+    """
+
+    name: str
+    file: str
+    meaning: str
+    columns: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    families: tuple[str, ...] = ()
+    covariates: bool = False
+    key: tuple[str, ...] = ()
+    version: int = 1
+
+    @cached_property
+    def is_table(self) -> bool:
+        """Whether the artifact is Parquet."""
+        return bool(self.columns)
+
+    def column(self, name: str) -> Column | None:
+        """The definition of one of the artifact's columns, or None where it has no such column."""
+        if name in self.columns or name in self.optional:
+            return COLUMNS[name]
+        found = find_column(name)
+        if found is not None and found.family and found.name in self.families:
+            return found
+        if self.covariates and found is None:
+            return Column(name, "real", "covariate, carried along", nullable=True)
+        return None
+
+    def units(self, names: list[str]) -> dict[str, str]:
+        """Units of the named columns, for the file's metadata."""
+        return {name: column.unit for name in names if (column := self.column(name)) is not None and column.unit}
+
+    def arrow_schema(self, identifier: str = "int64", present: tuple[str, ...] = ()) -> pa.Schema:
+        """The Arrow schema with the optional columns and family members named in ``present``."""
+        import pyarrow as pa
+
+        names = [*self.columns, *(name for name in present if name not in self.columns)]
+        fields = []
+        for name in names:
+            column = self.column(name)
+            if column is None:
+                raise KeyError(f"{self.file} has no column {name}")
+            fields.append(pa.field(name, arrow_type(column, identifier), nullable=column.nullable))
+        return pa.schema(fields)
+
+    def empty(self, identifier: str = "int64") -> pa.Table:
+        """A table without rows, as a stage leaves it when it was not evaluated."""
+        return self.arrow_schema(identifier).empty_table()
+
+    def faults(self, table: pa.Table | pa.RecordBatch) -> list[Fault]:
+        """Everything in which a table departs from this artifact: columns, types, nulls, bounds, choices."""
+        names = table.schema.names
+        missing = [Fault(self.file, f"a column {name}") for name in self.columns if name not in names]
+        return missing + [fault for name in names for fault in self._column_faults(name, table.column(name))]
+
+    def _column_faults(self, name: str, values: pa.ChunkedArray | pa.Array) -> Iterator[Fault]:
+        column = self.column(name)
+        if column is None:
+            yield Fault(self.file, "no such column", column=name)
+        elif not _type_fits(column, values.type):
+            yield Fault(self.file, f"values of kind {column.kind}", column=name, value=str(values.type))
+        else:
+            yield from _value_faults(self.file, column, name, values)
+
+
+def arrow_type(column: Column, identifier: str = "int64") -> pa.DataType:
+    """The Arrow type that a column is stored in."""
+    import pyarrow as pa
+
+    if column.kind == "identifier":
+        return pa.int64() if identifier == "int64" else pa.string()
+    return {"text": pa.string(), "integer": pa.int64(), "real": pa.float64(), "flag": pa.bool_()}[column.kind]
+
+
+def _type_fits(column: Column, found: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(found):
+        found = found.value_type
+    text = pa.types.is_string(found) or pa.types.is_large_string(found)
+    return {
+        "identifier": text or pa.types.is_int64(found),
+        "text": text,
+        "integer": pa.types.is_int64(found),
+        "real": pa.types.is_float64(found),
+        "flag": pa.types.is_boolean(found),
+    }[column.kind]
+
+
+def _value_faults(file: str, column: Column, name: str, values: pa.ChunkedArray | pa.Array) -> Iterator[Fault]:
+    import pyarrow.compute as pc
+
+    if values.null_count and not column.nullable:
+        yield Fault(file, "a value in every row", column=name, value="empty", more=values.null_count - 1)
+    if column.kind in ("real", "integer"):
+        yield from _bound_faults(file, column, name, values)
+    if column.choices:
+        known = pc.fill_null(pc.is_in(values.cast("string"), value_set=_choices(column)), False)
+        wrong = pc.filter(values, pc.and_(pc.invert(known), pc.is_valid(values)))
+        if len(wrong):
+            yield Fault(
+                file, f"one of {', '.join(column.choices)}", column=name, value=str(wrong[0]), more=len(wrong) - 1
+            )
+
+
+def _choices(column: Column) -> pa.Array:
+    import pyarrow as pa
+
+    return pa.array(column.choices, pa.string())
+
+
+def _bound_faults(file: str, column: Column, name: str, values: pa.ChunkedArray | pa.Array) -> Iterator[Fault]:
+    import pyarrow.compute as pc
+
+    if column.kind == "real":
+        infinite = pc.filter(values, pc.invert(pc.fill_null(pc.is_finite(values), True)))
+        if len(infinite):
+            yield Fault(file, "finite numbers", column=name, value=str(infinite[0]), more=len(infinite) - 1)
+    for bound, outside, word in ((column.minimum, pc.less, "at least"), (column.maximum, pc.greater, "at most")):
+        if bound is None:
+            continue
+        wrong = pc.filter(values, pc.fill_null(outside(values, bound), False))
+        if len(wrong):
+            yield Fault(file, f"{word} {bound:g}", column=name, value=str(wrong[0]), more=len(wrong) - 1)

@@ -1,0 +1,126 @@
+"""What is left of models fitted to a campaign: deformation, compliance, geometry, and how well they are known."""
+
+from __future__ import annotations
+
+from schemas.artifact import Artifact
+
+_ABSORPTION = ("effect", "model", "deformation", "estimator", "leg", "parameter")
+_CALIBRATION = ("model", "deformation", "leg", "parameter", "unit", "nominal", "identified", "sigma", "tolerance")
+_ACCURACY = ("model", "deformation", "pose", "role", "position_error_um", "orientation_error_arcsec")
+_ACCURACY_PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+_ACCURACY_NOISE = ("position_noise_um", "orientation_noise_arcsec")
+
+CALIBRATION = (
+    Artifact(
+        "deformation",
+        "deformation.parquet",
+        "shift of each attachment along z of the platform",
+        ("pose", "leg", "delta_rho_mm", "delta_bz_um", "sigma_um"),
+        optional=("own_sigma_um", "p_value", "significant", "rejected", "reason"),
+        key=("pose", "leg"),
+    ),
+    Artifact(
+        "target_deformation",
+        "target_deformation.parquet",
+        "shift of each target in its body frame, where no mechanism says what drives it",
+        ("pose", "body", "target", "axis", "displacement_um", "sigma_um"),
+        key=("pose", "body", "target", "axis"),
+    ),
+    Artifact(
+        "deformation_models",
+        "deformation_models.parquet",
+        "coefficients of the deformation models",
+        ("model", "leg", "column", "coefficient", "sigma"),
+        optional=("unit", "body", "target", "axis", "drive", "p_value", "significant"),
+    ),
+    Artifact(
+        "deformation_errors",
+        "deformation_errors.parquet",
+        "error figures of each deformation model",
+        ("model", "leg", "figure", "value", "unit"),
+        optional=("subject",),
+    ),
+    Artifact(
+        "compliance",
+        "compliance.parquet",
+        "displacement per load, entry by entry",
+        ("model", "response", "load", "coefficient", "sigma", "unit"),
+        optional=("p_value", "significant"),
+        key=("model", "response", "load"),
+    ),
+    Artifact(
+        "calibration",
+        "calibration.parquet",
+        "parameters identified by errors in variables, tolerances as prior; and those of the extended model",
+        (*_CALIBRATION, "pull", "identifiable", "status"),
+        optional=("effect_of",),
+        key=("model", "deformation", "leg", "parameter", "effect_of"),
+    ),
+    Artifact(
+        "implicit_calibration",
+        "implicit_calibration.parquet",
+        "the same by least squares on the closure alone, as the telescope report does (eq. 30-33)",
+        (*_CALIBRATION, "pull", "identifiable", "status"),
+        key=("model", "deformation", "leg", "parameter"),
+    ),
+    Artifact(
+        "correlations",
+        "correlations.parquet",
+        "correlated pairs of identified parameters in calibration.parquet, |correlation| of 0.05 and more",
+        ("model", "deformation", "leg", "parameter", "other_leg", "other_parameter", "correlation"),
+    ),
+    Artifact(
+        "accuracy",
+        "accuracy.parquet",
+        "measured minus predicted pose for every model of calibration.parquet",
+        _ACCURACY,
+        optional=(*_ACCURACY_PARTS, *_ACCURACY_NOISE),
+        key=("model", "deformation", "pose"),
+    ),
+    Artifact(
+        "implicit_accuracy",
+        "implicit_accuracy.parquet",
+        "the same for every model of implicit_calibration.parquet",
+        _ACCURACY,
+        optional=(*_ACCURACY_PARTS, *_ACCURACY_NOISE),
+        key=("model", "deformation", "pose"),
+    ),
+    Artifact(
+        "model_choice",
+        "model_choice.parquet",
+        "figures of every calibration, by which one is chosen",
+        ("model", "deformation", "estimator", "figure", "value", "unit"),
+        key=("model", "deformation", "estimator", "figure"),
+    ),
+    Artifact(
+        "observability",
+        "observability.parquet",
+        "what the data can know of the parameters: rank, indices, and what cannot be told apart",
+        ("model", "deformation", "leg", "figure", "value", "unit", "combination"),
+    ),
+    Artifact(
+        "absorption",
+        "absorption.parquet",
+        "which parameters swallow an effect that the model leaves out: predicted, and what the fit did",
+        (*_ABSORPTION, "unit", "predicted", "observed", "sigma"),
+        key=_ABSORPTION,
+    ),
+    Artifact(
+        "requirements",
+        "requirements.parquet",
+        "the accuracy asked for against the accuracy reached",
+        (
+            "model",
+            "deformation",
+            "component",
+            "requirement",
+            "error",
+            "lower",
+            "upper",
+            "unit",
+            "verdict",
+            "message",
+        ),
+        key=("model", "deformation", "component"),
+    ),
+)

@@ -1,0 +1,113 @@
+"""What is left of a measurement: what was read, checked, left out, and where the bodies lay."""
+
+from __future__ import annotations
+
+from schemas.artifact import Artifact
+
+_POINT = ("x_mm", "y_mm", "z_mm")
+_SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_CORRELATION = ("corr_xy", "corr_xz", "corr_yz")
+_PLACE = ("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad")
+_COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
+_WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+
+MEASUREMENT = (
+    Artifact(
+        "observations",
+        "observations.parquet",
+        "normalised object points, one row per pose, body and target",
+        ("pose", "body", "target", *_POINT, *_SIGMA),
+        optional=_CORRELATION,
+        key=("pose", "body", "target"),
+    ),
+    Artifact(
+        "survey",
+        "survey.parquet",
+        "the reference survey of the targets, in each body's own frame",
+        ("body", "target", *_POINT, *_SIGMA, "leg"),
+        optional=_CORRELATION,
+        key=("body", "target"),
+    ),
+    Artifact(
+        "scans",
+        "scans.parquet",
+        "where a dense scan of a body's surface lays the body, in the frame of the measurement",
+        (
+            "pose",
+            "body",
+            *_PLACE,
+            *_COVARIANCE,
+            "rms_mm",
+            "n_used",
+            "n_rejected",
+            "overlap",
+            "noise_ratio",
+            "status",
+            "message",
+        ),
+        key=("pose", "body"),
+    ),
+    Artifact(
+        "configurations",
+        "configurations.parquet",
+        "one row per pose: role, time, actuator readings, covariates",
+        ("pose", "role", "time_s"),
+        optional=("temperature_c",),
+        families=("rho",),
+        covariates=True,
+        key=("pose",),
+    ),
+    Artifact(
+        "displacement",
+        "displacement.parquet",
+        "six-component displacement against six-component load",
+        ("run", "step", "time_s", *_WRENCH, "dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"),
+        optional=("role",),
+        covariates=True,
+        key=("run", "step"),
+    ),
+    Artifact(
+        "exclusions",
+        "exclusions.parquet",
+        "raw rows that were read and left out, counted, with the reason",
+        ("stage", "subject", "reason", "rows", "by"),
+    ),
+    Artifact(
+        "qa",
+        "qa.parquet",
+        "one row per check",
+        ("check", "subject", "value", "limit", "unit", "verdict", "message"),
+        optional=("accepted",),
+    ),
+    Artifact(
+        "poses",
+        "poses.parquet",
+        "rigid-body poses by every estimator, with covariance",
+        (
+            "pose",
+            "body",
+            "parent",
+            "method",
+            "default",
+            "px_mm",
+            "py_mm",
+            "pz_mm",
+            "rx_rad",
+            "ry_rad",
+            "rz_rad",
+            *_COVARIANCE,
+            "rms_mm",
+            "n_used",
+            "n_rejected",
+            "status",
+        ),
+        key=("pose", "body", "parent", "method"),
+    ),
+    Artifact(
+        "residuals",
+        "residuals.parquet",
+        "measured minus fitted, in the body frame, by the default estimator",
+        ("pose", "body", "target", "dx_mm", "dy_mm", "dz_mm", "weight", "rejected", "reason"),
+        key=("pose", "body", "target"),
+    ),
+)

@@ -1,0 +1,47 @@
+"""The model of an earlier campaign of the same machine, which `[mechanism] model` names: copied, once it is one."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from typing import TYPE_CHECKING, Any
+
+from schemas.faults import Fault
+
+if TYPE_CHECKING:
+    from truing.formats.faultlog import FaultLog
+    from truing.formats.source import CampaignFiles
+
+_COLUMN = "mechanism.model"
+_WRITTEN = "a model.toml that a run has written"
+# What the earlier run wrote of itself; the copy has a provenance of its own.
+_PROVENANCE = re.compile(r"^\[provenance\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
+
+
+def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
+    """The earlier model as text; None where the campaign starts from none, or from what is at fault."""
+    if not settings.mechanism.is_legged or settings.mechanism.model is None or source.earlier_model is None:
+        return None
+    try:
+        text = source.earlier_model.path.read_text(encoding="utf-8")
+        wrong = _departure(tomllib.loads(text), settings.mechanism)
+    except OSError:
+        wrong = "a file that can be read: the model.toml of an earlier campaign"
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        wrong = f"{_WRITTEN} ({error})"
+    if wrong:
+        log.add(Fault("campaign.toml", wrong, column=_COLUMN, value=source.earlier_model.name))
+        return None
+    return _PROVENANCE.sub("", text).rstrip("\n") + "\n"
+
+
+def _departure(document: dict[str, Any], mechanism: Any) -> str:
+    """What a parsed model would have to be instead; empty where it is one of this mechanism."""
+    about, legs = document.get("model"), document.get("legs")
+    if not isinstance(about, dict) or not isinstance(legs, list) or "covariance" not in document:
+        return _WRITTEN
+    if about.get("mechanism") != mechanism.type:
+        return f"a model of a {mechanism.type}, not of a {about.get('mechanism')}"
+    if len(legs) != len(mechanism.legs):
+        return f"a model of {len(mechanism.legs)} legs, not of {len(legs)}"
+    return ""

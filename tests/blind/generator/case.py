@@ -1,0 +1,106 @@
+"""A case: effects of a wanted strength hidden in a campaign of a wanted layout; all else the seed says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from tests.blind.generator.campaign import Campaign
+from tests.blind.generator.draw import LAYOUTS, Plan, draw_plan
+from tests.blind.generator.effects import Effect, Setting
+from tests.blind.generator.folder import truth_path, write_campaign
+from tests.blind.generator.hidden import BENDING, KINDS, OfSize
+from tests.blind.generator.strength import Fit, change, fit_of, strength, strength_of_noise
+
+FIRST = 1e-5  # mm, 1/K or no unit: small enough for any effect to be in proportion
+NEAR = 0.01  # a strength is met to this share
+ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class Case:
+    """A campaign with effects in it, each as strong alone as it is told (inf where size is not to be chosen)."""
+
+    plan: Plan
+    effects: tuple[Effect, ...]
+    strengths: tuple[float, ...]
+
+    def write(self, folder: Path) -> Path:
+        """Writes the campaign under the folder's name, and its truth beside it."""
+        plan = replace(self.plan, layout=replace(self.plan.layout, name=folder.name))
+        write_campaign(plan.campaign(self.effects), folder, plan.seed)
+        truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
+        truth["layout"] = plan.kind
+        truth["strengths"] = [round(value, 3) for value in self.strengths]
+        truth_path(folder).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+        return folder
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Measures how strongly effects show in a planned campaign."""
+
+    plan: Plan
+
+    @cached_property
+    def plain(self) -> Campaign:
+        return self.plan.campaign()
+
+    @cached_property
+    def _exact(self) -> Campaign:
+        return self.plan.campaign(exact=True)
+
+    @cached_property
+    def _fit(self) -> Fit:
+        return fit_of(self.plain)
+
+    def strength(self, effect: Effect) -> float:
+        """Root of the effect's non-centrality after all that a fit does not know."""
+        scatter = effect.scatter(np.ones(self.plain.record.seen.shape), self._setting)
+        if np.any(scatter != 1.0):
+            return strength_of_noise(self.plain, scatter)
+        return strength(self._fit, change(self._exact, self.plan.campaign([effect], exact=True)))
+
+    @property
+    def _setting(self) -> Setting:
+        layout = self.plan.layout
+        actuator_mm = layout.noise.declared_actuator_mm or layout.noise.actuator_mm
+        return Setting(self.plain.schedule, self.plain.marks, layout.targets.follow, actuator_mm)
+
+    def of_strength(self, of_size: OfSize, wanted: float) -> tuple[Effect, float]:
+        """The effect of the size at which it is as strong as wanted, and its strength."""
+        size = FIRST
+        for _ in range(ROUNDS):
+            effect = of_size(size)
+            found = self.strength(effect)
+            if abs(found / wanted - 1) < NEAR:
+                break
+            size *= wanted / found
+        return effect, found
+
+
+def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:
+    """Effects by their names in ``hidden.KINDS``, each of the wanted strength, in a campaign of the layout ``kind``."""
+    needs = frozenset[str]().union(*(KINDS[name].needs for name in names))
+    plan = draw_plan(kind, needs, seed)
+    measure, rng = Measure(plan), np.random.default_rng([seed, 2])
+    found = []
+    for name in names:
+        of_size = KINDS[name].draw(measure.plain, rng)
+        scaled = name != "targets-swapped"
+        found.append(measure.of_strength(of_size, wanted) if scaled else (of_size(1.0), float("inf")))
+    return Case(plan, tuple(effect for effect, _ in found), tuple(size for _, size in found))
+
+
+def layouts_for(names: Sequence[str]) -> list[str]:
+    """The layouts in which effects of these names can be hidden, and told from each other."""
+    mechanisms = set.intersection({"6-pus", "ups"}, *(set(KINDS[name].mechanisms) for name in names))
+    without = {"hexapod"} - ({"hexapod"} if "ups" in mechanisms else set())
+    if "actuator-gain" in names and BENDING & set(names):
+        without.add("bare")  # where nothing on the attachments tells a bending platform from a wrong gain
+    return [kind for kind in LAYOUTS if kind not in without]

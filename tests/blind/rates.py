@@ -1,0 +1,146 @@
+"""What a diagnosis must reach, counted over many campaigns: each count is a share of campaigns that were judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.blind.generator.quaternions import Array
+from tests.blind.judging import WITHIN_95, Judged, fewest_of, most_of
+
+CLEAR = 6.0  # from this signal-to-noise on an effect must be found; each of two from the second figure on
+CLEAR_MATRIX = 8.7
+CLEAR_OF_TWO = 8.0
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many campaigns of those that count did as they should, and which did not."""
+
+    good: int
+    trials: int
+    bad: tuple[str, ...]
+
+    @property
+    def share(self) -> float:
+        return self.good / self.trials if self.trials else float("nan")
+
+    def falls_short(self, wanted: float) -> bool:
+        """Whether a diagnosis that does right with the wanted probability is as bad less than once in a thousand."""
+        return self.good < fewest_of(self.trials, wanted) if self.trials else False
+
+    def exceeds(self, allowed: float) -> bool:
+        """Whether one that does so with the allowed probability does it as often less than once in a thousand."""
+        return self.good > most_of(self.trials, allowed) if self.trials else False
+
+
+def _count(campaigns: Iterable[Judged], is_good: Callable[[Judged], bool], tell: Callable[[Judged], str]) -> Count:
+    judged = [(is_good(one), one) for one in campaigns]
+    bad = tuple(tell(one) for good, one in judged if not good)
+    return Count(sum(good for good, _ in judged), len(judged), bad)
+
+
+def is_clear(campaign: Judged) -> bool:
+    """Whether everything that is hidden is strong enough to be found in nearly all campaigns."""
+    two = len(campaign.hidden) > 1
+    return all(effect.strength >= 0.99 * clear_from(effect.cause, two=two) for effect in campaign.hidden)
+
+
+def clear_from(cause: str, *, two: bool = False) -> float:
+    """The signal-to-noise from which a cause must be found."""
+    return CLEAR_MATRIX if cause == "platform-deformation-matrix" else CLEAR_OF_TWO if two else CLEAR
+
+
+def told(campaign: Judged) -> str:
+    """What was hidden in a campaign and what was found, in one line."""
+    hidden = (
+        ", ".join(f"{e.kind} {' '.join(sorted(e.subject))} at {e.strength:.1f}" for e in campaign.hidden) or "nothing"
+    )
+    found = ", ".join(
+        f"{row.verdict} {row.cause} {' '.join(sorted(row.subject | row.follows))}" for row in campaign.told
+    )
+    return f"{campaign.name} ({campaign.record['truth'].get('layout')}): {hidden} -> {found or 'nothing'}"
+
+
+def alarms(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns with nothing hidden in which something is found."""
+    return _count([one for one in campaigns if not one.hidden], lambda one: bool(one.found), told)
+
+
+def invented(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns in which more is found beside all that was hidden."""
+    right = [one for one in campaigns if one.hidden and not one.missed and not _strange(one)]
+    return _count(right, lambda one: bool(one.invented), told)
+
+
+def detected(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns with one effect in which anything is found."""
+    return _count(_of_one(campaigns), lambda one: bool(one.found), told)
+
+
+def named(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns with one effect that is named, or told to be indistinguishable from what was found."""
+    return _count(_of_one(campaigns), lambda one: not one.missed, told)
+
+
+def placed(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns with one effect that is named: those where it concerns the right legs or targets."""
+    right = [one for one in _of_one(campaigns) if not one.missed]
+    return _count(right, lambda one: not one.misplaced(one.hidden[0]), told)
+
+
+def both_named(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns with two effects of which both are named."""
+    return _count([one for one in campaigns if len(one.hidden) == 2], lambda one: not one.missed, told)
+
+
+def driven(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns with an effect of no catalogue that is told as unexplained, with what drives it."""
+    return _count(_strangers(campaigns), lambda one: one.follows_right(one.hidden[0]), told)
+
+
+def misnamed(campaigns: Sequence[Judged]) -> Count:
+    """The same where it is given a name of the catalogue."""
+    return _count(_strangers(campaigns), lambda one: bool(one.misnamed), told)
+
+
+def pulled(campaigns: Sequence[Judged]) -> Count:
+    """Campaigns in which all was named and the geometry's pulls lie in their 95 % band after the extension."""
+    sums = [(one, row) for one in _complete(campaigns) for row in one.record["pull_sums"] if row["model"] == "extended"]
+    inside = {one.name: row["lower"] <= row["chi_square"] <= row["upper"] for one, row in sums}
+    return _count([one for one, _ in sums], lambda one: inside[one.name], told)
+
+
+def coverage(campaigns: Sequence[Judged]) -> Array:
+    """Share of the true parameters within the stated 95 % interval, per campaign with one effect found and placed."""
+    right = [one for one in _of_one(campaigns) if not one.missed and not one.misplaced(one.hidden[0])]
+    pulls = [one.pulls(one.hidden[0]) for one in right]
+    return np.array([np.mean(np.abs(z) <= WITHIN_95) for z in pulls if len(z)])
+
+
+def floors(campaigns: Sequence[Judged]) -> Array:
+    """Held-out error over the noise floor after the extension, per campaign in which all was named."""
+    return np.array([one.floor_ratio for one in _complete(campaigns) if one.floor_ratio is not None])
+
+
+def excesses(campaigns: Sequence[Judged]) -> Array:
+    """Held-out excess over the floor without and with what was found (C, 2), per campaign in which all was named."""
+    return np.array([one.excess for one in _complete(campaigns) if one.excess is not None]).reshape(-1, 2)
+
+
+def _complete(campaigns: Sequence[Judged]) -> list[Judged]:
+    return [one for one in campaigns if one.hidden and not one.missed and one.found]
+
+
+def _of_one(campaigns: Sequence[Judged]) -> list[Judged]:
+    return [one for one in campaigns if len(one.hidden) == 1 and not _strange(one)]
+
+
+def _strangers(campaigns: Sequence[Judged]) -> list[Judged]:
+    return [one for one in campaigns if _strange(one)]
+
+
+def _strange(campaign: Judged) -> bool:
+    return any(effect.cause == "unexplained" for effect in campaign.hidden)

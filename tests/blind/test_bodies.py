@@ -1,0 +1,100 @@
+"""Bodies without a mechanism: what was hidden in one of them is found, named, and put on the right body.
+
+Effects of a signal-to-noise beyond ten, so that a miss is a defect and not bad luck; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.blind.generator.bodies import Body, Drawn, Hidden, Layout, draw, without_survey, write
+from tests.stages.line import run_line
+
+PLAIN = Layout(poses=48)
+NOISY = replace(PLAIN, noise=0.02, missing=0.1, gross=0.02)
+OTHER = replace(PLAIN, bodies=(Body("arm", 4, 120.0), Body("frame", 8, 900.0)), drives=("angle_deg", "load_n"))
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the stage said of a campaign, and the campaign."""
+
+    rows: list[dict[str, Any]]
+    drawn: Drawn
+
+    @property
+    def found(self) -> list[tuple[str, str]]:
+        return [(row["cause"], row["subject"]) for row in self.rows if row["verdict"] == "found"]
+
+    def parameters(self, cause: str) -> dict[str, Any]:
+        return json.loads(next(row for row in self.rows if row["cause"] == cause)["parameters"])
+
+
+def _told(folder: Path, layout: Layout, hidden: tuple[Hidden, ...], seed: int) -> Told:
+    rng = np.random.default_rng(seed)
+    drawn = draw(layout, hidden, rng)
+    write(drawn, folder, rng)
+    tables, _ = run_line(folder, "ingest", "pose", "diagnose")
+    return Told(tables["diagnosis"].to_pylist(), drawn)
+
+
+CASES = {
+    "a drive": (PLAIN, Hidden("deformation", "tool", 0.01, "elevation_deg"), ("body-deformation", "tool")),
+    "temperature, noisy": (NOISY, Hidden("deformation", "base", 0.05, "temperature_c"), ("body-deformation", "base")),
+    "one of two drives": (OTHER, Hidden("deformation", "frame", 0.012, "load_n"), ("body-deformation", "frame")),
+    "hysteresis, no survey": (
+        without_survey(PLAIN),
+        Hidden("hysteresis", "tool", 0.01, "elevation_deg"),
+        ("body-deformation", "tool"),
+    ),
+    "drift, no survey": (without_survey(PLAIN), Hidden("drift", "tool", 0.012), ("body-drift", "tool")),
+    "drift that settles": (OTHER, Hidden("drift", "frame", 0.012, tau=0.2), ("body-drift", "frame")),
+    "a base that walks": (PLAIN, Hidden("walk", "base", 0.05, tau=0.3), ("body-drift", "base")),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_happens_to_a_body_is_named_and_put_on_that_body(case: str, tmp_path: Path) -> None:
+    layout, hidden, expected = CASES[case]
+    told = _told(tmp_path / "c", layout, (hidden,), 11)
+    assert told.found[:1] == [expected], told.found
+
+
+def test_the_pattern_of_a_drift_is_the_hidden_one(tmp_path: Path) -> None:
+    """As far as it is no motion of the body as a whole, in the body's own axes, and as sure as it says."""
+    told = _told(tmp_path / "c", PLAIN, (Hidden("drift", "tool", 0.012),), 12)
+    assert told.found == [("body-drift", "tool")]
+    found = told.parameters("body-drift")
+    true = np.ravel(told.drawn.truth["effects"][0]["pattern_mm"])  # type: ignore[index]
+    names = [f"T{k + 1:02}_{axis}" for k in range(6) for axis in "xyz"]
+    pulls = np.array([(found[n]["value"] - v) / found[n]["sigma"] for n, v in zip(names, true, strict=True)])
+    assert np.abs(pulls).max() < 4.5
+    assert np.sqrt(np.mean(pulls**2)) < 1.6
+
+
+@pytest.mark.parametrize("size", [0.06, 400.0])
+def test_a_moved_target_is_named_whether_it_moved_a_little_or_far(size: float, tmp_path: Path) -> None:
+    told = _told(tmp_path / "c", without_survey(PLAIN), (Hidden("moved", "tool", size),), 13)
+    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
+    assert told.found == [("target-moved", f"target T{truth['target'] + 1:02}")]
+    found = told.parameters("target-moved")
+    assert abs(found["from_pose"]["value"] - truth["from_pose"]) <= 1
+    moved = np.linalg.norm([found[f"d{axis}"]["value"] for axis in "xyz"])
+    assert moved == pytest.approx(size, rel=0.2)
+
+
+def test_exchanged_labels_are_named(tmp_path: Path) -> None:
+    told = _told(tmp_path / "c", PLAIN, (Hidden("swapped", "base", 1.0),), 14)
+    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
+    assert told.found == [("targets-swapped", f"targets {' '.join(truth['targets'])}")]
+
+
+def test_nothing_hidden_nothing_found(tmp_path: Path) -> None:
+    for name, layout in {"plain": PLAIN, "noisy": NOISY, "other": without_survey(OTHER)}.items():
+        assert _told(tmp_path / name, layout, (), 15).found == [], name

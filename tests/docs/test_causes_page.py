@@ -1,0 +1,52 @@
+"""The page of causes is current: its catalogue to the letter, its comparisons to their digits, all causes told."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from docs.experiments.causes import ALIKE, catalogue_table, compared, likeness
+from tests.conftest import PROJECT
+from tests.docs.shown import shown
+from truing.simulation.causes import OWN_CAUSES
+
+PAGE = (PROJECT / "docs" / "causes.md").read_text(encoding="utf-8")
+
+
+def test_the_catalogue_is_that_of_the_code() -> None:
+    assert shown(PAGE, "catalogue") == catalogue_table()
+
+
+def test_every_cause_has_its_section() -> None:
+    sections = re.findall(r"^### (\S+)$", PAGE, re.M)
+    assert sections == [cause.id for cause in OWN_CAUSES]
+
+
+@pytest.mark.parametrize(("name", "bare"), [("likeness", False), ("likeness-bare", True)])
+def test_what_is_taken_for_what_is_as_computed(name: str, bare: bool) -> None:
+    """To one per cent, and what is told as alike is."""
+    rows = shown(PAGE, name).splitlines()[2:]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")[1:]] for row in rows]
+    strong, found = likeness(bare).signal, likeness(bare).left
+    assert [float(row.pop(0)) for row in cells] == pytest.approx(list(strong), rel=0.06)
+    assert len(cells) == len(compared())
+    for n, row in enumerate(cells):
+        for k, cell in enumerate(row):
+            if n == k:
+                assert cell == ""
+            else:
+                assert float(cell.strip("*")) / 100 == pytest.approx(found[n, k], abs=0.011)
+                assert cell.startswith("**") == (found[n, k] < ALIKE) or abs(found[n, k] - ALIKE) < 0.005
+
+
+def test_a_gain_is_told_from_a_deformation_by_targets_on_the_attachments_alone() -> None:
+    names = [cause.id for cause in compared()]
+    pair = names.index("actuator-gain"), names.index("platform-deformation-linear")
+    assert likeness(bare=False).left[pair] > 0.5
+    assert likeness(bare=True).left[pair] < 0.01
+
+
+def test_nothing_imitates_itself_less_than_wholly() -> None:
+    assert np.abs(np.diag(likeness(bare=True).left)).max() < 1e-6

@@ -1,0 +1,117 @@
+"""docs/how-well-does-it-diagnose.md says what its results say, and counts as it should."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import blind_page
+from benchmarks.blind import CYCLE, drawn
+from benchmarks.blind_figures import theory
+from tests.blind import rates
+from tests.blind.generator.hidden import KINDS
+from tests.blind.judging import Judged
+from tests.docs.shown import shown
+from tests.tolerance import assert_between, assert_close
+
+PAGE = blind_page.PAGE.read_text(encoding="utf-8")
+CAMPAIGNS = blind_page.kept_campaigns()
+TABLES = blind_page.tables(CAMPAIGNS)
+
+
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_each_table_is_that_of_the_results_that_are_kept(name: str) -> None:
+    # Not to the last digit: libraries differ in that of a quantile.
+    made, there = TABLES[name](), shown(PAGE, name)
+    assert _without_numbers(made) == _without_numbers(there)
+    assert_close(_numbers(made), _numbers(there), atol=0.11)
+
+
+def _without_numbers(text: str) -> str:
+    return re.sub(r"-?\d+(\.\d+)?", "number", text)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(found) for found in re.findall(r"-?\d+(?:\.\d+)?", text)]
+
+
+def test_every_kept_campaign_is_there_once_and_drawn_as_told() -> None:
+    numbers = [one.record["number"] for one in CAMPAIGNS]
+    assert sorted(numbers) == sorted(set(numbers))
+    for one in CAMPAIGNS[:: max(len(CAMPAIGNS) // 20, 1)]:
+        told = drawn(one.record["number"], 1)
+        assert one.name == f"{told.group}-{told.number}"
+        assert one.record["truth"]["layout"] == told.layout
+
+
+def test_groups_take_turns_and_clear_effects_are_clear() -> None:
+    cases = [drawn(number, 3) for number in range(200)]
+    assert sorted(case.group for case in cases) == sorted(CYCLE * 10)
+    assert {name for case in cases for name in case.names} <= set(KINDS)
+    two = [case.strength for case in cases if case.group == "two"]
+    assert_between(min(two), 8.0, 12.0, what="weakest of two")
+
+
+def test_bounds_are_clopper_and_pearson_s() -> None:
+    """None of 96: 1 - 0.025^(1/96)."""
+    assert_close(blind_page.interval(0, 96), [0.0, 1 - 0.025 ** (1 / 96)], atol=1e-12)
+    assert_close(blind_page.interval(5, 5), [0.025 ** (1 / 5), 1.0], atol=1e-12)
+
+
+def test_theory_is_that_of_the_design() -> None:
+    """Near 95 % against 2000 candidates: at 6 for one parameter, near 8.7 for 36."""
+    assert_between(float(theory(np.array(6.0), 1, 2000)), 0.94, 0.97, what="power of one parameter")
+    assert_between(float(theory(np.array(8.7), 36, 2000)), 0.93, 0.98, what="power of 36")
+
+
+def judged(hidden: list[dict[str, Any]], findings: list[tuple[str, str, str, str]], strength: float = 7.0) -> Judged:
+    """A campaign with effects (as the truth has them) and rows (cause, verdict, subject, follows)."""
+    figures = dict.fromkeys(
+        ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
+    )
+    rows = [
+        {"cause": cause, "verdict": verdict, "subject": subject, "follows": follows, "parameters": "{}", **figures}
+        for cause, verdict, subject, follows in findings
+    ]
+    truth = {"effects": hidden, "strengths": [strength] * len(hidden), "legs": 6, "layout": "few"}
+    return Judged({"name": "made", "truth": truth, "findings": rows, "pull_sums": [], "seconds": 1.0})
+
+
+GAIN = {"cause": "actuator-gain", "subject": "leg2", "parameters": {"gain_2": {"value": 0.01, "unit": "1"}}}
+HUMID = {"cause": "unexplained", "subject": "", "parameters": {}, "kind": "Humid", "follows": "humidity_pct"}
+
+
+def test_what_is_called_alike_counts_as_named_and_as_nothing_invented() -> None:
+    rows = [("leg-thermal", "found", "", ""), ("actuator-gain", "indistinguishable", "leg2", "")]
+    alike = judged([GAIN], rows)
+    assert not alike.missed
+    assert not alike.invented
+    assert not alike.misplaced(alike.hidden[0])
+    assert judged([GAIN], rows[:1]).missed == {"actuator-gain"}
+    assert judged([GAIN], [("actuator-gain", "found", "leg2", ""), rows[0]]).invented == ["leg-thermal"]
+
+
+def test_legs_are_compared_as_sets_and_all_of_them_are_the_whole() -> None:
+    assert judged([GAIN], [("actuator-gain", "found", "leg3", "")]).misplaced(judged([GAIN], []).hidden[0])
+    whole = GAIN | {"subject": ""}
+    every = judged([whole], [("actuator-gain", "found", " ".join(f"leg{leg}" for leg in range(1, 7)), "")])
+    assert not every.misplaced(every.hidden[0])
+
+
+def test_an_effect_of_no_catalogue_must_be_told_with_all_that_it_follows() -> None:
+    right = judged([HUMID], [("unexplained", "found", "", "humidity_pct time_s")])
+    other = judged([HUMID], [("unexplained", "found", "", "time_s"), ("leg-drift", "found", "", "")])
+    assert right.follows_right(right.hidden[0])
+    assert not right.misnamed
+    assert not other.follows_right(other.hidden[0])
+    assert other.misnamed == ["leg-drift"]
+
+
+def test_only_what_is_strong_enough_is_clear() -> None:
+    assert rates.is_clear(judged([GAIN], [], 6.0))
+    assert not rates.is_clear(judged([GAIN], [], 5.0))
+    assert not rates.is_clear(judged([GAIN, GAIN], [], 7.0))
+    assert not rates.is_clear(judged([GAIN | {"cause": "platform-deformation-matrix"}], [], 8.0))

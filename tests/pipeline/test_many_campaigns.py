@@ -1,0 +1,84 @@
+"""`truing run` on many campaigns at a time: what it says, leaves and returns is what it is one after the other."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.lock import hold
+from pipeline.run_folder import PRIVATE
+from tests.pipeline.fake_project import FakeProject
+
+WAYS = {"processes": ("--workers", "2"), "dask": ("--workers", "2", "--scheduler", "local")}
+
+
+@pytest.fixture
+def fresh(fake: FakeProject) -> FakeProject:
+    """The tiny project, each call in a Python of its own, as workers need it."""
+    return replace(fake, warm=None)
+
+
+@pytest.fixture
+def campaigns(fake: FakeProject) -> list[str]:
+    """A good one, one with a failing check, one that cannot be used, one of a taken name, and a good one again."""
+    places = []
+    for name in ("first", "checked", "broken", "taken", "last"):
+        place = fake.campaign.parent / name
+        shutil.copytree(fake.campaign, place)
+        fake.edit(place / "campaign.toml", '"bench"', f'"{"first" if name == "taken" else name}"')
+        places.append(str(place))
+    fake.edit(Path(places[1]) / "points.csv", "4.0", "4000.0")
+    fake.edit(Path(places[2]) / "points.csv", "4.0", "nan")
+    return places
+
+
+def timeless(text: str) -> str:
+    """What is said, without seconds and without the lines that a long wait is passed with."""
+    return re.sub(r"\d+\.\d\d s$|^run: \d of \d campaigns\n", "", text, flags=re.MULTILINE)
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob("*/*") if path.is_file()}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_many_at_a_time_are_as_one_after_the_other(way: str, fresh: FakeProject, campaigns: list[str]) -> None:
+    places = [*campaigns, "nowhere"]
+    one = fresh.call("run", *places, "--out", str(fresh.cwd / "one"))
+    many = fresh.call("run", *places, "--out", str(fresh.cwd / "many"), *WAYS[way])
+    assert one.returncode == many.returncode == 2
+    assert timeless(many.stdout) == timeless(one.stdout).replace("/one/", "/many/")
+    assert many.stderr == one.stderr
+    assert bytes_of(fresh.cwd / "many") == bytes_of(fresh.cwd / "one")
+    assert {path.parts[0] for path in map(Path, bytes_of(fresh.cwd / "many"))} == {"first", "checked", "last"}
+
+
+def test_what_another_run_holds_is_left_alone_and_the_others_are_run(fresh: FakeProject, campaigns: list[str]) -> None:
+    held = fresh.cwd / "runs" / "first" / PRIVATE
+    held.mkdir(parents=True)
+    with hold(held / "lock"):
+        done = fresh.call("run", campaigns[0], campaigns[4], "--workers", "2")
+    assert done.returncode == 4
+    assert "is in use by another run: process" in done.stderr
+    assert not (held.parent / "report.html").exists()
+    assert (fresh.cwd / "runs" / "last" / "report.html").exists()
+
+
+def test_a_campaign_that_ends_its_worker_ends_no_other(fresh: FakeProject, campaigns: list[str]) -> None:
+    fresh.edit(Path(campaigns[0]) / "points.csv", "4.0", "666.0")
+    done = fresh.call("run", campaigns[0], campaigns[4], "--workers", "2", trouble="vanish")
+    assert done.returncode == 4, done.stderr
+    assert done.stderr.startswith("first: whatever worker ran it vanished")
+    assert (fresh.cwd / "runs" / "last" / "report.html").exists()
+    assert fresh.call("run", campaigns[0]).returncode == 0, "what was whole is whole still"
+
+
+def test_what_is_no_schedulers_address_is_refused_at_once(fake: FakeProject) -> None:
+    done = fake.call("run", str(fake.campaign), "--scheduler", "example.org")
+    assert done.returncode == 2
+    assert "expected tcp://host:port, tls://host:port or local" in done.stderr
+    assert list(fake.cwd.iterdir()) == []

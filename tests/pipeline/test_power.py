@@ -1,0 +1,148 @@
+"""`truing power`: planned or measured, here or elsewhere, it tells the same and leaves tables and a page."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.campaign_folder import open_campaign
+from pipeline.command_line import app
+from pipeline.executor import LOCAL, Workforce, results
+from pipeline.power_command import PowerWish, _plan, diagnosed_trial
+from pipeline.problems import Interrupted
+from schemas.campaign import Campaign
+from stages.campaign_plan import CampaignPlan
+from stages.power import Answer, Trial
+from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import Layout, Targets
+from tests.blind.generator.schedule import at_rest, random_moves
+from truing.simulation.cause import Effect
+from truing.simulation.causes.drive import ActuatorGain
+
+LAYOUT = Layout("small", targets=Targets(base=4, platform=4, per_leg=0))
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rng = np.random.default_rng(3)
+    campaign = draw_campaign(LAYOUT, [at_rest(), *random_moves(10, 2, rng)], [], rng)
+    return write_campaign(campaign, tmp_path_factory.mktemp("power") / "campaign", 1)
+
+
+@pytest.fixture
+def planned(measured: Path, tmp_path: Path) -> Path:
+    """The same campaign before anything was measured: no points."""
+    folder = tmp_path / "planned"
+    folder.mkdir()
+    for name in ("campaign.toml", "targets.csv", "configurations.csv"):
+        (folder / name).write_text((measured / name).read_text())
+    return folder
+
+
+def call(*words: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["power", *map(str, words)])
+    return done.exit_code, done.output
+
+
+def test_a_planned_campaign_is_told_what_it_would_show_and_left_as_it_is(planned: Path, tmp_path: Path) -> None:
+    before = sorted(planned.iterdir())
+    code, said = call(planned, "--draws", 0, "--out", tmp_path / "made" / "power.csv")
+    assert code == 0, said
+    assert sorted(planned.iterdir()) == before
+    assert {path.name for path in (tmp_path / "made").iterdir()} == {"power.csv", "power-rates.csv", "power.html"}
+    sizes = (tmp_path / "made" / "power.csv").read_text().splitlines()
+    assert {line.split(",")[0].strip('"') for line in sizes[1:]} >= {"actuator-gain", "target-moved", "leg-thermal"}
+    assert "actuator gain" in said
+    page = (tmp_path / "made" / "power.html").read_text()
+    assert "Theory alone" in page
+    assert "http" not in page.split("<body>")[0].replace("http-equiv", "")
+
+
+def told_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
+    """What a diagnosis would say that finds everything from the expected size on, and errs once where nothing is."""
+    found = trial.factor >= 1.0 or (not trial.effects and trial.seed[-1] == 0)
+    return Answer(trial.question, trial.factor, found, found, found, ())
+
+
+def test_campaigns_are_counted_by_size(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.power_command.diagnosed_trial", told_at_once)
+    out = tmp_path / "power.parquet"
+    code, said = call(measured, "--draws", 2, "--causes", "leg-thermal", "--out", out)
+    assert code == 0, said
+    (size,) = pq.read_table(out).to_pylist()
+    assert (size["cause"], size["unit"]) == ("leg-thermal", "1/K")
+    assert size["lower_80"] < size["expected_80"] < size["upper_80"]
+    nothing, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()
+    assert (nothing["cause"], nothing["campaigns"], nothing["found"]) == ("nothing", 10, 0.1)
+    assert [(row["campaigns"], row["named"]) for row in rates] == [(2, 0.0), (2, 0.0), (2, 1.0), (2, 1.0), (2, 1.0)]
+    assert "False alarms: something was found in 1 of 10 campaigns" in said
+    assert "leg thermal" in (tmp_path / "power.html").read_text()
+
+
+def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
+        if trial.seed[3] % 5 == 1 and trial.effects:
+            raise Interrupted("SIGTERM")
+        return told_at_once(plan, settings, trial)
+
+    monkeypatch.setattr("pipeline.power_command.diagnosed_trial", interrupted)
+    code, said = call(measured, "--draws", 2, "--causes", "leg-thermal", "--out", tmp_path / "power.parquet")
+    assert code == 4
+    assert "interrupted (SIGTERM)" in said
+    _, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()
+    assert [row["campaigns"] for row in rates] == [1] * 5
+
+
+@pytest.fixture(scope="module")
+def hidden(measured: Path) -> tuple[partial[Answer], Trial, Answer]:
+    """The work of one campaign with an effect hidden in it, and what comes of it in this process."""
+    campaign = open_campaign(measured)
+    settings = campaign.validated()
+    work = partial(diagnosed_trial, _plan(campaign, settings, PowerWish()), settings)
+    piece = Trial(0, 1.0, (Effect(ActuatorGain(), np.full(6, 0.02)),), (1,))
+    return work, piece, work(piece)
+
+
+def test_a_large_effect_that_is_hidden_is_found(hidden: tuple[partial[Answer], Trial, Answer]) -> None:
+    assert hidden[2].found
+    assert hidden[2].said
+
+
+@pytest.mark.parametrize("workforce", [Workforce(2), Workforce(1, LOCAL)], ids=str)
+def test_the_same_answer_wherever_a_campaign_is_diagnosed(
+    hidden: tuple[partial[Answer], Trial, Answer], workforce: Workforce
+) -> None:
+    work, piece, here = hidden
+    assert next(results(work, [piece], workforce, _refused)) == here
+
+
+def _refused(piece: Any) -> Any:
+    raise AssertionError("no worker is lost here")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--causes", "actuator-gain,actuator-gian"), "found 'actuator-gian'"),
+        (("--out", "power.txt"), "a file that ends in .csv or .parquet"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_refused(measured: Path, words: tuple[str, ...], told: str) -> None:
+    code, said = call(measured, *words)
+    assert code == 2
+    assert told in said
+
+
+def test_a_campaign_that_cannot_be_drawn_says_why(planned: Path) -> None:
+    header, first, second, *_ = (planned / "configurations.csv").read_text().splitlines()
+    (planned / "configurations.csv").write_text("\n".join([header, first, second]) + "\n")
+    code, said = call(planned, "--draws", 0)
+    assert code == 2
+    assert "a campaign that can be drawn again: needs at least 3 poses with readings, found 2" in said

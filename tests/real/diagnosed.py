@@ -1,0 +1,92 @@
+"""What the diagnosis said of a campaign on real measurements, from the tables that its run leaves."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from truing.estimation.rigid import umeyama
+
+_SAYS = re.compile(r"The data show that (.*?)(?:: |, and no cause| \(|\. )")
+_MM = ["x_mm", "y_mm", "z_mm"]
+_EDGE = 25  # poses at either end that tell where a target began and ended
+
+
+def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
+    """What was found, in order, with errors before and after, and what was left over."""
+    rows = tables["diagnosis"]
+    found = rows[rows["verdict"] == "found"]
+    causes = found[~found["parameters"].str.contains("noise_ratio")]
+    noise = found[found["parameters"].str.contains("noise_ratio")]
+    return {
+        "found": [_finding(row) for _, row in causes.iterrows()],
+        "noise": [_first_sentence(text) for text in noise["explanation"]],
+        "before": float(causes["rms_before"].iloc[0]) if len(causes) else None,
+        "after": float(causes["rms_after"].iloc[-1]) if len(causes) else None,
+        "floor": float(rows["noise_floor"].iloc[len(causes) - 1]) if len(causes) else None,
+        "rivals": sorted(set(rows.loc[rows["verdict"] == "indistinguishable", "cause"])),
+    }
+
+
+def _finding(row: pd.Series) -> dict[str, Any]:
+    said = _SAYS.match(row["explanation"])
+    return {
+        "cause": row["cause"],
+        "subject": row["subject"],
+        "says": said[1] if said else row["explanation"],
+        "before": float(row["rms_before"]),
+        "after": float(row["rms_after"]),
+        "value": {name: told["value"] for name, told in json.loads(row["parameters"]).items()},
+    }
+
+
+def _first_sentence(text: str) -> str:
+    return re.split(r"(?<=[a-z])[.:,] ", text)[0]
+
+
+def length(value: dict[str, Any], names: tuple[str, ...]) -> float:
+    """The length of a vector of parameters."""
+    return float(np.linalg.norm([value[name] for name in names]))
+
+
+def walked(observations: pd.DataFrame) -> dict[str, float]:
+    """How far the middle of each body's targets went between the first and the last poses, mm."""
+    found = {}
+    for body, rows in observations.groupby("body"):
+        wide = rows.pivot(index="pose", columns="target", values=_MM).sort_index()
+        wide = wide.dropna()
+        points = wide.to_numpy().reshape(len(wide), 3, -1)
+        first, last = np.median(points[:_EDGE], axis=0), np.median(points[-_EDGE:], axis=0)
+        found[str(body)] = float(np.linalg.norm((last - first).mean(axis=1)))
+    return found
+
+
+def up_and_down(tables: dict[str, pd.DataFrame], drive: str) -> dict[str, float]:
+    """How far targets are, at the same value of a drive on the way up and on the way down, mm: rms and largest; the
+    same with the motion as a whole taken out."""
+    rows = tables["observations"].merge(tables["configurations"], on="pose")
+    turn = int(rows.loc[rows[drive].idxmax(), "pose"])
+    wide = [
+        part.pivot(index=drive, columns="target", values=_MM).sort_index()
+        for part in (rows[rows["pose"] <= turn], rows[rows["pose"] > turn])
+    ]
+    shared = wide[0].index.intersection(wide[1].index)
+    up, down = (w.loc[shared].to_numpy().reshape(len(shared), 3, -1).transpose(0, 2, 1) for w in wide)
+    apart = np.linalg.norm(down - up, axis=-1)
+    fit = umeyama(up * 1e-3, down * 1e-3)
+    return {
+        "rms": float(np.sqrt(np.mean(apart**2))),
+        "largest": float(apart.max()),
+        "shape_um": 1e6 * float(np.sqrt(np.mean(fit.rms**2))),
+    }
+
+
+def sag(observations: pd.DataFrame, poses: tuple[int, int]) -> float:
+    """Rigid-fit rms per point between two poses, um."""
+    wide = observations.pivot(index="pose", columns="target", values=_MM).loc[list(poses)].dropna(axis=1)
+    first, second = wide.to_numpy().reshape(2, 3, -1).transpose(0, 2, 1) * 1e-3
+    return 1e6 * float(umeyama(first, second[None]).rms[0])

@@ -1,0 +1,47 @@
+"""Each part of the diagnosis by itself, so that a test draws only the figures that it looks at."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from truing.report.diagnosis_changes import changes
+from truing.report.diagnosis_evidence import evidence
+from truing.report.diagnosis_gain import gained
+from truing.report.diagnosis_hidden import hidden
+from truing.report.diagnosis_next import following
+from truing.report.diagnosis_pulls import pulls
+from truing.report.diagnosis_section import diagnosis
+from truing.report.diagnosis_sizes import sizes
+from truing.report.judged import found_of, judged
+from truing.report.page import Section, all_of
+
+Frames = dict[str, pd.DataFrame]
+PARTS = {
+    "evidence": lambda tables: evidence(judged(tables)),
+    "gain": lambda tables: gained(judged(tables), tables),
+    "sizes": lambda tables: sizes(found_of(judged(tables))),
+    "pulls": pulls,
+    "hidden": lambda tables: hidden(judged(tables), tables),
+    "next": lambda tables: following(judged(tables), tables),
+    "changes": changes,
+}
+
+
+def part_of(name: str, tables: Frames) -> Section:
+    """The part of that name."""
+    part = PARTS[name](tables)
+    assert part.id == name
+    return part
+
+
+def parts_of(tables: Frames) -> dict[str, Section]:
+    """The whole section and its parts by name."""
+    section = diagnosis(tables)
+    assert section is not None
+    return {part.id: part for part in all_of([section])}
+
+
+def text_of(section: Section) -> str:
+    """All that a section says outside its figures."""
+    cells = [cell for listing in section.listings for line in listing.rows for cell in line]
+    return " ".join([section.lead, *(words for _, words in section.said), *cells])

@@ -1,0 +1,61 @@
+"""The page of what a campaign would show: sizes in handy units, rates with bars, and what it is blind to."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+import pytest
+
+from truing.report.page import all_of
+from truing.report.power_page import alarm_words, power_head, power_sections, size_rows
+from truing.report.rendering.render import render_page
+
+_LEVELS = {"expected_80": 9e-4, "found_80": 8e-4, "lower_80": 7e-4, "upper_80": 1.1e-3}
+GAIN = {"cause": "actuator-gain", "concerns": "the whole", "parameter": "gain", "unit": "1", "instead": ""}
+BLIND = {"cause": "flexure-shift", "concerns": "the whole", "parameter": "flexure_length", "unit": "mm", "instead": ""}
+
+
+def _sizes() -> pd.DataFrame:
+    nearly = {name.replace("80", "95"): 1.5 * value for name, value in _LEVELS.items()}
+    never = dict.fromkeys([*_LEVELS, *nearly], math.nan)
+    return pd.DataFrame([{**GAIN, **_LEVELS, **nearly, "instead": "leg-drift (2)"}, {**BLIND, **never}])
+
+
+def _rates(drawn: bool = True) -> pd.DataFrame:
+    columns = ["cause", "concerns", "parameter", "unit", "size", "campaigns", "expected"]
+    columns += [f"{what}{bound}" for what in ("found", "named") for bound in ("", "_lower", "_upper")]
+    nothing = ["nothing", "", "", "", 0.0, 40, math.nan, 0.025, 0.001, 0.13, math.nan, math.nan, math.nan]
+    steps = [[*list(GAIN.values())[:4], 1e-3 * k, 8, k / 3, k / 3, 0.1, 1.0, k / 4, 0.0, 0.9] for k in (1, 2, 3)]
+    return pd.DataFrame([nothing, *steps] if drawn else [], columns=columns)
+
+
+def test_a_size_is_told_with_its_bounds_in_the_unit_of_a_laboratory() -> None:
+    gain, blind = size_rows(_sizes())
+    assert gain[2:] == ["gain 0.090 %", "0.080 (0.070 to 0.11) %", "0.12 (0.10 to 0.17) %", "leg-drift (2)"]
+    assert blind[2:] == ["not at any plausible size", "–", "–", ""]
+
+
+def test_the_head_tells_false_alarms_and_what_the_campaign_is_blind_to() -> None:
+    head = power_head("bench", _sizes(), _rates())
+    assert alarm_words(_rates()) in [said for _, said in head.verdicts]
+    assert "1 of 40 campaigns without any effect (0.1 to 13.0 %)" in alarm_words(_rates())
+    assert ("warn", "At no plausible size would this campaign show flexure shift.") in head.verdicts
+
+
+def test_every_cause_that_was_drawn_has_a_figure_with_bars() -> None:
+    sections = power_sections(_sizes(), _rates())
+    (figure, caption), *others = [drawn for section in all_of(sections) for drawn in section.figures]
+    assert not others
+    assert caption.startswith("8 campaigns per size")
+    theory, found, _ = figure.data
+    assert theory.name == "theory"
+    assert list(found.error_y.array) == pytest.approx([100 * (1.0 - k / 3) for k in (1, 2, 3)])
+
+
+def test_theory_alone_makes_a_page_without_a_figure_or_a_rate() -> None:
+    sizes, rates = _sizes(), _rates(drawn=False)
+    page = render_page(power_head("bench <1>", sizes, rates), power_sections(sizes, rates))
+    assert "Theory alone: no campaign was drawn." in page
+    assert "False alarms" not in page
+    assert "bench &lt;1&gt;: what it would show" in page

@@ -1,0 +1,70 @@
+"""Effects to hide: every sort that a layout could show, of the size that was asked for, as the tables tell it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.simulation.telescope import sample_model
+from truing.simulation.cause import Scene
+from truing.simulation.causes import catalogue
+from truing.simulation.hidden_effects import Sort, concerned, sorts, told_size
+
+LEGS = 6
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return sample_model(np.random.default_rng(2), 24).scene
+
+
+@pytest.fixture(scope="module")
+def found(scene: Scene) -> list[Sort]:
+    return sorts([kind for kind in catalogue().values() if kind.catalogued], scene)
+
+
+def test_a_cause_per_leg_is_a_sort_on_the_whole_and_one_on_a_single_leg(found: list[Sort]) -> None:
+    own = {sort.concerns: len(sort.causes) for sort in found if sort.kind == "actuator-gain"}
+    assert own == {"the whole": 1, "one leg": LEGS}
+
+
+@pytest.mark.parametrize("size", [0.1, 3.0])
+def test_an_effect_has_the_size_that_was_asked_for(found: list[Sort], size: float) -> None:
+    rng = np.random.default_rng(3)
+    for sort in found:
+        effect = sort.draw(size, LEGS, rng)
+        scale = np.array([parameter.scale for parameter in effect.cause.parameters(LEGS)])
+        assert np.sqrt(np.mean((effect.values / scale) ** 2)) == pytest.approx(size)
+        assert concerned(effect.cause.subject) == sort.concerns
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameter", "unit", "value"),
+    [
+        ("actuator-gain", "gain", "1", 0.01),
+        ("platform-deformation-matrix", "K", "1", 0.01),
+        ("flexure-shift", "flexure_length", "mm", 10.0),
+    ],
+)
+def test_a_size_is_told_as_the_tables_tell_it(
+    found: list[Sort], kind: str, parameter: str, unit: str, value: float
+) -> None:
+    cause = next(sort.causes[0] for sort in found if sort.kind == kind and sort.concerns == "the whole")
+    once, thrice = told_size(cause, 1.0, LEGS), told_size(cause, 3.0, LEGS)
+    assert (once.parameter, once.unit) == (parameter, unit)
+    assert once.value == pytest.approx(value, rel=1e-9)
+    assert thrice.value == pytest.approx(3.0 * value, rel=1e-9)
+
+
+def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list[Sort]) -> None:
+    waves = [sort for sort in found if sort.kind == "actuator-periodic-error" and sort.concerns == "one leg"]
+    for sort in waves:
+        assert told_size(sort.causes[0], 1.0, LEGS).parameter.startswith("amplitude_")
+
+
+@pytest.mark.parametrize(
+    ("subject", "concerns"),
+    [("", "the whole"), ("leg3", "one leg"), ("target P07", "one target"), ("leg1 leg4", None), ("targets A B", None)],
+)
+def test_what_a_subject_concerns(subject: str, concerns: str | None) -> None:
+    assert concerned(subject) == concerns

@@ -1,0 +1,71 @@
+"""The model of an earlier campaign: copied where it is one of this mechanism, named as a fault where it is not."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from tests.stages.test_ingest import CAMPAIGN, LEGS, Folder
+from truing.formats.source import raw_files
+
+EARLIER = """format = 1
+
+[model]
+campaign = "last"
+mechanism = "ups"
+
+[[legs]]
+[[legs]]
+[[legs]]
+
+[covariance]
+names = []
+
+[provenance]
+stage = "diagnose"
+digest = "0"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = Folder(tmp_path / "new")
+    made.path.mkdir()
+    made.toml = CAMPAIGN + LEGS.replace('type = "ups"', 'type = "ups"\nmodel = "../last/model.toml"')
+    (tmp_path / "last").mkdir()
+    (tmp_path / "last" / "model.toml").write_text(EARLIER)
+    return made
+
+
+def test_the_earlier_model_is_copied_without_where_it_came_from(folder):
+    _, left = folder.run()
+    assert tomllib.loads(left["start"]) == {k: v for k, v in tomllib.loads(EARLIER).items() if k != "provenance"}
+
+
+def test_it_counts_among_the_raw_files(folder):
+    folder.run()
+    assert "model.toml" in {path.name for path in raw_files(folder.path, tomllib.loads(folder.toml))}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (None, "expected a file that can be read"),
+        (b"\xff", "expected a model.toml that a run has written"),
+        (b"[model", "expected a model.toml that a run has written"),
+        (b"[effects]\n", "expected a model.toml that a run has written"),
+        (EARLIER.replace("ups", "6-pus").encode(), "expected a model of a ups, not of a 6-pus"),
+        (EARLIER.replace("[[legs]]\n", "", 1).encode(), "expected a model of 3 legs, not of 2"),
+    ],
+)
+def test_what_cannot_be_started_from_is_a_fault(folder, change, expected):
+    file = folder.path.parent / "last" / "model.toml"
+    if change is None:
+        file.unlink()
+    else:
+        file.write_bytes(change)
+    faults = [str(fault) for fault in folder.faults()]
+    assert len(faults) == 1
+    assert "campaign.toml, column mechanism.model: found '../last/model.toml'" in faults[0]
+    assert expected in faults[0]

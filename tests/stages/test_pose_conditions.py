@@ -1,0 +1,48 @@
+"""What is known of each pose beside its points: where actuators came from, how far, in which order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+
+from stages.pose_conditions import approach, chosen, order_in_time, pose_conditions, remembered
+from tests.tolerance import assert_close
+
+TIME = np.array([30.0, 0.0, 10.0, 20.0])  # so that the second pose was the first
+READINGS = np.array([[3.0], [1.0], [2.0], [2.0000001]])
+
+
+def test_poses_are_ranked_in_time_those_without_last() -> None:
+    assert order_in_time(TIME, 4).tolist() == [3, 0, 1, 2]
+    assert order_in_time(np.array([5.0, np.nan, 1.0]), 3).tolist() == [1, 2, 0]
+    assert order_in_time(None, 3).tolist() == [0, 1, 2]
+
+
+def test_the_direction_of_approach_is_that_of_the_last_movement_worth_the_name() -> None:
+    down = np.array([[1.0], [3.0], [2.0], [2.0000001]])
+    assert approach(down, TIME, 1e-3)[:, 0].tolist() == [-1.0, 1.0, -1.0, -1.0]
+
+
+def test_movements_are_remembered_and_fade() -> None:
+    assert_close(remembered(READINGS, TIME, 0.0)[:, 0], np.array([1.0, 0.0, 1.0, 0.0]), atol=1e-6, what="last, m")
+    assert_close(remembered(READINGS, TIME, 0.5)[:, 0], np.array([1.25, 0.0, 1.0, 0.5]), atol=1e-6, what="lately, m")
+
+
+def test_every_numeric_column_is_a_covariate_and_poses_keep_their_names() -> None:
+    table = pa.table(
+        {
+            "pose": [7, 8, 9],
+            "role": ["reference", "calibration", "verification"],
+            "time_s": [0.0, 60.0, 120.0],
+            "rho1_mm": [10.0, 11.0, 9.0],
+            "humidity_pct": [40.0, 41.0, 43.0],
+            "remark": ["", "windy", ""],
+        }
+    )
+    found = pose_conditions(table, (7, 8, 9), 1, 1e-6)
+    assert set(found.covariates) == {"time_s", "humidity_pct", "order", "approach", "last step", "memory"}
+    assert_close(found.readings[:, 0], np.array([0.010, 0.011, 0.009]), atol=1e-12, what="readings, m")
+    part = chosen(found, np.array([False, True, True]))
+    assert part.poses == (8, 9)
+    assert part.span_s == (0.0, 120.0)
+    assert part.covariates["order"].tolist() == [1, 2]

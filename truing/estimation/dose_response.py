@@ -1,0 +1,53 @@
+"""The size that is found with a probability, from how often effects of several sizes were found; bounds of rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# The size found every second time may lie this far from where theory expects it, in natural logarithms.
+_FAR, _STEPS = np.log(6.0), 121
+# Slopes of the curve over the natural logarithm of the size: from a rise over a decade to one over a tenth.
+_SLOPES = np.geomspace(0.8, 16.0, 33)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with the bounds that it lies between with a probability of 95 %."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+def rate_bounds(found: int, count: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the bounds of a rate of which ``found`` of ``count`` were seen (Clopper and Pearson, 1934)."""
+    from scipy.special import betaincinv
+
+    tail = (1.0 - level) / 2.0
+    lower = 0.0 if found == 0 else float(betaincinv(found, count - found + 1, tail))
+    upper = 1.0 if found == count else float(betaincinv(found + 1, count - found, 1.0 - tail))
+    return lower, upper
+
+
+def size_found(sizes: NDArray, found: NDArray, counts: NDArray, expected: float, power: float) -> Interval:
+    """Return the size that is found with a probability ``power``: the posterior's median, and its middle 95 %.
+
+    sizes (S,), found and counts (S,). The probability of being found is a normal distribution's over the logarithm of
+    the size, whose middle and slope are unknown; ``expected`` is the size that theory expects to be found every second
+    time, and the middle within a factor of six of it, all places alike.
+    """
+    from scipy.special import ndtr, ndtri
+
+    middle = np.linspace(-_FAR, _FAR, _STEPS)[:, None]
+    reached = ndtr(_SLOPES[:, None] * (np.log(sizes / expected) - middle[..., None]))
+    safe = np.clip(reached, 1e-12, 1.0 - 1e-12)
+    logs = np.sum(found * np.log(safe) + (counts - found) * np.log1p(-safe), -1)
+    weights = np.exp(logs - logs.max())
+    values = np.broadcast_to(middle + ndtri(power) / _SLOPES, weights.shape)
+    order = np.argsort(values, axis=None)
+    until = np.cumsum(weights.ravel()[order]) / weights.sum()
+    at = np.exp(np.interp([0.5, 0.025, 0.975], until, values.ravel()[order])) * expected
+    return Interval(*(float(value) for value in at))

@@ -1,0 +1,92 @@
+"""Where a target sits on its body over a campaign: one place, or a few places one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+# So many points in a row that agree are a place of the target.
+RUN = 3
+# Two points of one place are nearer to each other than so many times the spread of a coordinate.
+_SAME = 8.0
+# A change of place by so many spreads leaves no doubt, whatever else is wrong.
+_CERTAIN = 40.0
+_MEDIAN_LENGTH = 1.538  # of three unit normals
+
+
+def median_places(places: NDArray, known: NDArray) -> NDArray:
+    """Return the medians (K, 3) of places (B, K, 3), m, where they are known (B, K); NaN where they nowhere are."""
+    ever = np.asarray(known.any(0))
+    values = np.where(known[..., None], places, np.nan)
+    values[:, ~ever] = 0.0
+    return np.where(ever[:, None], np.nanmedian(values, 0), np.nan)
+
+
+def lonely_places(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> NDArray:
+    """Return which known points (B, K) are in no run of three, one after the other in time, that agree.
+
+    places (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate. What "agree" means
+    is the same for all targets, so that one that is elsewhere in every pose agrees with none.
+    """
+    limit = _SAME * spread_in_time(places, known, order, sigma)
+    lonely = known.copy()
+    for target, rows in _in_time(known, order):
+        agree = _runs(places[rows, target], limit)
+        for step in range(RUN):
+            lonely[rows[step : step + len(agree)][agree], target] = False
+    return lonely
+
+
+def changes_of_place(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> list[tuple[int, int]]:
+    """Return (pose, target) from which on a target certainly sits elsewhere: runs of three on either side agree."""
+    spread = spread_in_time(places, known, order, sigma)
+    found = []
+    for target, rows in _in_time(known, order):
+        values = places[rows, target]
+        agree = _runs(values, _SAME * spread)
+        far = np.linalg.norm(np.diff(values, axis=0), axis=-1) > _CERTAIN * spread
+        first = np.arange(RUN, len(rows) - RUN + 1)
+        changed = first[far[first - 1] & agree[first - RUN] & agree[first]] if len(first) else first
+        found += [(int(rows[at]), target) for at in changed]
+    return found
+
+
+def stray_places(
+    places: NDArray, known: NDArray, order: NDArray, sigma: float, changes: list[tuple[int, int]]
+) -> NDArray:
+    """Return which known points (B, K) are certainly not where their target sat at the time, by the changes found."""
+    limit = _CERTAIN * spread_in_time(places, known, order, sigma)
+    stray = np.zeros_like(known)
+    for target, rows in _in_time(known, order):
+        firsts = sorted(order[pose] for pose, changed in changes if changed == target)
+        piece = np.searchsorted(firsts, order[rows], side="right")
+        for one in np.unique(piece):
+            own = rows[piece == one]
+            off = np.linalg.norm(places[own, target] - np.median(places[own, target], axis=0), axis=-1)
+            stray[own, target] = off > limit
+    return stray
+
+
+def spread_in_time(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> float:
+    """Return the spread of a coordinate, m, by how far points in a row lie apart, and at least the declared one."""
+    steps = [np.diff(places[rows, target], axis=0) for target, rows in _in_time(known, order) if len(rows) > 1]
+    if not steps:
+        return sigma
+    return max(sigma, float(np.median(np.linalg.norm(np.concatenate(steps), axis=-1))) / _MEDIAN_LENGTH / np.sqrt(2.0))
+
+
+def _in_time(known: NDArray, order: NDArray) -> Iterator[tuple[int, NDArray]]:
+    """Yield each target with the poses that know its place, in time."""
+    in_time = np.argsort(order, kind="stable")
+    for target in range(known.shape[1]):
+        yield target, in_time[known[in_time, target]]
+
+
+def _runs(values: NDArray, limit: float) -> NDArray:
+    """Return at which of n values (n, 3) a run of three starts that agree to within a limit, (n - 2,)."""
+    if len(values) < RUN:
+        return np.zeros(0, bool)
+    near = np.linalg.norm(np.diff(values, axis=0), axis=-1) <= limit
+    return np.asarray(near[:-1] & near[1:] & (np.linalg.norm(values[2:] - values[:-2], axis=-1) <= limit))

@@ -1,0 +1,58 @@
+"""Sizes of effects in the units that a laboratory thinks in: micrometres per millimetre, per cent, ppm per kelvin."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from truing.report.numbers import rough, with_uncertainty
+
+# What a bare number is called by, where one unit of it is far from what anything does.
+_BARE = {"kappa": (1e3, "um/mm"), "K": (1e3, "um/mm"), "gain": (100.0, "%"), "scale": (1e6, "ppm")}
+_OTHERS = {
+    "1/K": (1e6, "ppm/K"),
+    "1/mm": (1e3, "um/mm2"),
+    "1/mm2": (1e3, "um/mm3"),
+    "mm/K": (1e3, "um/K"),
+    "mm/mm": (1e3, "um/mm"),
+    "rad": (180.0 / math.pi, "deg"),
+}
+_SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))
+# Lengths that are read off a drawing, not off an instrument.
+_DRAWN = ("pitch", "flexure_length")
+
+
+def stem(parameter: str) -> str:
+    """What a parameter is, whichever leg it belongs to: ``gain`` of ``gain_3``, ``K`` of ``K16``."""
+    if re.fullmatch(r"K\d+(_\d+)?", parameter):
+        return "K"
+    return re.sub(r"_\d+$", "", parameter)
+
+
+def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
+    """Factor and unit in which a parameter of about this size is told."""
+    own = stem(parameter)
+    if unit in ("", "1"):
+        return _BARE.get(own, (1.0, ""))
+    if unit == "mm":
+        return (1e3, "um") if abs(size) < 1.0 and own not in _DRAWN else (1.0, "mm")
+    if unit == "s":
+        return next(((factor, span) for least, factor, span in _SPANS if abs(size) >= least), (1.0, "s"))
+    return _OTHERS.get(unit, (1.0, unit))
+
+
+def told_size(parameter: str, value: object, sigma: float | None, unit: str) -> str:
+    """``13.2 ± 0.4 um/mm``: a parameter in its handy unit; text and counts as they are."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return "" if value is None else str(value)
+    known = sigma is not None and math.isfinite(sigma)
+    factor, handy = handy_unit(parameter, unit, max(abs(value), sigma or 0.0) if known else value)
+    if handy == "ppm" and max(abs(value), sigma or 0.0) >= 5e-3:
+        factor, handy = 100.0, "%"
+    return with_uncertainty(factor * value, factor * sigma if known and sigma is not None else None, handy)
+
+
+def plain_size(parameter: str, size: float, unit: str) -> str:
+    """``3.1 um/mm``: a size of a parameter without an uncertainty, to two digits."""
+    factor, handy = handy_unit(parameter, unit, size)
+    return f"{rough(factor * size)} {handy}".strip()

@@ -1,0 +1,141 @@
+"""The page of what a campaign's layout would show: from which size on each effect is found, and how often."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from truing.report.effect_units import handy_unit, plain_size
+from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.judged import cause_words
+from truing.report.numbers import count, printed, rough
+from truing.report.page import Head, Listing, Section
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+
+SIZE_HEADS = ("cause", "concerns", "theory", "found from", "19 of 20 times from", "also taken for")
+_NEVER = "not at any plausible size"
+_NOT_DRAWN = "–"
+
+
+def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> Head:
+    """What a busy person takes along."""
+    alarms = rates[rates["cause"] == "nothing"]
+    said = [("none", said) for said in (alarm_words(rates),) if said]
+    blind = list(dict.fromkeys(cause_words(c) for c in sizes[sizes["expected_80"].isna()]["cause"]))
+    if blind:
+        said.append(("warn", f"At no plausible size would this campaign show {', '.join(blind)}."))
+    drawn = int(rates["campaigns"].sum())
+    if not drawn:
+        said.append(("none", "Theory alone: no campaign was drawn."))
+    tiles = [("campaigns drawn and diagnosed", f"{drawn:,}"), ("sorts of effect", str(len(sizes)))]
+    if len(alarms):
+        tiles.append(("false alarms", f"{100 * alarms['found'].iloc[0]:.1f} %"))
+    return Head(f"{campaign}: what it would show", tuple(said), tuple(tiles))
+
+
+def alarm_words(rates: pd.DataFrame) -> str:
+    """How often something was found where nothing was hidden; empty where that was not tried."""
+    alarms = rates[rates["cause"] == "nothing"]
+    if not len(alarms):
+        return ""
+    row = alarms.iloc[0]
+    found, tried = round(row["found"] * row["campaigns"]), int(row["campaigns"])
+    bounds = f"{100 * row['found_lower']:.1f} to {100 * row['found_upper']:.1f} %"
+    return f"False alarms: something was found in {found} of {tried} campaigns without any effect ({bounds})."
+
+
+def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[Section]:
+    """The sizes of all causes, then a part for each with how often it was found and named."""
+    lead = (
+        "An effect of the size told here is found with a probability of 80 % (and of 95 %, in the column beside it) by "
+        "the diagnosis of a campaign laid out like this one. Sizes are root mean squares of the parameter; in brackets "
+        "what drawn campaigns leave open, with a probability of 95 %."
+    )
+    listing = Listing(SIZE_HEADS, tuple(map(tuple, size_rows(sizes))), caption="Smallest sizes that are found")
+    sections = [Section("sizes", "From which size on", lead, listings=(listing,))]
+    drawn = rates[rates["cause"] != "nothing"]
+    for cause, own in drawn.groupby("cause", sort=False):
+        sections.append(_of_cause(str(cause), own))
+    return sections
+
+
+def size_rows(sizes: pd.DataFrame) -> list[list[str]]:
+    """The rows of the listing, as text."""
+    return [
+        [
+            cause_words(row["cause"]),
+            row["concerns"],
+            _size(row, "expected_80", _NEVER),
+            _with_bounds(row, "80"),
+            _with_bounds(row, "95"),
+            row["instead"] or "",
+        ]
+        for row in sizes.to_dict("records")
+    ]
+
+
+def _size(row: dict[str, object], name: str, otherwise: str) -> str:
+    value = row[name]
+    if not isinstance(value, float) or math.isnan(value):
+        return otherwise
+    return f"{row['parameter']} {printed(plain_size(str(row['parameter']), value, str(row['unit'])))}"
+
+
+def _with_bounds(row: dict[str, object], level: str) -> str:
+    values = [row[f"{name}_{level}"] for name in ("found", "lower", "upper")]
+    numbers = [value for value in values if isinstance(value, float) and not math.isnan(value)]
+    if len(numbers) < 3:
+        return _NOT_DRAWN
+    factor, unit = handy_unit(str(row["parameter"]), str(row["unit"]), numbers[0])
+    found, low, high = (rough(factor * number) for number in numbers)
+    return f"{found} ({low} to {high}) {printed(unit)}".strip()
+
+
+def _of_cause(cause: str, rates: pd.DataFrame) -> Section:
+    lead = f"{count(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
+    sorts = rates.groupby(["concerns", "parameter", "unit"], sort=False)
+    figures = tuple((_curve(own, str(key[0])), _caption(own)) for key, own in sorts)
+    return Section(f"cause-{cause}", cause_words(cause), lead, figures=figures)
+
+
+def _caption(rates: pd.DataFrame) -> str:
+    tried = int(rates["campaigns"].min())
+    return f"{count(tried, 'campaign')} per size; bars: where the rate lies with a probability of 95 %."
+
+
+def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
+    """How often an effect was found and named against its size, and what theory expects."""
+    import plotly.graph_objects as go
+
+    first = rates.iloc[0]
+    factor, unit = handy_unit(first["parameter"], first["unit"], float(rates["size"].median()))
+    places = factor * rates["size"]
+    figure = go.Figure()
+    figure.add_trace(
+        go.Scatter(x=places, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"})
+    )
+    for what, colour in (("found", BLUE), ("named", ORANGE)):
+        figure.add_trace(_rates(places, rates, what, colour))
+    style(figure, label(f"{first['parameter']}, {concerns}"), "How often it was found, and given its name", 340)
+    axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
+    figure.update_xaxes(type="log", title={"text": axis})
+    figure.update_yaxes(range=[-3, 103], title={"text": "% of campaigns"})
+    return figure
+
+
+def _rates(places: pd.Series, rates: pd.DataFrame, what: str, colour: str) -> go.Scatter:
+    import plotly.graph_objects as go
+
+    value, lower, upper = (100 * rates[f"{what}{bound}"] for bound in ("", "_lower", "_upper"))
+    return go.Scatter(
+        x=places,
+        y=value,
+        name=what,
+        mode="markers+lines",
+        marker={"color": colour},
+        line={"color": colour},
+        error_y={"type": "data", "symmetric": False, "array": upper - value, "arrayminus": value - lower},
+    )

@@ -1,0 +1,321 @@
+"""Points of bodies without a mechanism, as a function of what is not known exactly, with exact derivatives.
+
+Nothing says where such a body stands in a pose, so its pose is fitted: what the model claims to know is that its
+targets keep their places on it. A body that stands still claims more: its pose is one for the campaign, but for the
+jitter of the instrument, and the frame of the measurement is then one frame too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+from truing.simulation.cause import Cause, Effect, Scene, Step
+from truing.simulation.chain import Met, Passage, State, moved_by_shape
+from truing.simulation.legs import Closure, Legs
+from truing.simulation.point_model import Prediction
+from truing.simulation.recording import Recording, designs
+from truing.simulation.survey import ShapeUnknowns
+from truing.simulation.targets import LegFrames, Targets
+from truing.simulation.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Conditions
+
+# Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.
+FIRST_BODY = 3
+_POSE = 6
+_FREE_POSE = np.diag([FREE_LENGTH_M] * 3 + [FREE_ANGLE_RAD] * 3)
+_NO_LEGS = Legs(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), Closure())
+_NO_FRAMES = LegFrames(np.empty((0, 0, 3)), np.empty((0, 0, 3, 3)), np.empty((0, 0, 3)))
+
+
+@dataclass(frozen=True)
+class BodyConditions(Conditions):
+    """What is known of each pose, and where each of N bodies was found there, as a start: R (B, N, 3, 3), t (B, N, 3).
+
+    Both lead from the body's frame to the model's, m; ``readings`` is (B, 0). ``level`` (B, N) numbers the places where
+    a body that stands still does so: one, or one for every combination of drives that it follows.
+    """
+
+    R: NDArray = field(default_factory=lambda: np.empty((0, 0, 3, 3)))
+    t: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))
+    level: NDArray = field(default_factory=lambda: np.empty((0, 0), int))
+
+
+@dataclass(frozen=True)
+class KnownBodies:
+    """What is known beforehand of N bodies and their K targets; m and rad.
+
+    ``shape`` (K, 3) in the bodies' frames, with what ``survey`` leaves unknown of it; ``surveyed`` (W,) tells which of
+    that is knowledge, and not merely wide. ``levels`` (N,) is the number of places where a body stands still, 0 for
+    one that does not; ``jitter`` (N, 6, 6) is a square root of the covariance of its pose from pose to pose (shift of
+    the targets' centre, then rotation). ``lead`` is the body whose frame the model's is in every pose; -1 where that
+    of the measurement is one frame for the campaign.
+    """
+
+    shape: NDArray
+    survey: ShapeUnknowns
+    surveyed: NDArray
+    levels: NDArray
+    jitter: NDArray
+    lead: int
+    drives: tuple[str, ...] = ()
+    placed: tuple[str, ...] = ()
+    reference_temperature_c: float = 20.0
+
+    @property
+    def still(self) -> NDArray:
+        """Return which bodies (N,) stand still."""
+        return np.asarray(self.levels > 0)
+
+
+@dataclass(frozen=True)
+class BodyModel:
+    """Bodies with their targets; a function of the unknowns for a set of effects."""
+
+    targets: Targets
+    known: KnownBodies
+    conditions: BodyConditions
+    causes: tuple[Cause, ...] = ()
+
+    nominal = _NO_LEGS
+    leg_count = 0
+
+    @cached_property
+    def bodies(self) -> NDArray:
+        """Return the number of each target's body (K,)."""
+        return self.targets.body - FIRST_BODY
+
+    @cached_property
+    def layout(self) -> dict[str, slice]:
+        """Return where each kind of shared unknown stands in the vector."""
+        sizes = {"shape": self.known.survey.modes.shape[-1], "seat": _POSE * int(self.known.levels.sum())}
+        sizes |= {cause.key: len(cause.parameters(0)) for cause in self.causes}
+        ends = np.cumsum(list(sizes.values()))
+        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    @property
+    def shared_size(self) -> int:
+        """Return the number of shared unknowns G."""
+        return max(part.stop for part in self.layout.values())
+
+    @cached_property
+    def _local(self) -> dict[int, slice]:
+        """Return where each body's pose stands among the local unknowns: those that stand still come first."""
+        order = [*np.flatnonzero(self.known.still), *np.flatnonzero(~self.known.still)]
+        fitted = [int(body) for body in order if body != self.known.lead]
+        return {body: slice(_POSE * n, _POSE * (n + 1)) for n, body in enumerate(fitted)}
+
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns H: six for each body but the leading one."""
+        return _POSE * len(self._local)
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the model says nothing of: the poses of bodies that do not stand still."""
+        return np.arange(self.local_size) >= _POSE * int(self.known.still.sum())
+
+    @property
+    def scene(self) -> Scene:
+        """Return what the campaign offers to causes when they propose candidates."""
+        conditions = self.conditions
+        return Scene(
+            self.targets,
+            self.known.shape,
+            conditions.readings,
+            np.empty(0),
+            conditions.poses,
+            conditions.covariates,
+            conditions.span_s,
+            self.known.reference_temperature_c,
+            drives=self.known.drives,
+            placed=self.known.placed,
+            still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.still)),
+        )
+
+    def with_causes(self, causes: Sequence[Cause]) -> Self:
+        """Return the model with these effects among its unknowns."""
+        return replace(self, causes=tuple(causes))
+
+    def at(self, conditions: BodyConditions) -> Self:
+        """Return the model at other poses."""
+        return replace(self, conditions=conditions)
+
+    def rescaled(self, readings: float, survey: float) -> Self:
+        """Return the model with jitter and the survey's noise so many times as large."""
+        factors = np.where(self.known.surveyed, survey, 1.0)
+        modes = replace(self.known.survey, modes=self.known.survey.modes * factors)
+        return replace(self, known=replace(self.known, survey=modes, jitter=self.known.jitter * readings))
+
+    def widened(self, shared: NDArray, model: BodyModel) -> NDArray:
+        """Return shared unknowns of this model as those of another, zero where this one has none."""
+        wide = np.zeros(model.shared_size)
+        if len(shared):
+            for name in self.layout.keys() & model.layout.keys():
+                wide[model.layout[name]] = shared[self.layout[name]]
+        return wide
+
+    def effect_sigma(self, cause: Cause) -> NDArray:
+        """Return the prior sigma (P,) that a cause's parameters are fitted with."""
+        return cause.reach * np.array([parameter.scale for parameter in cause.parameters(0)])
+
+    def effects(self, shared: NDArray) -> tuple[Effect, ...]:
+        """Return the effects with the values that shared unknowns (G,) stand for."""
+        return tuple(Effect(cause, shared[self.layout[cause.key]] * self.effect_sigma(cause)) for cause in self.causes)
+
+    def points(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the predicted points (B, K, 3), m, in the model's frame."""
+        return self._recording(shared, local).state.points
+
+    def predict(self, shared: NDArray, local: NDArray) -> Prediction:
+        """Return points and all derivatives at shared (G,) and local (B, H) unknowns."""
+        recording = self._recording(shared, local)
+        by_shared = np.zeros((*recording.state.points.shape, self.shared_size))
+        by_local = np.zeros((*by_shared.shape[:-1], self.local_size))
+        turn = recording.state.turn
+        follows = moved_by_shape(recording.passage.met, turn.shape)
+        by_shared[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
+        for body, own, slope in self._by_pose(shared, local, recording):
+            if body in self._local:
+                by_local[:, own, :, self._local[body]] = slope @ self._pose_factor(body)
+            for level in range(self.known.levels[body]):
+                there = (self.conditions.level[:, body] == level)[:, None, None, None]
+                by_shared[:, own, :, self._seat(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
+        self._fill_structure(by_shared, shared, recording)
+        by_shared, by_local = recording.recorded(by_shared), recording.recorded(by_local)
+        self._fill_instruments(by_shared, shared, recording)
+        none = np.empty(0), np.empty((0, self.shared_size))
+        return Prediction(recording.state.points, by_shared, by_local, *none, self._shared_known, ~self.unpredicted)
+
+    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+        """Return no channel: what acts on bodies moves their points."""
+        return {}
+
+    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the channel ``points``, (B or 1, 3 K, P), per plausible scale."""
+        recording = self._recording(shared, local)
+
+        def found(cause: Cause) -> dict[str, NDArray]:
+            scale = np.array([parameter.scale for parameter in cause.parameters(0)])
+            told = designs(recording, cause, scale)
+            return {name: design for name, design in told.items() if name == "points"}
+
+        return found
+
+    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
+        recording = self._recording(shared, local)
+        return recording.recorded(recording.state.turn)
+
+    @property
+    def _shared_known(self) -> NDArray:
+        known = np.zeros(self.shared_size, bool)
+        known[self.layout["shape"]] = self.known.surveyed
+        return known
+
+    def _name(self, body: int) -> str:
+        return self.targets.bodies[int(np.flatnonzero(self.bodies == body)[0])]
+
+    def _seat(self, body: int, level: int = 0) -> slice:
+        first = self.layout["seat"].start + _POSE * (int(self.known.levels[:body].sum()) + level)
+        return slice(first, first + _POSE)
+
+    def _pose_factor(self, body: int) -> NDArray:
+        return np.asarray(self.known.jitter[body]) if self.known.still[body] else _FREE_POSE
+
+    def _pose(self, body: int, shared: NDArray, local: NDArray) -> NDArray:
+        """Return how far a body is from where it was found (B, 6): shift of its centre, rotation vector."""
+        found = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
+        if body in self._local:
+            found = found + local[:, self._local[body]] @ self._pose_factor(body).T
+        if self.known.still[body]:
+            levels = int(self.known.levels[body])
+            first = self._seat(body).start
+            seats = shared[first : first + _POSE * levels].reshape(levels, _POSE) @ _FREE_POSE
+            found = found + seats[self.conditions.level[:, body]]
+        return found
+
+    @cached_property
+    def _centres(self) -> NDArray:
+        """Return the mean place (N, 3) of each body's targets in its frame."""
+        return np.stack([self.known.shape[self.bodies == body].mean(0) for body in range(len(self.known.levels))])
+
+    def _recording(self, shared: NDArray, local: NDArray) -> Recording:
+        """Return what is recorded of the bodies with the effects in force."""
+        passage = self._passage(shared)
+        places = self._places(passage)
+        kind = np.result_type(places, shared, local)
+        points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
+        for body, centre in enumerate(self._centres):
+            own, pose = self.bodies == body, self._pose(body, shared, local)
+            start = self.conditions.R[:, body]
+            R = exp_so3(pose[:, 3:]) @ start
+            middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
+            points[:, own] = middle[:, None] + (places[:, own] - centre) @ np.swapaxes(R, -1, -2)
+            turn[:, own] = R[:, None]
+        state, met = replace(passage.state, points=points, turn=turn), []
+        for effect in self.effects(shared):
+            if effect.cause.step is Step.INSTRUMENT:
+                met.append((effect, state))
+                state = effect.apply(state)
+        return Recording(passage, self.targets, _NO_FRAMES, state, tuple(met))
+
+    def _passage(self, shared: NDArray) -> Passage:
+        """Return where the targets sit on their bodies, and which effects brought them there."""
+        none = self.conditions.readings
+        shape = self.known.shape + self.known.survey.modes @ shared[self.layout["shape"]]
+        state = State(
+            _NO_LEGS,
+            none,
+            none,
+            indicated=none,
+            covariates=self.conditions.covariates,
+            targets=self.targets,
+            shape=shape,
+            moved=np.zeros((1, *shape.shape)),
+            reference_temperature_c=self.known.reference_temperature_c,
+        )
+        met: list[Met] = []
+        for effect in self.effects(shared):
+            if effect.cause.step is Step.STRUCTURE:
+                met.append((effect, state))
+                state = effect.apply(state)
+        return Passage(state, state, tuple(met))
+
+    def _places(self, passage: Passage) -> NDArray:
+        """Return where the targets sit (B, K, 3) in the frames of their bodies."""
+        state = passage.state
+        return np.broadcast_to(state.shape + state.moved, (len(self.conditions.t), *state.shape.shape))
+
+    def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:
+        """Yield each body, its targets, and how these (B, k, 3, 6) follow a shift and a rotation vector of its pose."""
+        turn, places = recording.state.turn, self._places(recording.passage)
+        for body, centre in enumerate(self._centres):
+            own = self.bodies == body
+            arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)
+            jacobian = left_jacobian_so3(self._pose(body, shared, local)[:, 3:])
+            slope = np.empty((*arms.shape, _POSE))
+            slope[..., :3] = np.eye(3)
+            slope[..., 3:] = -skew(arms) @ jacobian[:, None]
+            yield body, own, slope
+
+    def _fill_structure(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
+        """Fill in the derivatives by the parameters of effects on the bodies."""
+        for effect in self.effects(shared):
+            cause = effect.cause
+            if cause.step is Step.STRUCTURE and len(effect.values):
+                slope = cause.change(recording.at(cause), effect.values).fields.get("moved", 0.0)
+                by_shared[..., self.layout[cause.key]] = recording.state.turn @ (slope * self.effect_sigma(cause))
+
+    def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
+        """Fill in the derivatives by the parameters of instruments' effects."""
+        for effect in self.effects(shared):
+            cause = effect.cause
+            if cause.step is Step.INSTRUMENT and len(effect.values):
+                slope = cause.change(recording.at(cause), effect.values).fields["points"] * self.effect_sigma(cause)
+                by_shared[..., self.layout[cause.key]] = recording.recorded(slope, cause)

@@ -1,0 +1,73 @@
+"""What a body without a mechanism may deform with: drives, temperature, other bodies; squares and products of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from truing.simulation.cause import Scene
+
+TEMPERATURE, TIME, ORDER = "temperature_c", "time_s", "order"
+CAME_FROM = "approach "  # before a drive's name: the direction of its last movement
+TIMES = "*"
+_MOST_TOGETHER = 6
+# Two columns that correlate by more than this are one and the same to a campaign.
+_SAME_COURSE = 0.99
+
+
+def proposed_terms(scene: Scene) -> Iterator[tuple[str, ...]]:
+    """Yield what a body may deform with."""
+    drives = [drive for drive in scene.drives if _known(scene, drive)]
+    for column in (*drives, *((TEMPERATURE,) if _known(scene, TEMPERATURE) else ())):
+        yield (column,)
+        if len(np.unique(scene.covariates[column])) > 2:
+            yield (f"{column}{TIMES}{column}",)
+            yield (column, f"{column}{TIMES}{column}")
+        if _known(scene, CAME_FROM + column):
+            yield (CAME_FROM + column,)
+    yield from (place_columns(body) for body in scene.placed)
+    yield from ((f"{first}{TIMES}{second}",) for first, second in combinations(drives, 2))
+    if 2 <= len(drives) <= _MOST_TOGETHER:
+        yield tuple(drives)
+
+
+def place_columns(body: str) -> tuple[str, ...]:
+    """Return the columns that tell where a body is, m."""
+    return tuple(f"{body} {axis}" for axis in "xyz")
+
+
+def _known(scene: Scene, column: str) -> bool:
+    return scene.varies(column) and bool(np.isfinite(scene.covariates[column]).all())
+
+
+def counted(scene: Scene, terms: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
+    """Return the columns of terms, from where they count (the reference, else what is nearest to zero), their range."""
+    columns = tuple(dict.fromkeys(column for term in terms for column in term.split(TIMES)))
+    found = [np.asarray(scene.covariates[column]) for column in columns]
+    nearest = [float(np.clip(0.0, values.min(), values.max())) for values in found]
+    zeros = [scene.reference_temperature_c if c == TEMPERATURE else z for c, z in zip(columns, nearest, strict=True)]
+    return columns, tuple(zeros), tuple(float(np.ptp(values)) for values in found)
+
+
+def runs_with_time(scene: Scene, terms: tuple[str, ...]) -> bool:
+    """Return whether terms' columns ran along with time, so that nothing tells them apart."""
+    time = scene.covariates.get(TIME if scene.varies(TIME) else ORDER)
+    columns = [scene.covariates.get(c) for term in terms for c in term.split(TIMES) if not c.startswith(CAME_FROM)]
+    if time is None or not columns or any(values is None or np.ptp(values) == 0 for values in columns):
+        return False
+    return all(abs(np.corrcoef(time, values)[0, 1]) > _SAME_COURSE for values in columns if values is not None)
+
+
+def in_words(terms: tuple[str, ...]) -> str:
+    """Return the terms in words that fit "deforms with ..."."""
+    names = list(dict.fromkeys(column for term in terms for column in term.split(TIMES)))
+    if len(names) == 1 and len(terms) == 1 and TIMES in terms[0]:
+        return f"the square of {'the temperature' if names == [TEMPERATURE] else names[0]}"
+    if names == list(place_columns(names[0].removesuffix(" x"))):
+        return f"where body {names[0].removesuffix(' x')} is"
+    said = "the temperature" if names == [TEMPERATURE] else " and ".join(names)
+    if len(names) == 2 and len(terms) == 1:
+        return f"the product of {said}"
+    return f"{said}, not in proportion" if len(terms) > len(names) else said

@@ -1,0 +1,86 @@
+"""Causes with the same parameters for every leg: they may concern all legs, one, or some."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Scene
+
+# Probability beforehand that a cause concerns all legs, a single one, a pair, or any other number of them.
+_ALL, _SINGLE, _PAIR, _OTHER = 0.37, 0.3, 0.3, 0.03
+# With more legs than this, sets of more than two are too many to be tried.
+_MOST_LEGS = 8
+
+
+@dataclass(frozen=True)
+class PerLeg(Cause):
+    """A cause that concerns ``legs``, counted from 1; without any, all legs of the mechanism."""
+
+    legs: tuple[int, ...] = ()
+
+    @property
+    def subject(self) -> str:
+        """Return the legs as the tables name them; empty for all."""
+        return " ".join(f"leg{leg}" for leg in self.legs)
+
+    @property
+    def of_which(self) -> str:
+        """Return the legs in words, to stand before what they do."""
+        if not self.legs:
+            return "each"
+        listed = [str(leg) for leg in self.legs]
+        return listed[0] if len(listed) == 1 else f"{', '.join(listed[:-1])} and {listed[-1]}"
+
+    def concerned(self, legs: int) -> tuple[int, ...]:
+        """Return the numbers of the legs that it concerns, counted from 1, of a mechanism with that many."""
+        return self.legs or tuple(range(1, legs + 1))
+
+    def numbered(self, name: str, legs: int) -> tuple[str, ...]:
+        """Return a parameter's name for each leg concerned: with its number as suffix."""
+        return tuple(f"{name}_{leg}" for leg in self.concerned(legs))
+
+    def spread(self, values: NDArray) -> NDArray:
+        """Return values (..., L), each leg's own, as derivatives (..., L, P) by one parameter per leg concerned."""
+        legs = values.shape[-1]
+        return values[..., None] * np.eye(legs)[:, np.array(self.concerned(legs)) - 1]
+
+    def alike(self, legs: int) -> tuple[int, ...]:
+        """Return the parameters of the legs concerned: of several for each leg those that come last."""
+        count = len(self.parameters(legs))
+        return tuple(range(count - len(self.concerned(legs)), count))
+
+    def excludes(self, other: Cause) -> bool:
+        """Return whether another is of the same kind and concerns a leg that this one does."""
+        if self.id != other.id or not isinstance(other, PerLeg):
+            return False
+        return not self.legs or not other.legs or bool(set(self.legs) & set(other.legs))
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the cause for all legs and for every choice of some."""
+        return [replace(self, legs=chosen) for chosen in choices(scene.legs)]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this choice of legs: all of them, a single one or a pair are likelier than others."""
+        return choice_share(len(self.legs), scene.legs)
+
+
+def choices(legs: int, most: int | None = None) -> list[tuple[int, ...]]:
+    """Return choices of legs, counted from 1: all of them (empty) first, then one, two .. of them, at most ``most``."""
+    limit = (legs - 1 if legs <= _MOST_LEGS else 2) if most is None else most
+    some = [chosen for size in range(1, min(limit, legs - 1) + 1) for chosen in combinations(range(1, legs + 1), size)]
+    return [(), *some]
+
+
+def choice_share(chosen: int, legs: int) -> float:
+    """Return the probability beforehand of one choice of ``chosen`` legs; 0 stands for all of them."""
+    if chosen == 0:
+        return _ALL
+    if chosen <= 2:
+        return (_SINGLE, _PAIR)[chosen - 1] / comb(legs, chosen)
+    return _OTHER / sum(comb(legs, size) for size in range(3, legs))

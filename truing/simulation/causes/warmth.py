@@ -1,0 +1,134 @@
+"""Parts grow with temperature: the whole machine, or its legs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.chain import State
+from truing.simulation.legs import Change
+
+if TYPE_CHECKING:
+    from truing.simulation.targets import Targets
+
+TEMPERATURE = "temperature_c"
+COMMON, APART = "common", "apart"
+# Steel grows by 12e-6 of its length per kelvin, aluminium by 23e-6, carbon fibre by next to nothing.
+_PLAUSIBLE = 1e-5
+_PARTS = ("base", "platform", "legs")
+_SHARE = {COMMON: 0.6, APART: 0.4}
+
+
+@dataclass(frozen=True)
+class ThermalExpansion(Cause):
+    """Base and platform grow about their origins, legs in length, by alpha times the temperature above the reference.
+
+    ``form``: one alpha for all three, or one each (``apart``).
+    """
+
+    form: str = COMMON
+
+    id = "thermal-expansion"
+    step = Step.STRUCTURE
+    reads = frozenset({"a", "b", "l", "shape"})
+    confirm = "Repeat some poses at two temperatures that lie as far apart as the room allows."
+
+    @property
+    def says(self) -> str:
+        """Return what the machine does."""
+        if self.form == COMMON:
+            return "base, platform and legs grow with temperature, all by the same share"
+        return "base, platform and legs grow with temperature, each by a share of its own"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return both forms where it was not always as warm as at the reference; without legs the first."""
+        forms = (COMMON, APART) if scene.legs else (COMMON,)
+        return [ThermalExpansion(form) for form in forms] if warms(scene) else ()
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this form: one parameter is likelier than three."""
+        return _SHARE[self.form] if scene.legs else 1.0
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperature."""
+        return (TEMPERATURE,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return alpha, or alpha_base, alpha_platform and alpha_legs."""
+        names = ["alpha"] if self.form == COMMON else [f"alpha_{part}" for part in _PARTS]
+        return tuple(Parameter(name, "1/K", _PLAUSIBLE) for name in names)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return how far everything grows per alpha: its coordinates, or its length, times the temperature's rise."""
+        fields = grown(state, _PARTS)
+        if self.form == COMMON:
+            fields = {name: slope.sum(-1, keepdims=True) for name, slope in fields.items()}
+        return Change(fields, len(values))
+
+
+@dataclass(frozen=True)
+class LegThermal(Cause):
+    """Legs and what sits on them grow by alpha times the temperature above the reference; the bodies do not."""
+
+    id = "leg-thermal"
+    step = Step.STRUCTURE
+    reads = frozenset({"l", "shape"})
+    says = "the legs grow with temperature, base and platform do not"
+    confirm = "Repeat some poses at two temperatures and measure targets along the legs."
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the cause where there are legs, and where it was not always as warm as at the reference."""
+        return (self,) if scene.legs and warms(scene) else ()
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperature."""
+        return (TEMPERATURE,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return alpha."""
+        return (Parameter("alpha", "1/K", _PLAUSIBLE),)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return how far legs and their targets grow per alpha."""
+        return Change(grown(state, ("legs",)), 1)
+
+
+def warms(scene: Scene) -> bool:
+    """Return whether the temperature is known at all poses and departs from the reference at any."""
+    found = scene.covariates.get(TEMPERATURE)
+    return found is not None and bool(np.isfinite(found).all() and np.any(found != scene.reference_temperature_c))
+
+
+def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
+    """Return by how much each field grows per share of each part (..., P): joints, lengths, targets, times the heat."""
+    heat, column = state.heat, dict(zip(parts, np.eye(len(parts)), strict=True))
+    fields = {}
+    for name, part in (("a", "base"), ("b", "platform"), ("l", "legs")):
+        if part in column and state.legs.count:
+            array = getattr(state.legs, name)
+            rise = heat[:, None] if name == "l" else heat[:, None, None]
+            fields[name] = (array * rise)[..., None] * column[part]
+    if state.targets is not None and len(state.shape):
+        shares = _shares(state.targets, column, state.legs.count)
+        fields["moved"] = (state.shape * heat[:, None, None])[..., None] * shares[:, None]
+    return fields
+
+
+def _shares(targets: Targets, column: dict[str, NDArray], legs: int) -> NDArray:
+    """Return which part's growth (K, P) carries each target; none that of one on an attachment, which is the joint.
+
+    Without legs every target is carried by all there is.
+    """
+    from truing.simulation.targets import BASE, LEG, PLATFORM
+
+    none = np.zeros(len(next(iter(column.values()))))
+    if not legs:
+        return np.tile(column["base"], (len(targets.body), 1))
+    of_kind = {BASE: "base", PLATFORM: "platform", LEG: "legs"}
+    found = np.array([column.get(of_kind[int(kind)], none) for kind in targets.body])
+    return np.where(targets.at_attachment[:, None], 0.0, found)

@@ -1,0 +1,251 @@
+"""What an earlier campaign of the same machine has found, as knowledge that a model of the next one starts from.
+
+An earlier model holds what was known before it (tolerances) and what its campaign has told. Only the latter is handed
+on, as rows of whitened knowledge beside the tolerances: these then enter once. Where both campaigns rest on the same
+survey, what that says of the attachments enters once too; where they do not, the frames of base and platform differ by
+the noise of the surveys that define them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import skew
+from truing.simulation.cause import Cause
+from truing.simulation.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
+from truing.simulation.targets import BASE, PLATFORM
+from truing.simulation.unknowns import FREE_LENGTH_M, Unknowns
+
+_SAME_M = 1e-9
+_GEOMETRY = ("a", "b", "u", "l")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of the unknowns that both campaigns have: its name in the layout, and the scale (n,) of each number."""
+
+    name: str
+    scale: NDArray
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What an earlier campaign found of n numbers that the next one has too, counted from the latter's nominal, SI.
+
+    ``causes`` are its effects that last. mean (n,) and covariance (n, n): where it left the numbers; frames (n, n):
+    what another survey adds to that; shared (n, n): the information in it that the next campaign has too (tolerances,
+    and the survey where that is the same); information (n, n): what is new to the next campaign. In units of the
+    parts' scales.
+    """
+
+    causes: tuple[Cause, ...]
+    parts: tuple[Part, ...]
+    mean: NDArray
+    covariance: NDArray
+    frames: NDArray
+    shared: NDArray
+    information: NDArray
+
+    @property
+    def scale(self) -> NDArray:
+        """Return what a unit of each number (n,) is in SI."""
+        return np.concatenate([part.scale for part in self.parts]) if self.parts else np.zeros(0)
+
+    def places(self, model: Unknowns) -> NDArray:
+        """Return where the numbers (n,) stand among a model's shared unknowns."""
+        slices = [model.layout[part.name] for part in self.parts]
+        return np.concatenate([np.arange(own.start, own.stop) for own in slices]) if slices else np.zeros(0, int)
+
+    def values(self, model: Unknowns, shared: NDArray) -> NDArray:
+        """Return the numbers (n,) at a model's shared unknowns (G,)."""
+        return shared[self.places(model)]
+
+    def rows(self, model: Unknowns, shared: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the knowledge as whitened rows at shared unknowns (G,): residual (E,) and derivative (E, G)."""
+        variances, directions = np.linalg.eigh(self.information)
+        kept = variances > 0
+        factor = directions[:, kept].T * np.sqrt(variances[kept])[:, None]
+        derivative = np.zeros((len(factor), model.shared_size))
+        derivative[:, self.places(model)] = factor
+        return factor @ (self.mean - self.values(model, shared)), derivative
+
+    def without(self, free: Sequence[int]) -> Earlier:
+        """Return the same where some numbers, by their places (of n), may have changed since: nothing is known then."""
+        return replace(self, information=_marginal(self.information, np.asarray(free, int)))
+
+    @property
+    def nothing(self) -> Earlier:
+        """Return the same without its knowledge: only the effects are left."""
+        return replace(self, information=np.zeros_like(self.information))
+
+
+def earlier_knowledge(found: ExtendedModel, model: Unknowns) -> Earlier:
+    """Return what an earlier model tells of the unknowns of a model of the next campaign.
+
+    Effects that the next one cannot follow, for want of a column, are left out.
+    """
+    old = found.model
+    causes = tuple(cause for cause in old.causes if cause.lasts and _is_told(cause, model))
+    wider = model.with_causes(causes)
+    names = [name for name in _GEOMETRY if name in old.layout and name in wider.layout]
+    names += [cause.key for cause in causes]
+    parts = tuple(Part(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
+    bridge = _bridge(old, wider, names)
+    own, others = _split(old, names)
+    identity = np.eye(len(found.shared))
+    told = _clipped(np.linalg.inv(found.covariance) - identity)
+    told = _marginal(told + np.diag(np.isin(np.arange(len(told)), others).astype(float)), others)[np.ix_(own, own)]
+    back = np.linalg.inv(bridge)
+    earlier = Earlier(
+        causes,
+        parts,
+        bridge @ found.shared[own] + _offset(old, wider, names),
+        bridge @ found.covariance[np.ix_(own, own)] @ bridge.T,
+        np.zeros_like(bridge),
+        back.T @ back,
+        _clipped(back.T @ told @ back),
+    )
+    return _by_survey(earlier, found, wider)
+
+
+def _is_told(cause: Cause, model: Unknowns) -> bool:
+    """Return whether a campaign has the columns that an effect follows, with a number at every pose."""
+    known = model.conditions.covariates
+    names = [name for name in cause.needs(model.nominal.count) if not name.startswith("rho")]
+    return all(name in known and bool(np.isfinite(known[name]).all()) for name in names)
+
+
+def _size(model: Unknowns, name: str) -> int:
+    part = model.layout[name]
+    return part.stop - part.start
+
+
+def _split(model: Unknowns, names: Sequence[str]) -> tuple[NDArray, NDArray]:
+    """Return the places of the named parts among a model's unknowns, in that order, and those of all others."""
+    slices = [model.layout[name] for name in names]
+    own = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
+    return own, np.setdiff1d(np.arange(model.shared_size), own)
+
+
+def _bridge(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
+    """Return the matrix (n, n) from the earlier model's unknowns to the next one's: scales, and axes of the tilts."""
+    blocks = []
+    for name in names:
+        size = _size(old, name)
+        ratio = np.broadcast_to(old.scale_of(name), size) / np.broadcast_to(new.scale_of(name), size)
+        turn = np.eye(size)
+        if name == "u":
+            own = np.einsum("lim,lin->lmn", new.across, old.across)
+            turn = np.einsum("lmn,lk->lmkn", own, np.eye(len(own))).reshape(size, size)
+        blocks.append(turn * ratio)
+    whole = np.zeros((sum(map(len, blocks)),) * 2)
+    first = 0
+    for block in blocks:
+        whole[first : first + len(block), first : first + len(block)] = block
+        first += len(block)
+    return whole
+
+
+def _offset(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
+    """Return by how much nominal values differ, in units of the next model's unknowns."""
+    away = new.unknowns(old.nominal, {cause.key: np.zeros_like(new.effect_sigma(cause)) for cause in new.causes})
+    own, _ = _split(new, names)
+    return away[own]
+
+
+def _clipped(information: NDArray) -> NDArray:
+    """Return a symmetric matrix without what rounding leaves of negative information."""
+    variances, directions = np.linalg.eigh((information + information.T) / 2)
+    return np.asarray((directions * np.maximum(variances, 0.0)) @ directions.T)
+
+
+def _marginal(information: NDArray, free: NDArray) -> NDArray:
+    """Return the information (n, n) on the others where numbers at ``free`` are not known; zero for these."""
+    if not len(free):
+        return information
+    own = information[np.ix_(free, free)]
+    carried = information[:, free] @ np.linalg.pinv(own, rcond=1e-12, hermitian=True) @ information[free]
+    left = information - carried
+    left[free], left[:, free] = 0.0, 0.0
+    return _clipped(left)
+
+
+def _by_survey(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> Earlier:
+    """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
+    if _same_survey(found, model):
+        rows = model.survey_rows(np.zeros(model.shared_size))[1][:, earlier.places(model)]
+        common = rows.T @ rows
+        return replace(earlier, shared=earlier.shared + common, information=_clipped(earlier.information - common))
+    moves, spread = _frames(earlier, found, model)
+    if not len(spread):
+        return earlier
+    carried = moves.T @ earlier.information
+    inner = np.linalg.inv(np.linalg.inv(spread) + carried @ moves)
+    return replace(
+        earlier,
+        frames=moves @ spread @ moves.T,
+        information=_clipped(earlier.information - carried.T @ inner @ carried),
+    )
+
+
+def _same_survey(found: ExtendedModel, model: Unknowns) -> bool:
+    """Return whether every target of base and platform stands in both surveys at the same place."""
+    before, now = (_places(one) for one in (found.model, model))
+    return before.keys() == now.keys() and all(
+        np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()
+    )
+
+
+def _places(model: Unknowns) -> dict[tuple[int, str], NDArray]:
+    targets = model.targets
+    own = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
+    return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
+
+
+def _frames(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> tuple[NDArray, NDArray]:
+    """Return how the numbers follow motions of the frames (n, 12), and the covariance (12, 12) of these, m and rad.
+
+    Empty where a frame rests on the attachments themselves.
+    """
+    covariances = []
+    for body in (BASE, PLATFORM):
+        total = np.zeros((6, 6))
+        for one, sigma in ((found.model, found.survey_sigma), (model, survey_noise(model))):
+            own = (one.targets.body == body) & (one.targets.leg < 0)
+            if own.sum() < LEAST_FRAME:
+                return np.zeros((len(earlier.mean), 0)), np.zeros((0, 0))
+            total += sigma[own].mean() ** 2 * np.linalg.inv(_rigid_information(one.known.shape[own]))
+        covariances.append(total)
+    spread = np.zeros((12, 12))
+    spread[:6, :6], spread[6:, 6:] = covariances
+    # The least that a survey may leave open, lest an exact one cannot be inverted.
+    spread += np.eye(12) * (1e-6 * FREE_LENGTH_M) ** 2
+    return _moved_by_frames(earlier, model), spread
+
+
+def _rigid_information(places: NDArray) -> NDArray:
+    rows = np.concatenate([np.broadcast_to(np.eye(3), (len(places), 3, 3)), -skew(places)], -1)
+    return np.asarray(np.einsum("nij,nik->jk", rows, rows))
+
+
+def _moved_by_frames(earlier: Earlier, model: Unknowns) -> NDArray:
+    """Return how joints and directions follow a motion (t, theta) of the base's frame, then of the platform's."""
+    legs, across = model.nominal, model.across
+    turned = -skew(legs.u)
+    blocks = {
+        "a": (0, np.concatenate([np.broadcast_to(np.eye(3), (legs.count, 3, 3)), -skew(legs.a)], -1)),
+        "b": (6, np.concatenate([np.broadcast_to(np.eye(3), (legs.count, 3, 3)), -skew(legs.b)], -1)),
+        "u": (0, np.einsum("lim,lij->lmj", across, np.concatenate([np.zeros_like(turned), turned], -1))),
+    }
+    found = []
+    for part in earlier.parts:
+        rows = np.zeros((len(part.scale), 12))
+        if part.name in blocks:
+            first, moved = blocks[part.name]
+            rows[:, first : first + 6] = moved.reshape(-1, 6)
+        found.append(rows / part.scale[:, None])
+    return np.concatenate(found)
