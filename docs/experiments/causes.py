@@ -122,9 +122,16 @@ class Seen:
         slopes = wider.predict(self.model.widened(self.fit.shared, wider), self.fit.local).by_shared
         scale = np.array([parameter.scale for parameter in cause.parameters(LEGS)]) / wider.effect_sigma(cause)
         own = slopes[..., wider.layout[cause.key]] * scale
-        return self.fit.whitened.without_shared(
-            self.fit.whitened.lifted(whitened_columns(self.measured, self.fit.frames, own))
-        )
+        return self._without_nuisances(whitened_columns(self.measured, self.fit.frames, own))
+
+    def _without_nuisances(self, columns: NDArray) -> NDArray:
+        """Return columns (B, M, P) of the points as rows (N, P) of all that is fitted, less what nuisances explain."""
+        whitened = self.fit.whitened
+        priors = np.zeros((len(columns), whitened.problem.local_value.shape[1], columns.shape[-1]))
+        of_poses = whitened.without_local(np.concatenate([columns, priors], 1)).reshape(-1, columns.shape[-1])
+        rows = np.zeros((len(whitened.residual), columns.shape[-1]))
+        rows[: len(of_poses)] = of_poses
+        return rows - whitened.basis @ (whitened.basis.T @ rows)
 
 
 def seen(bare: bool) -> Seen:
