@@ -25,7 +25,7 @@ from benchmarks.errors_in_variables_problem import (
     draw,
 )
 from benchmarks.timing import interleaved, pin, run_pinned
-from truing.estimation.errors_in_variables import Constraint, Prior, fit_errors_in_variables
+from truing.estimation.errors_in_variables.fit import Constraint, Prior, fit_errors_in_variables
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.parameters import Parameter, ParameterSet

@@ -32,7 +32,7 @@ class Telescope:
 
     def __init__(self) -> None:
         from schemas.campaign import read_campaign
-        from stages.design_problem import design_problem, limits_of
+        from stages.configurations.problem import design_problem, limits_of
 
         settings = read_campaign(tomllib.loads(SAMPLE.read_text(encoding="utf-8")))
         limits = limits_of(settings, pose_too=False, avoid=None, avoid_file="")
@@ -45,7 +45,7 @@ class Telescope:
 
     def bound(self, x: np.ndarray) -> float:
         """Return what no choice of 40 of the candidates can exceed."""
-        from truing.estimation.design_bound import bound_design
+        from truing.estimation.design.design_bound import bound_design
 
         return bound_design(self.problem.rows_at(x), POSES).upper
 
@@ -55,22 +55,22 @@ class Telescope:
 
     def choose(self, x: np.ndarray) -> float:
         """Return the log determinant of our choice from candidates, the bound found on the way."""
-        from truing.estimation.design_bound import bound_design
-        from truing.estimation.pose_selection import exchange, rounded_design
+        from truing.estimation.design.design_bound import bound_design
+        from truing.estimation.design.pose_selection import exchange, rounded_design
 
         rows = self.problem.rows_at(x)
         return exchange(rows, rounded_design(bound_design(rows, POSES), POSES)).log_det
 
     def log_det(self, levels: np.ndarray) -> float:
         """Return the log determinant at actuators moved by levels (240,) of their reach."""
-        from truing.estimation.design_bound import sum_log_det
-        from truing.estimation.pose_selection import information_of
+        from truing.estimation.design.design_bound import sum_log_det
+        from truing.estimation.design.pose_selection import information_of
 
         return sum_log_det(information_of(self.problem.rows(self._placed(levels))))
 
     def gradient(self, levels: np.ndarray) -> np.ndarray:
         """Return its exact gradient (240,)."""
-        from truing.estimation.pose_selection import information_of
+        from truing.estimation.design.pose_selection import information_of
 
         regressors = self.problem.regressors
         x = regressors.coordinates(self._placed(levels))

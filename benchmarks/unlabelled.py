@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timing import interleaved, pin, run_pinned
-from truing.estimation.labelling import label_bodies, label_points
-from truing.estimation.registration import refine_scan, register_scan
+from truing.estimation.labels.labelling import label_bodies, label_points
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.estimation.scans.registration import refine_scan, register_scan
 
 _SIGMA = 5e-6
 _SCAN_NOISE = 5e-5

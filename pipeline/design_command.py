@@ -29,8 +29,8 @@ class DesignFiles:
 
 def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCode:
     """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
+    from stages.configurations.words import words_of
     from stages.design import design
-    from stages.design_words import words_of
 
     if files.out is not None and files.out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out))])
@@ -64,7 +64,7 @@ def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
 
 def _measured(campaign: CampaignFolder) -> tuple[pa.Table | None, pa.Table | None]:
     """Return the campaign's own configurations and survey; None for what it does not hold yet, or holds with faults."""
-    from stages.ingest_tables import read_configurations, read_survey
+    from stages.ingestion.tables import read_configurations, read_survey
     from truing.formats.faultlog import FaultLog
     from truing.formats.source import CampaignFiles
 

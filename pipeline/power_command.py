@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.campaign_plan import CampaignPlan
     from stages.power import Answer, Question, Trial
+    from stages.simulated_campaigns.plan import CampaignPlan
 
 # So many campaigns without an effect per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
@@ -80,8 +80,8 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish) -> Camp
     """The campaign as a plan, from what was measured or from survey and configurations alone; raises CampaignFaults."""
     import numpy as np
 
-    from stages.campaign_plan import bare_plan, full_plan
     from stages.diagnose import gathered_of
+    from stages.simulated_campaigns.plan import bare_plan, full_plan
 
     tables = _tables(campaign, settings)
     try:
@@ -108,7 +108,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
 
 
 def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
-    from stages.ingest_tables import read_configurations, read_survey
+    from stages.ingestion.tables import read_configurations, read_survey
     from truing.formats.faultlog import FaultLog
 
     log = FaultLog()
@@ -178,7 +178,7 @@ def diagnosed_trial(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Ans
     import numpy as np
 
     from stages.diagnose import decided, gathered_of
-    from stages.diagnosis_rows import Words, diagnosis_table
+    from stages.diagnosis.rows import Words, diagnosis_table
     from stages.power import answer
 
     tables = _posed(plan.drawn(trial.effects, np.random.default_rng(trial.seed)), settings)
@@ -198,7 +198,7 @@ def _tell(
     campaign: CampaignFolder, asked: Sequence[Question], answers: Sequence[Answer], file: Path, voice: Voice
 ) -> None:
     from stages.power import curve, false_alarms
-    from stages.power_tables import rates_table, sizes_table
+    from stages.simulated_campaigns.tables import rates_table, sizes_table
     from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
 
     curves = [curve(question, place, answers) for place, question in enumerate(asked)]

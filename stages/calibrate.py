@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.calibration_data import Gathered
-    from stages.calibration_extended import Extended
+    from stages.calibration.data import Gathered
+    from stages.calibration.extended import Extended
 
 LEAST_POSES = 3
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
@@ -56,8 +56,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return not_evaluated(f"mechanism {settings.mechanism.type}: no legs whose readings say where the platform is")
     if "configurations" not in tables:
         return not_evaluated("needs the actuators' readings (configurations)")
-    from stages.calibration_data import gather
-    from stages.calibration_run import NothingCalibrated, calibrate
+    from stages.calibration.data import gather
+    from stages.calibration.run import NothingCalibrated, calibrate
 
     try:
         gathered = gather(tables, settings)
@@ -77,7 +77,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 def _extended(tables: Mapping[str, pa.Table], gathered: Gathered) -> Extended | None:
     """The extended model that the diagnosis left; None where it left none."""
-    from stages.calibration_extended import extended_of
+    from stages.calibration.extended import extended_of
 
     text = tables.get("model")
     if not isinstance(text, str):

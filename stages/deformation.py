@@ -40,7 +40,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.attachment_deformation import attachment_deformation
+    from stages.responses.attachment_deformation import attachment_deformation
 
     attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
     if "configurations" not in tables or not len(attached):
@@ -57,7 +57,7 @@ def _rest_readings_mm(settings: Campaign) -> tuple[float, ...]:
 
 
 def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.target_deformation import target_deformation
+    from stages.responses.target_deformation import target_deformation
 
     drives = settings.campaign.drives
     if not drives or "configurations" not in tables:
@@ -68,7 +68,7 @@ def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.load_deformation import load_deformation
+    from stages.responses.load_deformation import load_deformation
 
     if "displacement" not in tables:
         return not_evaluated("no six-component displacement of the platform")

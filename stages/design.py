@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
-from stages.design_choice import Bounded, bounded, choose, verification
-from stages.design_problem import DesignProblem, design_problem, limits_of
+from stages.configurations.choice import Bounded, bounded, choose, verification
+from stages.configurations.problem import DesignProblem, design_problem, limits_of
 from stages.point_arrays import number_column
-from truing.estimation.design_bound import efficiency, sum_log_det
-from truing.estimation.pose_order import TRADE_OFF, PoseOrder, order_poses
-from truing.estimation.pose_selection import information_of
+from truing.estimation.design.design_bound import efficiency, sum_log_det
+from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder, order_poses
+from truing.estimation.design.pose_selection import information_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign, LeggedMechanism
-    from stages.mechanism_points import Gathered
-    from truing.estimation.acceptance import Diagnosis, Settings
-    from truing.estimation.fitted_model import Stand
+    from stages.diagnosis.mechanism_points import Gathered
+    from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
+    from truing.estimation.diagnosis.fitted_model import Stand
 
 DECLARATION = Stage(
     name="diagnose",
@@ -61,14 +61,14 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         return _of_mechanism(tables, settings)
     if settings.mechanism.type != "none":
         raise ValueError(f"mechanism {settings.mechanism.type}: the catalogue holds no cause for it yet")
-    from stages.body_points import gather_bodies
+    from stages.diagnosis.body_points import gather_bodies
 
     return gather_bodies(tables, settings)
 
 
 def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
-    from stages.earlier_campaign import started
-    from stages.mechanism_points import gather
+    from stages.diagnosis.earlier_campaign import started
+    from stages.diagnosis.mechanism_points import gather
 
     if "survey" not in tables or "configurations" not in tables:
         raise ValueError("needs the survey of the targets and the actuator readings")
@@ -94,7 +94,7 @@ def _unreached(gathered: Gathered) -> str:
 
 
 def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Outcome:
-    from stages.diagnosis_artifacts import artifacts_of
+    from stages.diagnosis.artifacts import artifacts_of
 
     rule = rule_of(settings)
     diagnosis = decided(gathered, settings, progress)
@@ -110,14 +110,14 @@ def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Out
 
 def rule_of(settings: Campaign) -> Settings:
     """How sure a finding must be in a campaign."""
-    from truing.estimation.acceptance import Settings
+    from truing.estimation.diagnosis.acceptance import Settings
 
     return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
 
 
 def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
-    from truing.estimation.acceptance import Acceptance
+    from truing.estimation.diagnosis.acceptance import Acceptance
     from truing.simulation.causes import catalogue, catalogue_of_bodies
 
     kinds = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()

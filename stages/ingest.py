@@ -17,10 +17,10 @@ from truing.formats.source import TABLES, CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.dense_scans import DenseScans
-    from stages.ingest_points import Points
-    from stages.ingest_tables import SmallTable
-    from stages.point_sizes import Geometry
+    from stages.ingestion.point_sizes import Geometry
+    from stages.ingestion.points import Points
+    from stages.ingestion.tables import SmallTable
+    from stages.rigid_poses.dense_scans import DenseScans
     from truing.formats.faultlog import FaultLog
 
 DECLARATION = Stage(
@@ -74,10 +74,10 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 
 
 def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, log: FaultLog) -> Outcome:
-    from stages.dense_scans import identifier_of, read_scans
-    from stages.ingest_points import Points
-    from stages.ingest_start import read_start
-    from stages.ingest_tables import read_configurations, read_survey
+    from stages.ingestion.points import Points
+    from stages.ingestion.start import read_start
+    from stages.ingestion.tables import read_configurations, read_survey
+    from stages.rigid_poses.dense_scans import identifier_of, read_scans
 
     configurations = read_configurations(source, settings, log)
     survey = read_survey(source, settings, log)
@@ -126,8 +126,8 @@ def _late(say: Callable[[], str]) -> str:
 
 
 def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | None) -> Any:
-    from stages.ingest_points import Expected
-    from stages.ingest_tables import legs_of
+    from stages.ingestion.points import Expected
+    from stages.ingestion.tables import legs_of
 
     legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
     return Expected(
@@ -142,8 +142,8 @@ def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | No
 
 
 def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
-    from stages.ingest_tables import legs_of
-    from stages.point_sizes import Geometry
+    from stages.ingestion.point_sizes import Geometry
+    from stages.ingestion.tables import legs_of
 
     surveyed: dict[str, dict[str, Any]] = {}
     if survey is not None:
@@ -205,7 +205,7 @@ def _figure_words(points: Points) -> str:
 
 
 def _displacement(source: CampaignFiles, log: FaultLog) -> Outcome:
-    from stages.ingest_tables import read_displacement
+    from stages.ingestion.tables import read_displacement
 
     found = read_displacement(source, log)
     if found is None:

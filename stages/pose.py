@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.body_pose import BodyPoses
+    from stages.rigid_poses.body_pose import BodyPoses
 
 DECLARATION = Stage(
     name="pose",
@@ -32,8 +32,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         empty = {name: ARTIFACTS[name].empty() for name in DECLARATION.leaves}
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
     from stages.point_arrays import pose_ids
-    from stages.pose_tables import poses_table, residuals_table
-    from stages.scan_poses import with_scans
+    from stages.rigid_poses.scan_poses import with_scans
+    from stages.rigid_poses.tables import poses_table, residuals_table
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
     bodies = with_scans(_bodies(observations, tables.get("survey"), poses, settings, progress), scans, poses)
@@ -54,8 +54,8 @@ def _bodies(
     settings: Campaign,
     progress: Progress,
 ) -> list[BodyPoses]:
-    from stages.body_pose import fit_body
     from stages.point_arrays import pose_points, survey_points
+    from stages.rigid_poses.body_pose import fit_body
 
     survey = ARTIFACTS["survey"].empty() if survey is None else survey
     names = tuple(dict.fromkeys(observations.column("body").to_pylist()))

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.estimation.detectable import POWER, Sight, sights
+from truing.estimation.diagnosis.detectable import POWER, Sight, sights
 from truing.estimation.dose_response import Interval, rate_bounds, size_found
 from truing.simulation.cause import Cause, Effect
 from truing.simulation.hidden_effects import Size, Sort, concerned, sorts, told_size
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
-    from stages.campaign_plan import CampaignPlan
-    from stages.mechanism_points import Gathered
+    from stages.diagnosis.mechanism_points import Gathered
+    from stages.simulated_campaigns.plan import CampaignPlan
 
 # Sizes that are tried, in units of the one that theory expects to be found four times out of five.
 FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
@@ -96,8 +96,8 @@ class Rate:
 def expected_sights(gathered: Gathered, settings: Campaign) -> list[Sight]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
     from stages.diagnose import DRAWS, rule_of
-    from truing.estimation.candidate_round import search_of
-    from truing.estimation.fitted_model import Fitter
+    from truing.estimation.diagnosis.candidate_round import search_of
+    from truing.estimation.diagnosis.fitted_model import Fitter
     from truing.simulation.causes import catalogue
 
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)

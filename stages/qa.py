@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from schemas.campaign import Acceptance, Campaign, LeggedMechanism
-    from stages.quality_bodies import BodyView
-    from stages.quality_check import Check
+    from stages.quality.bodies import BodyView
+    from stages.quality.check import Check
 
 DECLARATION = Stage(
     name="qa",
@@ -31,9 +31,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
     if not tables["observations"].num_rows:
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
-    from stages.quality_bodies import body_views, surroundings
-    from stages.quality_check import FAIL, WARN, told
-    from stages.quality_checks import all_checks
+    from stages.quality.bodies import body_views, surroundings
+    from stages.quality.check import FAIL, WARN, told
+    from stages.quality.checks import all_checks
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)

@@ -9,24 +9,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from truing.estimation.absorption import Absorption, absorb
-    from truing.estimation.combinations import Inseparable, inseparable
-    from truing.estimation.errors_in_variables import ErrorsInVariablesFit, fit_errors_in_variables
-    from truing.estimation.errors_in_variables_descent import Prior
-    from truing.estimation.haralick import haralick
-    from truing.estimation.identifiable_set import IdentifiableSet, choose_identifiable
-    from truing.estimation.labelling import Labelling, LabellingStatus, label_bodies, label_points
-    from truing.estimation.least_squares import Solution, SolverStatus, least_squares
-    from truing.estimation.likelihood import maximum_likelihood
-    from truing.estimation.line_fit import LineFit, fit_line
-    from truing.estimation.observability import Observability, observe
-    from truing.estimation.procrustes import ProcrustesFit, generalised_procrustes
-    from truing.estimation.registration import ScanFit, ScanStatus, refine_scan, register_scan
+    from truing.estimation.design.absorption import Absorption, absorb
+    from truing.estimation.design.combinations import Inseparable, inseparable
+    from truing.estimation.design.identifiable_set import IdentifiableSet, choose_identifiable
+    from truing.estimation.design.observability import Observability, observe
+    from truing.estimation.errors_in_variables.descent import Prior
+    from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
+    from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies, label_points
+    from truing.estimation.least_squares.solver import Solution, SolverStatus, least_squares
     from truing.estimation.response import ResponseFit, fit_response
-    from truing.estimation.rigid import FitStatus, RigidFit, umeyama
-    from truing.estimation.robust import consensus
-    from truing.estimation.robust_pose import robust_pose
+    from truing.estimation.rigid_poses.haralick import haralick
+    from truing.estimation.rigid_poses.likelihood import maximum_likelihood
+    from truing.estimation.rigid_poses.line_fit import LineFit, fit_line
+    from truing.estimation.rigid_poses.procrustes import ProcrustesFit, generalised_procrustes
+    from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, umeyama
+    from truing.estimation.rigid_poses.robust import consensus
+    from truing.estimation.rigid_poses.robust_pose import robust_pose
     from truing.estimation.rotation import exp_so3, log_so3, skew
+    from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
     from truing.simulation.calibration_problem import CalibrationProblem
     from truing.simulation.cause import Cause, Parameter, Step
     from truing.simulation.chain import State, simulate
@@ -106,23 +106,23 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "truing.estimation.absorption": ("Absorption", "absorb"),
-    "truing.estimation.combinations": ("Inseparable", "inseparable"),
-    "truing.estimation.errors_in_variables": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
-    "truing.estimation.errors_in_variables_descent": ("Prior",),
-    "truing.estimation.haralick": ("haralick",),
-    "truing.estimation.identifiable_set": ("IdentifiableSet", "choose_identifiable"),
-    "truing.estimation.labelling": ("Labelling", "LabellingStatus", "label_bodies", "label_points"),
-    "truing.estimation.least_squares": ("Solution", "SolverStatus", "least_squares"),
-    "truing.estimation.likelihood": ("maximum_likelihood",),
-    "truing.estimation.line_fit": ("LineFit", "fit_line"),
-    "truing.estimation.observability": ("Observability", "observe"),
-    "truing.estimation.procrustes": ("ProcrustesFit", "generalised_procrustes"),
-    "truing.estimation.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
+    "truing.estimation.design.absorption": ("Absorption", "absorb"),
+    "truing.estimation.design.combinations": ("Inseparable", "inseparable"),
+    "truing.estimation.errors_in_variables.fit": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
+    "truing.estimation.errors_in_variables.descent": ("Prior",),
+    "truing.estimation.rigid_poses.haralick": ("haralick",),
+    "truing.estimation.design.identifiable_set": ("IdentifiableSet", "choose_identifiable"),
+    "truing.estimation.labels.labelling": ("Labelling", "LabellingStatus", "label_bodies", "label_points"),
+    "truing.estimation.least_squares.solver": ("Solution", "SolverStatus", "least_squares"),
+    "truing.estimation.rigid_poses.likelihood": ("maximum_likelihood",),
+    "truing.estimation.rigid_poses.line_fit": ("LineFit", "fit_line"),
+    "truing.estimation.design.observability": ("Observability", "observe"),
+    "truing.estimation.rigid_poses.procrustes": ("ProcrustesFit", "generalised_procrustes"),
+    "truing.estimation.scans.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
     "truing.estimation.response": ("ResponseFit", "fit_response"),
-    "truing.estimation.rigid": ("FitStatus", "RigidFit", "umeyama"),
-    "truing.estimation.robust": ("consensus",),
-    "truing.estimation.robust_pose": ("robust_pose",),
+    "truing.estimation.rigid_poses.rigid": ("FitStatus", "RigidFit", "umeyama"),
+    "truing.estimation.rigid_poses.robust": ("consensus",),
+    "truing.estimation.rigid_poses.robust_pose": ("robust_pose",),
     "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
     "truing.simulation.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),

@@ -88,9 +88,7 @@ def _hash_table(n_symbols: int) -> bytes:
 def _headers(end: int, dynamic_at: int, dynamic_size: int) -> bytes:
     """The file's header and its segments: what is read and run, what is written, the latter's use, a plain stack."""
     sizes = (_ELF_HEADER.size, _PROGRAM_HEADER.size, 4, _SECTION_HEADER.size, 0, 0)
-    header = _ELF_HEADER.pack(
-        b"\x7fELF\x02\x01\x01", _SHARED_OBJECT, _X86_64, 1, 0, _ELF_HEADER.size, 0, 0, *sizes
-    )
+    header = _ELF_HEADER.pack(b"\x7fELF\x02\x01\x01", _SHARED_OBJECT, _X86_64, 1, 0, _ELF_HEADER.size, 0, 0, *sizes)
     segments = [
         (_LOADED, _READ | _RUN, 0, end, _PAGE),
         (_LOADED, _READ | _WRITE, dynamic_at, dynamic_size, _PAGE),

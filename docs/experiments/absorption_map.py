@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from docs.experiments.heat_map import HeatMap, write_heat_map
 from docs.experiments.sample_telescope import LEGS, NOISE_M, SIX, closings, nominal, problem, scales, tolerances
 from docs.experiments.telescope_report_data import published
-from truing.estimation.absorption import Absorption, absorb
+from truing.estimation.design.absorption import Absorption, absorb
 from truing.simulation.beam_model import BeamModel
 from truing.simulation.calibration_problem import CalibrationProblem
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
-from truing.estimation.point_fit import MeasuredPoints, PointFit, fit_points, whitened_columns
+from truing.estimation.diagnosis.point_fit import MeasuredPoints, PointFit, fit_points, whitened_columns
 from truing.simulation.cause import Cause, Step
 from truing.simulation.causes import OWN_CAUSES, catalogue
 from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
@@ -29,7 +29,7 @@ from truing.simulation.causes.per_leg import PerLeg
 from truing.simulation.causes.warmth import APART
 
 if TYPE_CHECKING:
-    from stages.mechanism_points import Gathered
+    from stages.diagnosis.mechanism_points import Gathered
     from truing.simulation.point_model import PointModel
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -101,7 +101,7 @@ def catalogue_table() -> str:
 def _gathered() -> Gathered:
     """Return what the diagnosis compares of the sample campaign."""
     from schemas.campaign import read_campaign
-    from stages.mechanism_points import gather
+    from stages.diagnosis.mechanism_points import gather
     from tests.stages.line import run_line
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))

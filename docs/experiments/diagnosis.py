@@ -18,7 +18,7 @@ from docs.experiments.marked_tables import renew, table
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.estimation.acceptance import Diagnosis
+    from truing.estimation.diagnosis.acceptance import Diagnosis
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
@@ -39,7 +39,7 @@ def sample() -> Sample:
     """Return the diagnosis of the sample campaign."""
     from schemas.campaign import read_campaign
     from stages.diagnose import decided, gathered_of, rule_of
-    from stages.diagnosis_artifacts import artifacts_of
+    from stages.diagnosis.artifacts import artifacts_of
     from tests.stages.line import run_line
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))

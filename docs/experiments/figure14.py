@@ -20,11 +20,11 @@ from docs.experiments.chart import Panel, Series, write_chart
 from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_data import published
 from schemas.campaign import read_campaign
-from stages.design_choice import Bounded, bounded, choose
-from stages.design_problem import DesignProblem, design_problem, limits_of
-from truing.estimation.design_bound import efficiency, sum_log_det
-from truing.estimation.pose_order import order_poses
-from truing.estimation.pose_selection import exchange, information_of
+from stages.configurations.choice import Bounded, bounded, choose
+from stages.configurations.problem import DesignProblem, design_problem, limits_of
+from truing.estimation.design.design_bound import efficiency, sum_log_det
+from truing.estimation.design.pose_order import order_poses
+from truing.estimation.design.pose_selection import exchange, information_of
 from truing.estimation.rotation import exp_so3
 from truing.simulation.kinematics import forward
 from truing.simulation.parameters import Parameter, ParameterSet

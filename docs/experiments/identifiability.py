@@ -31,9 +31,9 @@ from docs.experiments.sample_telescope import (
     scales,
 )
 from docs.experiments.telescope_report_data import published
-from truing.estimation.combinations import inseparable
-from truing.estimation.identifiable_set import choose_identifiable
-from truing.estimation.observability import indices
+from truing.estimation.design.combinations import inseparable
+from truing.estimation.design.identifiable_set import choose_identifiable
+from truing.estimation.design.observability import indices
 from truing.simulation.recalibration import recalibrate
 
 DOCS = Path(__file__).resolve().parents[1]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew
 from docs.experiments.sample_telescope import PROJECT, nominal
-from truing.estimation.least_squares import Method
+from truing.estimation.least_squares.solver import Method
 from truing.estimation.rotation import exp_so3
 from truing.simulation.parameters import Parameter, ParameterSet, report_set
 from truing.simulation.recalibration import minima_from, nominal_values

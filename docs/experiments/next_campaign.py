@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
-from stages.earlier_campaign import changes_table, started
+from stages.diagnosis.earlier_campaign import changes_table, started
 from tests.blind.generator.effects import ActuatorGain, Effect
 from tests.blind.generator.layout import Geometry
 from tests.stages.two_campaigns import fitted, gathered, longer, measured, model_text

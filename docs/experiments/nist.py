@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew
 from docs.experiments.nist_models import MODELS, Evaluated
-from truing.estimation.least_squares import Method, Solution, least_squares
+from truing.estimation.least_squares.solver import Method, Solution, least_squares
 
 DOCS = Path(__file__).resolve().parents[1]
 METHODS: tuple[Method, ...] = ("levenberg-marquardt", "trust-region")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_machine import MODEL, Stand, stand, with_deformation
-from truing.estimation.least_squares import Method, Solution, least_squares
+from truing.estimation.least_squares.solver import Method, Solution, least_squares
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.legs import Legs
 from truing.simulation.parameters import ParameterSet, deformation_set, report_set

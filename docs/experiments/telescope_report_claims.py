@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
-from truing.estimation.observability import indices, observe
+from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.flexure import circle_distance
 from truing.simulation.home_pose import home_pose

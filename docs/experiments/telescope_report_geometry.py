@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from docs.experiments.telescope_report_absorption import calibrate, ignorant, leg_fits, shift_by_K
 from docs.experiments.telescope_report_data import LENGTHS, published
 from docs.experiments.telescope_report_machine import OpenError, Pattern, Shape, machine, stand
-from truing.estimation.least_squares import SolverStatus, least_squares
+from truing.estimation.least_squares.solver import SolverStatus, least_squares
 from truing.simulation.parameters import report_set
 from truing.simulation.structure import Machine
 

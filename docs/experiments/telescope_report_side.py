@@ -21,9 +21,9 @@ from docs.experiments.telescope_report_models import (
     truth,
     verified,
 )
-from truing.estimation.least_squares import Method, Solution, least_squares
-from truing.estimation.least_squares_minima import Minima, distinct_minima
-from truing.estimation.observability import Observability, observe
+from truing.estimation.design.observability import Observability, observe
+from truing.estimation.least_squares.minima import Minima, distinct_minima
+from truing.estimation.least_squares.solver import Method, Solution, least_squares
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.kinematics import forward
 from truing.simulation.parameters import Parameter, ParameterSet, deformation_set, report_set

@@ -35,7 +35,7 @@ from docs.experiments.telescope_report_remainder import (
     findings,
     remainder,
 )
-from truing.estimation.least_squares import SolverStatus
+from truing.estimation.least_squares.solver import SolverStatus
 
 # What section 6.3.2 takes for the uncertainty of a parameter.
 BY = Ignorance(published().stated["sim_parameter_uncertainty"])

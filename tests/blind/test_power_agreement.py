@@ -16,8 +16,8 @@ import pytest
 from pipeline.settings_view import SettingsView
 from schemas.campaign import Campaign
 from stages import pose
-from stages.campaign_plan import CampaignPlan, bare_plan, full_plan
 from stages.diagnose import gathered_of
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.blind.generator.effects import LinearDeformation
@@ -25,8 +25,8 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.estimation.candidate_round import score_round
-from truing.estimation.fitted_model import Fitter
+from truing.estimation.diagnosis.candidate_round import score_round
+from truing.estimation.diagnosis.fitted_model import Fitter
 from truing.simulation.cause import Effect
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.causes.platform_deformation import LinearPlatformDeformation

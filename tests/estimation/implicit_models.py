@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.simulation.telescope import readings, telescope
-from truing.estimation.errors_in_variables import Prior
+from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.rotation import exp_so3
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.kinematic_model import KinematicModel

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from truing.estimation.frame import redundancy, residual_covariance
 from truing.estimation.quality import (
     body_shape,
     exchanged_pairs,
@@ -15,6 +14,7 @@ from truing.estimation.quality import (
     successive_sigma,
     unexplained_scatter,
 )
+from truing.estimation.rigid_poses.frame import redundancy, residual_covariance
 
 SIGMA = 5e-6
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.candidate_search import Candidate, Profiles, Search
-from truing.estimation.noise_components import components
-from truing.estimation.point_fit import Frames, MeasuredPoints
-from truing.estimation.profile_signatures import profile_signatures
-from truing.estimation.signatures import Channels, channels_of, signature
-from truing.estimation.whitening import Linearised, Whitened, whiten
+from truing.estimation.diagnosis.candidate_search import Candidate, Profiles, Search
+from truing.estimation.diagnosis.noise_components import components
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.estimation.diagnosis.profile_signatures import profile_signatures
+from truing.estimation.diagnosis.signatures import Channels, channels_of, signature
+from truing.estimation.diagnosis.whitening import Linearised, Whitened, whiten
 
 POSES, POINTS, SHARED, DRIVES = 24, 6, 5, 3
 FRAME = 6  # unknowns of each pose before its readings

@@ -26,7 +26,7 @@ def text_files() -> Iterator[Path]:
 
 
 def module_name(path: Path) -> str:
-    """The dotted name of a Python file of the project: `truing.estimation.rigid`."""
+    """The dotted name of a Python file of the project: `truing.estimation.rigid_poses.rigid`."""
     parts = path.relative_to(PROJECT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 

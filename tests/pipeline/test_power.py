@@ -17,8 +17,8 @@ from pipeline.executor import LOCAL, Workforce, results
 from pipeline.power_command import PowerWish, _plan, diagnosed_trial
 from pipeline.problems import Interrupted
 from schemas.campaign import Campaign
-from stages.campaign_plan import CampaignPlan
 from stages.power import Answer, Trial
+from stages.simulated_campaigns.plan import CampaignPlan
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.real.pulley_cable import PulleyCable
-from truing.estimation.errors_in_variables import ErrorsInVariablesFit, fit_errors_in_variables
-from truing.estimation.errors_in_variables_descent import Prior
+from truing.estimation.errors_in_variables.descent import Prior
+from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.calibration_problem import CalibrationProblem, Constrained
 from truing.simulation.kinematic_model import KinematicModel

@@ -9,7 +9,7 @@ import pandas as pd
 
 from tests.real.diagnosed import diagnosed, length, sag, up_and_down, walked
 from truing.estimation.response import fit_response
-from truing.estimation.rigid import umeyama
+from truing.estimation.rigid_poses.rigid import umeyama
 from truing.estimation.rotation import exp_so3
 
 Tables = dict[str, pd.DataFrame]

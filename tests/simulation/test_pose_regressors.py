@@ -11,9 +11,9 @@ import pytest
 import docs.experiments
 from tests.simulation.telescope import telescope, vector
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.design_bound import bound_design, sum_log_det
-from truing.estimation.feasible_region import FeasibleRegion
-from truing.estimation.pose_selection import exchange, information_of
+from truing.estimation.design.design_bound import bound_design, sum_log_det
+from truing.estimation.design.feasible_region import FeasibleRegion
+from truing.estimation.design.pose_selection import exchange, information_of
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.parameters import Parameter, ParameterSet, full_set

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.telescope import KAPPA, K, readings, telescope
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.least_squares import Method, SolverStatus
+from truing.estimation.least_squares.solver import Method, SolverStatus
 from truing.simulation import recalibration
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.parameters import Parameter, ParameterSet, deformation_set, report_set

@@ -15,16 +15,16 @@ from pipeline.settings_view import SettingsView
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign
 from stages import pose
-from stages.campaign_plan import CampaignPlan, bare_plan, full_plan
-from stages.mechanism_points import gather
+from stages.diagnosis.mechanism_points import gather
 from stages.power import FACTORS, Answer, Question, Trial, answer, curve, false_alarms, trials
-from stages.power_tables import rates_table, sizes_table
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
+from stages.simulated_campaigns.tables import rates_table, sizes_table
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.estimation.detectable import Rule, Sight
+from truing.estimation.diagnosis.detectable import Rule, Sight
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.hidden_effects import Size, Sort
 

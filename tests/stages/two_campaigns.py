@@ -12,14 +12,14 @@ import pyarrow as pa
 import pytest
 
 from schemas.campaign import read_campaign
-from stages.mechanism_points import Gathered, gather
+from stages.diagnosis.mechanism_points import Gathered, gather
 from tests.blind.generator import campaign as generator
 from tests.blind.generator.effects import Effect
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Geometry, Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
-from truing.estimation.fitted_model import Fitter, Stand
+from truing.estimation.diagnosis.fitted_model import Fitter, Stand
 from truing.simulation.cause import Cause
 from truing.simulation.extended_model import extended
 from truing.simulation.model_text import write_model

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from truing.report.calibrations import chosen_calibration, figures_by_calibration
-from truing.report.diagnosis_changes import change_words, has_changed
-from truing.report.diagnosis_words import diagnosis_verdicts
+from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
+from truing.report.calibration.requirement_section import chosen_requirements, tally
+from truing.report.diagnosis.changes import change_words, has_changed
+from truing.report.diagnosis.words import diagnosis_verdicts
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Head
-from truing.report.requirement_section import chosen_requirements, tally
 from truing.report.tables import Tables, filled
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.report import pose_figures
 from truing.report.numbers import count, duration, plain, quantity
 from truing.report.page import Listing, Section
+from truing.report.poses import figures as pose_figures
 from truing.report.tables import Tables, cell, filled
 
 if TYPE_CHECKING:

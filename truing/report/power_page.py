@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from truing.report.effect_units import handy_unit, plain_size
+from truing.report.diagnosis.effect_units import handy_unit, plain_size
+from truing.report.diagnosis.judged import cause_words
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
-from truing.report.judged import cause_words
 from truing.report.numbers import count, printed, rough
 from truing.report.page import Head, Listing, Section
 

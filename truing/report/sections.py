@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from truing.report.calibration_section import calibration
-from truing.report.deformation_section import deformation
-from truing.report.diagnosis_section import diagnosis
+from truing.report.calibration.requirement_section import requirements
+from truing.report.calibration.section import calibration
+from truing.report.deformation.section import deformation
+from truing.report.diagnosis.section import diagnosis
 from truing.report.exclusion_section import excluded
-from truing.report.identifiability_section import knowledge
+from truing.report.knowledge.section import knowledge
 from truing.report.measured_section import measured
 from truing.report.page import Listing, Section
-from truing.report.pose_section import poses
+from truing.report.poses.section import poses
 from truing.report.quality_section import quality
-from truing.report.requirement_section import requirements
 from truing.report.tables import Tables
 
 

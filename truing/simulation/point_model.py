@@ -75,9 +75,7 @@ class PointModel(Unknowns):
         by_shared, by_local = recording.recorded(by_shared), recording.recorded(by_local)
         self._fill_instruments(by_shared, shared, recording)
         points = recording.state.points
-        return Prediction(
-            points, by_shared, by_local, *self._known_rows(shared), self._shared_known, ~self.unpredicted
-        )
+        return Prediction(points, by_shared, by_local, *self._known_rows(shared), self._shared_known, ~self.unpredicted)
 
     def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return how recorded points (B, K, 3, n), m, follow each channel by which a cause may act, per SI unit.

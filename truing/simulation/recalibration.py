@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.least_squares import Method, Solution, SolverStatus, join_solutions, least_squares
-from truing.estimation.least_squares_minima import Minima, distinct_minima
+from truing.estimation.least_squares.minima import Minima, distinct_minima
+from truing.estimation.least_squares.solver import Method, Solution, SolverStatus, join_solutions, least_squares
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.parameters import ParameterSet
 from truing.simulation.structure import Machine

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation import lane_arithmetic, least_squares_lanes
-from truing.estimation.batched_kernel import share_out
+from truing.estimation import lane_arithmetic
 from truing.estimation.lane_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
-from truing.estimation.least_squares_lanes import (
+from truing.estimation.least_squares import lanes as least_squares_lanes
+from truing.estimation.least_squares.lanes import (
     ARRIVED,
     COST,
     RADIUS,
@@ -33,6 +33,7 @@ from truing.estimation.least_squares_lanes import (
     propose,
     start,
 )
+from truing.estimation.rigid_poses.batched_kernel import share_out
 
 _FIELDS = 13  # per pose and lane: p, R, rho
 # A leg's numbers, in this order: a, b, u, l, kappa, rho0.

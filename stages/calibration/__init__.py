@@ -1,0 +1,1 @@
+"""The parts of the stage calibrate: question, fits, choice, what can be known, accuracy."""

@@ -1,0 +1,109 @@
+"""How far a calibrated machine's poses are from the measured ones, and how far noise alone would put them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration.data import Measured
+from stages.calibration.fits import Calibration
+from stages.calibration.question import observation_covariance
+from stages.responses.tables import Rows
+from truing.estimation.held_out import held_out_misfit
+from truing.estimation.rotation import log_so3
+from truing.simulation.legs import Change
+from truing.simulation.parameters import ParameterSet
+from truing.simulation.reached_poses import reached_poses
+from truing.simulation.structure import Machine, Structure
+
+ARCSEC = np.pi / 180 / 3600
+LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Measured minus predicted poses, error (B, 6): m and rad, base frame; noise (B, 6, 6): what is expected of it."""
+
+    error: NDArray
+    noise: NDArray
+
+    @property
+    def position(self) -> NDArray:
+        """Return the distances (B,), m."""
+        return np.sqrt(np.sum(self.error[:, :3] ** 2, -1))
+
+    @property
+    def orientation(self) -> NDArray:
+        """Return the angles (B,), rad."""
+        return np.sqrt(np.sum(self.error[:, 3:] ** 2, -1))
+
+    def expected(self, first: int) -> NDArray:
+        """Return the rms (B,) that noise leaves in the three components from ``first`` on."""
+        variances = np.diagonal(self.noise, axis1=1, axis2=2)[:, first : first + 3]
+        return np.sqrt(np.maximum(variances.sum(-1), 0.0))
+
+
+def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: float, fitted: NDArray) -> PoseErrors:
+    """Return the errors at all measured poses; fitted (B,): poses that took part, whose error the parameters share."""
+    change = calibration.parameters.change(calibration.machine)
+    return _errors(
+        calibration.case.structure,
+        calibration.machine,
+        change,
+        measured,
+        reading_sigma,
+        np.where(fitted[:, None, None], -calibration.declared, calibration.covariance),
+    )
+
+
+def nominal_errors(structure: Structure, machine: Machine, measured: Measured) -> PoseErrors:
+    """Return the errors of a machine that nobody has calibrated."""
+    none = ParameterSet(()).change(machine)
+    return _errors(structure, machine, none, measured, 0.0, np.zeros((len(measured.rho), 0, 0)))
+
+
+def _errors(
+    structure: Structure,
+    machine: Machine,
+    change: Change,
+    measured: Measured,
+    reading_sigma: float,
+    parameters: NDArray,
+) -> PoseErrors:
+    found = reached_poses(structure, machine, measured.rho, change)
+    turned = log_so3(measured.platform.R @ np.swapaxes(found.R, -1, -2))
+    error = np.concatenate([measured.platform.p - found.p, turned], -1)
+    noise = measured.platform.covariance + found.covariance(reading_sigma, parameters)
+    return PoseErrors(np.where(found.converged[:, None], error, np.nan), noise)
+
+
+def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -> NDArray:
+    """Return per pose (B,) the chi-square of the closing at poses that took no part in the calibration."""
+    problem = calibration.problem_at(measured)
+    at = problem.constrain(calibration.values, np.zeros((len(measured.rho), problem.deviations)))
+    noise = observation_covariance(measured, reading_sigma)
+    return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, calibration.declared)
+
+
+def accuracy_rows(artifact: str, told: Sequence[tuple[tuple[str, str], PoseErrors]], measured: Measured) -> Rows:
+    """Return the errors of all models, (model, deformation) each, as rows of accuracy.parquet or its like."""
+    rows = Rows(artifact)
+    parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+    units = np.array([1e-6] * 3 + [ARCSEC] * 3)
+    for (model, deformation), found in told:
+        kept = np.isfinite(found.error).all(-1)
+        rows.add(
+            model=model,
+            deformation=deformation,
+            pose=[pose for pose, good in zip(measured.poses, kept, strict=True) if good],
+            role=measured.roles[kept],
+            position_error_um=found.position[kept] * 1e6,
+            orientation_error_arcsec=found.orientation[kept] / ARCSEC,
+            **{name: found.error[kept, i] / units[i] for i, name in enumerate(parts)},
+            position_noise_um=found.expected(0)[kept] * 1e6,
+            orientation_noise_arcsec=found.expected(3)[kept] / ARCSEC,
+        )
+    return rows

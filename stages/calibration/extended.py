@@ -1,0 +1,201 @@
+"""The extended model beside the calibrations: the machine's numbers and effects that it holds, and how accurate it is.
+
+It was fitted to the points themselves, by the diagnosis; here it is put into the tables of the calibrations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration.accuracy import PoseErrors
+from stages.calibration.data import Measured
+from stages.point_arrays import pose_ids
+from stages.pose_conditions import pose_conditions
+from stages.responses.tables import Rows
+from truing.estimation.diagnosis.pulls import TOLD, pulls
+from truing.estimation.rotation import log_so3
+from truing.simulation.cause import Effect
+from truing.simulation.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
+from truing.simulation.identified import IdentifiedGeometry, identified_geometry, name_and_leg
+from truing.simulation.model_text import read_model
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.simulation.unknowns import Conditions
+
+MODEL, ESTIMATOR = "extended", "points"
+# How the platform deforms in the model, by the cause that was found; the richest counts.
+_DEFORMATIONS = {
+    "platform-deformation-matrix": "matrix",
+    "platform-deformation-nonlinear": "nonlinear",
+    "platform-deformation-linear": "linear",
+}
+
+
+@dataclass(frozen=True)
+class Extended:
+    """The extended model of a campaign, and its errors at the measured poses."""
+
+    found: ExtendedModel
+    errors: PoseErrors
+
+    @property
+    def deformation(self) -> str:
+        """How the platform deforms in it."""
+        ids = {cause.id for cause in self.found.model.causes}
+        return next((name for cause, name in _DEFORMATIONS.items() if cause in ids), "none")
+
+    @cached_property
+    def geometry(self) -> IdentifiedGeometry:
+        """The geometry that it identified."""
+        return identified_geometry(self.found.model, self.found.shared, self.found.covariance)
+
+    @property
+    def effects(self) -> tuple[tuple[Effect, NDArray], ...]:
+        """The effects that it holds, with the covariance (P, P) of their parameters, SI."""
+        model = self.found.model
+        parts = [(effect, model.layout[effect.cause.key]) for effect in model.effects(self.found.shared)]
+        scales = [model.effect_sigma(effect.cause) for effect, _ in parts]
+        return tuple(
+            (effect, self.found.covariance[part, part] * np.outer(scale, scale))
+            for (effect, part), scale in zip(parts, scales, strict=True)
+        )
+
+
+def extended_of(text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray) -> Extended:
+    """The model that a model.toml describes, held against measured poses; fitted (B,): poses that it was fitted to."""
+    found = read_model(text)
+    conditions = _conditions(found, tables["configurations"], measured)
+    return Extended(found, _errors(found, conditions, measured, fitted))
+
+
+def _conditions(found: ExtendedModel, configurations: pa.Table, measured: Measured) -> Conditions:
+    """Conditions of the measured poses; what depends on the order in time is told by all poses."""
+    every = pose_ids(configurations)
+    whole = pose_conditions(configurations, every, found.model.nominal.count, found.model.known.reading_sigma)
+    place = {pose: n for n, pose in enumerate(every)}
+    return some_of(whole, np.array([place[pose] for pose in measured.poses], int))
+
+
+def _errors(found: ExtendedModel, conditions: Conditions, measured: Measured, fitted: NDArray) -> PoseErrors:
+    """Measured minus predicted poses, as the instrument should have seen them; NaN where a condition is not known."""
+    error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
+    rows = np.flatnonzero(_told(found, conditions))
+    if len(rows):
+        poses = predict_poses(found, some_of(conditions, rows), recorded=True)
+        platform = measured.platform.chosen(rows)
+        turned = log_so3(platform.R @ np.swapaxes(poses.R, -1, -2))
+        away = np.concatenate([platform.p - poses.p, turned], -1)
+        error[rows] = np.where(poses.converged[:, None], away, np.nan)
+        # Poses that took part have pulled the model to themselves: they share its error.
+        shared = np.where(fitted[rows, None, None], 2.0, 0.0) * poses.of_model
+        noise[rows] = platform.covariance + poses.covariance - shared
+    return PoseErrors(error, noise)
+
+
+def _told(found: ExtendedModel, conditions: Conditions) -> NDArray:
+    """Where (B,) every column that the model's effects follow holds a number."""
+    legs = found.model.nominal.count
+    needed = {name for cause in found.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
+    columns = [conditions.covariates[name] for name in needed & conditions.covariates.keys()]
+    known = [np.isfinite(column.reshape(len(column), -1)).all(1) for column in columns]
+    return np.logical_and.reduce([np.ones(len(conditions.readings), bool), *known])
+
+
+def extended_parameters(extended: Extended) -> Rows:
+    """The numbers of the machine, then the parameters of the effects, as rows of calibration.parquet."""
+    rows, geometry = Rows("calibration"), extended.geometry
+    si = np.array([entry.si for entry in geometry.parameters])
+    told = _identifiable(geometry)
+    if len(si):
+        shift = geometry.values - geometry.nominal
+        spread = np.where(told, np.diag(geometry.prior) - geometry.sigma**2, np.nan)
+        rows.add(
+            model=MODEL,
+            deformation=extended.deformation,
+            leg=[entry.leg + 1 for entry in geometry.parameters],
+            parameter=[entry.name for entry in geometry.parameters],
+            unit=[entry.unit for entry in geometry.parameters],
+            nominal=geometry.nominal / si,
+            identified=geometry.values / si,
+            sigma=geometry.sigma / si,
+            tolerance=geometry.tolerance / si,
+            pull=np.where(geometry.known, shift / np.sqrt(spread), np.nan),
+            identifiable=told,
+            status="ok",
+        )
+    _add_effects(rows, extended)
+    return rows
+
+
+def _identifiable(geometry: IdentifiedGeometry) -> NDArray:
+    return np.asarray(1.0 - geometry.sigma**2 / np.diag(geometry.prior) >= TOLD)
+
+
+def _add_effects(rows: Rows, extended: Extended) -> None:
+    """Add what is a number of each effect; a text (the pose from which on) stands in diagnosis.parquet."""
+    for effect, covariance in extended.effects:
+        for told in effect.cause.told(effect.values, covariance, extended.found.model.nominal.count):
+            if not isinstance(told.value, str) and told.sigma is not None:
+                name, leg = name_and_leg(told.name)
+                rows.add(
+                    model=MODEL,
+                    deformation=extended.deformation,
+                    leg=leg,
+                    parameter=name,
+                    effect_of=f"{effect.cause.id} {effect.cause.subject}".strip(),
+                    unit=told.unit,
+                    identified=told.value,
+                    sigma=told.sigma,
+                    identifiable=True,
+                    status="ok",
+                )
+
+
+def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
+    """What the tables say of how the model fits: how many numbers it has, and how far the geometry had to move."""
+    geometry = extended.geometry
+    own = np.flatnonzero(geometry.known)
+    found = pulls(
+        (geometry.values - geometry.nominal)[own],
+        geometry.prior[np.ix_(own, own)],
+        geometry.covariance[np.ix_(own, own)],
+    )
+    told = found.pull[found.identifiable]
+    figures = [("parameters", float(len(extended.found.shared)), "1"), ("pull_freedom", float(len(told)), "1")]
+    if len(told):
+        figures += [("rms_pull", float(np.sqrt(np.mean(told**2))), "1"), ("pull_p_value", found.p_value, "1")]
+    return figures
+
+
+def extended_correlations(extended: Extended, least: float) -> Rows:
+    """Correlated pairs of the model's numbers; of effects those that are told as they were fitted."""
+    model, geometry = extended.found.model, extended.geometry
+    names: list[tuple[str, int | None]] = [(entry.name, entry.leg + 1) for entry in geometry.parameters]
+    by_shared = [geometry.by_shared]
+    for cause in model.causes:
+        own = cause.parameters(model.nominal.count)
+        names += [name_and_leg(parameter.name) for parameter in own]
+        by_shared.append(np.eye(model.shared_size)[model.layout[cause.key]])
+    rows, whole = Rows("correlations"), np.concatenate(by_shared)
+    covariance = whole @ extended.found.covariance @ whole.T
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = np.clip(np.nan_to_num(covariance / np.outer(sigma, sigma)), -1.0, 1.0)
+    first, second = np.nonzero(np.triu(np.abs(correlation) >= least, 1))
+    rows.add(
+        model=MODEL,
+        deformation=extended.deformation,
+        leg=[names[i][1] for i in first],
+        parameter=[names[i][0] for i in first],
+        other_leg=[names[j][1] for j in second],
+        other_parameter=[names[j][0] for j in second],
+        correlation=correlation[first, second],
+    )
+    return rows

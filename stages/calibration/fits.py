@@ -1,0 +1,224 @@
+"""The calibrations of a case: by errors in variables, and by the closure alone as the telescope report does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration.data import Gathered, Measured
+from stages.calibration.question import (
+    Case,
+    Question,
+    free,
+    observation_covariance,
+    problem_of,
+    question,
+    survey_rows,
+    tolerances,
+    widest,
+    with_targets,
+)
+from truing.estimation.design.identifiable_set import choose_identifiable
+from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, Prior, fit_errors_in_variables
+from truing.estimation.least_squares.solver import SolverStatus, least_squares
+from truing.simulation.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.parameters import ParameterSet, full_set, report_set
+from truing.simulation.structure import Machine
+
+MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
+# A calibration that has not settled by then will not.
+_ITERATIONS = 200
+_NO_REDUNDANCY = "no redundancy: As many parameters as equations: measure more poses."
+# A parameter counts as identified where the data say at least as much of it as its tolerance does.
+_TOLD = np.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One calibration: parameters identified with covariance (P, P), in SI, and how it ended.
+
+    declared (P, P): the covariance at the declared noise, where that of the fit is enlarged for more; tolerance (P,):
+    one sigma of what was known before, NaN where nothing was; identifiable (P,): what the data tell better; kept (B,):
+    poses that took part, of those that it was asked to fit; chi_square with its freedom: of the closing.
+    """
+
+    case: Case
+    estimator: str
+    problem: CalibrationProblem
+    nominal: NDArray
+    values: NDArray
+    covariance: NDArray
+    declared: NDArray
+    tolerance: NDArray
+    identifiable: NDArray
+    kept: NDArray
+    chi_square: float
+    freedom: float
+    log_evidence: float
+    status: str
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """Return what was identified."""
+        return self.problem.parameters
+
+    @property
+    def machine(self) -> Machine:
+        """Return the machine as identified."""
+        return self.parameters.machine(self.case.nominal, self.values)
+
+    def problem_at(self, measured: Measured) -> CalibrationProblem:
+        """Return the same problem at other poses."""
+        return problem_of(self.case, self.parameters, measured)
+
+    @property
+    def sigma(self) -> NDArray:
+        """Return the standard deviations (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def pull(self) -> NDArray:
+        """Return the pulls (P,): unit normal where tolerances are honest; NaN where the data do not tell.
+
+        With the tolerance as prior a shift has the variance tolerance^2 - sigma^2, without it their sum.
+        """
+        sign = -1.0 if self.estimator == MAXIMUM_LIKELIHOOD else 1.0
+        variance = np.where(self.identifiable, self.tolerance**2 + sign * self.sigma**2, np.nan)
+        return (self.values - self.nominal) / np.sqrt(variance)
+
+
+def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
+    """Return the calibration by errors in variables over the poses kept (B,), what is known beforehand as prior."""
+    used = fitted.chosen(kept)
+    asked = question(gathered, used, case)
+    fit = answer(asked, robust=False)
+    # All models are weighed on the same data: poses and readings, and what the targets said of the deformation.
+    evidence, count = _log_evidence(fit, asked.prior), asked.count
+    if (more := with_targets(asked, gathered, used, case.deformation != "none")) is not None:
+        fit = answer(more, fit.values, robust=False)
+    found = _enlarged(gathered, fit, asked)
+    tolerance = (more or asked).tolerance
+    known = np.where(np.isfinite(tolerance), tolerance, widest(asked.problem.parameters))
+    return Calibration(
+        case,
+        MAXIMUM_LIKELIHOOD,
+        asked.problem,
+        asked.problem.start,
+        fit.values[:count],
+        found,
+        fit.covariance[:count, :count],
+        tolerance,
+        np.sqrt(np.diag(found)) < _TOLD * known,
+        kept,
+        fit.judgement.chi_square,
+        float(fit.judgement.freedom),
+        evidence,
+        _ending(fit.status),
+    )
+
+
+def _enlarged(gathered: Gathered, fit: ErrorsInVariablesFit, asked: Question) -> NDArray:
+    """Return the covariance (P, P) of the machine's numbers where more noise was found than declared.
+
+    The survey of the attachments was taken by the same instrument: it stands in the prior, and is as much noisier.
+    """
+    excess = max(fit.noise_ratio, 1.0)
+    if gathered.surveyed is None or not np.isfinite(excess):
+        return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[: asked.count, : asked.count]
+    rows = survey_rows(gathered.surveyed, asked.problem.parameters)
+    surveyed = np.zeros_like(fit.information)
+    surveyed[: asked.count, : asked.count] = rows.T @ np.linalg.solve(gathered.surveyed.covariance, rows)
+    information = (fit.information + surveyed) / excess**2 + fit.prior.information - surveyed
+    return np.linalg.inv(information)[: asked.count, : asked.count]
+
+
+def answer(asked: Question, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
+    """Return the fit, from the machine's numbers (P,) in ``start`` or from the nominal ones."""
+    values = asked.problem.start
+    if start is not None:
+        values = np.concatenate([start, values[len(start) :]])
+    return fit_errors_in_variables(asked.problem.constrain, asked.noise, values, asked.prior, robust=robust)
+
+
+def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
+    """Return the log of the marginal likelihood, up to what all models of a campaign share."""
+    occam = np.linalg.slogdet(fit.information + prior.information)[1] - np.linalg.slogdet(prior.information)[1]
+    return -0.5 * float(fit.cost + occam)
+
+
+def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
+    """Return the calibration by least squares on the closure alone, over the poses kept (B,): the report's own way."""
+    problem = problem_of(case, _implicit_set(gathered, fitted.chosen(kept), case), fitted.chosen(kept))
+    nominal = problem.parameters.values(case.nominal)
+    still = np.zeros((int(kept.sum()), problem.deviations))
+
+    def residuals(values: NDArray) -> tuple[NDArray, NDArray]:
+        found = [problem.constrain(one, still) for one in values]
+        return (
+            np.stack([one.value.ravel() for one in found]),
+            np.stack([one.by_values.reshape(-1, len(nominal)) for one in found]),
+        )
+
+    solution = least_squares(residuals, nominal, method="levenberg-marquardt", max_iterations=_ITERATIONS)
+    values = solution.x[0]
+    at = problem.constrain(values, still)
+    freedom = at.value.size - len(nominal)
+    ended = _ending(SolverStatus(solution.status[0])) if freedom > 0 else _NO_REDUNDANCY
+    # What did not end at a minimum, or left nothing over to judge the scatter by, has no uncertainty to be told.
+    variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
+    covariance = solution.covariance[0] * variance
+    declared = _propagated(
+        solution.covariance[0], at, observation_covariance(fitted.chosen(kept), gathered.reading_sigma)
+    )
+    tolerance = tolerances(gathered, case, problem.parameters)
+    return Calibration(
+        case,
+        IMPLICIT,
+        problem,
+        nominal,
+        values,
+        covariance,
+        declared if ended == "ok" else covariance,
+        tolerance,
+        np.isfinite(np.diag(covariance)),
+        kept,
+        float("nan"),
+        float(max(freedom, 0)),
+        float("nan"),
+        ended,
+    )
+
+
+def _propagated(inverse: NDArray, at: Constrained, noise: NDArray) -> NDArray:
+    """Return what noise (B, N, N) gives to an unweighted fit (P, P), ``inverse`` being that of its normal matrix."""
+    spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
+    told = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
+    return inverse @ told @ inverse
+
+
+def _implicit_set(gathered: Gathered, fitted: Measured, case: Case) -> ParameterSet:
+    """Return what the report identifies of legs as it has them, on actuators of their own; of others what can be.
+
+    That is a largest set of joints, lengths and kappa that the data tell better than their tolerances do, the same
+    for every leg.
+    """
+    if "u" in case.nominal.legs.closure.geometry:
+        return report_set(case.nominal, case.deformation)
+    deformation = "none" if case.deformation == "none" else "linear"
+    candidates = free(full_set(case.nominal, deformation), gathered)
+    problem = problem_of(case, candidates, fitted)
+    at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
+    noise = observation_covariance(fitted, gathered.reading_sigma)
+    sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
+    rows = (at.by_values / sigma[..., None]).reshape(-1, len(candidates))
+    tolerance = tolerances(gathered, case, candidates)
+    scales = np.where(np.isfinite(tolerance), tolerance, widest(candidates))
+    names = [entry.name for entry in candidates.entries]
+    chosen = choose_identifiable(rows, scales, candidates.labels, groups=names).chosen
+    return ParameterSet(tuple(entry for entry, told in zip(candidates.entries, chosen, strict=True) if told))
+
+
+def _ending(status: SolverStatus) -> str:
+    return "ok" if status == SolverStatus.CONVERGED else f"{status}: {status.remedy}"

@@ -1,0 +1,184 @@
+"""What a calibration asks: a model's numbers, the measurements with their noise, and what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration.data import Deformation, Gathered, Measured, SurveyedAttachments
+from stages.calibration.targets import noise_of_all, prior_of_all, with_bodies, with_shifts
+from truing.estimation.errors_in_variables.fit import Prior
+from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.structure import Machine, Structure
+from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M
+
+DEFORMATIONS = ("none", "linear", "matrix")
+# What nothing is known of: a deformation coefficient may still be this large.
+_FREE_DEFORMATION = 0.1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model of the structure under a model of deformation, and the machine that its nominal values stand for."""
+
+    structure: Structure
+    deformation: str
+    nominal: Machine
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Return what it is called in the tables."""
+        return self.structure.name, self.deformation
+
+
+def cases(gathered: Gathered, structures: tuple[Structure, ...]) -> Iterator[Case]:
+    """Return every model that the machine's numbers and the deformation stage allow."""
+    for structure in structures:
+        for deformation in DEFORMATIONS[:1] if gathered.modulo_plane else DEFORMATIONS:
+            if deformation != "matrix" or "matrix" in gathered.deformations:
+                yield Case(structure, deformation, _deforming(gathered.machine, deformation, gathered.deformations))
+
+
+def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformation]) -> Machine:
+    """Return the machine with the deformation as the targets on the attachments show it; none where they do not."""
+    if deformation == "none" or deformation not in known:
+        return machine
+    return replace(machine, deformation=np.nan_to_num(known[deformation].K))
+
+
+@dataclass(frozen=True)
+class Question:
+    """A problem over measured poses, the noise (B, N, N) of all that was measured, and what is known beforehand.
+
+    tolerance (P,): one sigma of each number of the machine, NaN where campaign.toml says nothing.
+    """
+
+    problem: CalibrationProblem
+    noise: NDArray
+    tolerance: NDArray
+    prior: Prior
+
+    @property
+    def count(self) -> int:
+        """Return how many numbers are the machine's; those after them place legs in their survey frames."""
+        return len(self.problem.parameters)
+
+
+def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
+    """Return what errors in variables asks of platform and readings: all numbers of the machine, none held."""
+    parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in gathered.tolerance), gathered)
+    problem, tolerance = problem_of(case, parameters, measured), tolerances(gathered, case, parameters)
+    prior = _prior(gathered.surveyed, parameters, problem.start, tolerance)
+    return Question(problem, observation_covariance(measured, gathered.reading_sigma), tolerance, prior)
+
+
+def nothing_open(gathered: Gathered, case: Case) -> bool:
+    """Return whether tolerances of zero declare every number of a case exact."""
+    return not len(free(full_set(case.nominal, case.deformation), gathered))
+
+
+def with_targets(asked: Question, gathered: Gathered, measured: Measured, deforming: bool) -> Question | None:
+    """Return the question with what targets on legs and, of a deforming platform, on attachments measure; None without.
+
+    The deformation's coefficients then follow from these shifts themselves, and nothing is known of them beforehand.
+    """
+    problem = with_bodies(asked.problem, measured)
+    problem = with_shifts(problem, gathered, measured) if deforming else problem
+    if problem is asked.problem:
+        return None
+    tolerance, prior = asked.tolerance, asked.prior
+    if problem.shifts is not None:
+        bent = np.array([is_deformation(entry) for entry in asked.problem.parameters.entries])
+        tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
+    noise = noise_of_all(problem, measured, asked.noise)
+    return Question(problem, noise, tolerance, prior_of_all(problem, prior))
+
+
+def is_deformation(entry: Parameter) -> bool:
+    """Return whether a parameter is a coefficient of the platform's deformation."""
+    return entry.name == "kappa" or entry.name.startswith("K")
+
+
+def _opened(prior: Prior, bent: NDArray) -> Prior:
+    """Return the prior with nothing known of some parameters (P,); they are independent of the others there."""
+    information = prior.information.copy()
+    information[bent, bent] = _FREE_DEFORMATION**-2.0
+    return Prior(prior.mean, information)
+
+
+def problem_of(case: Case, parameters: ParameterSet, measured: Measured) -> CalibrationProblem:
+    """Return the problem of identifying parameters of a case at measured poses."""
+    return CalibrationProblem(
+        case.structure, case.nominal, parameters, measured.platform.p, measured.platform.R, measured.rho
+    )
+
+
+def observation_covariance(measured: Measured, reading_sigma: float) -> NDArray:
+    """Return the covariance (B, 6 + L, 6 + L) of the platform's pose and of the readings."""
+    legs = measured.rho.shape[1]
+    whole = np.zeros((len(measured.rho), 6 + legs, 6 + legs))
+    whole[:, :6, :6] = measured.platform.covariance
+    whole[:, 6:, 6:] = np.eye(legs) * reading_sigma**2
+    return whole
+
+
+def free(parameters: ParameterSet, gathered: Gathered) -> ParameterSet:
+    """Return the parameters without those that a tolerance of zero declares exact."""
+    exact = {name for name, sigma in gathered.tolerance.items() if sigma == 0}
+    return ParameterSet(tuple(e for e in parameters.entries if e.name.partition("_")[0] not in exact))
+
+
+def tolerances(gathered: Gathered, case: Case, parameters: ParameterSet) -> NDArray:
+    """Return one sigma (P,) of what is known of each parameter beforehand; NaN where nothing is."""
+    known = gathered.deformations.get(case.deformation)
+    found = np.full(len(parameters), np.nan)
+    for i, entry in enumerate(parameters.entries):
+        head = entry.name.partition("_")[0]
+        if head in gathered.tolerance:
+            found[i] = gathered.tolerance[head]
+        elif known is not None and is_deformation(entry):
+            found[i] = known.sigma.ravel()[_place(entry.name, entry.leg, len(known.K))]
+    return np.where(found > 0, found, np.nan)
+
+
+def _place(name: str, leg: int, legs: int) -> int:
+    """Return where a deformation's coefficient stands in K, row by row."""
+    column = leg if name == "kappa" else int(name.replace("_", "")[1 + len(str(leg + 1)) :]) - 1
+    return leg * legs + column
+
+
+def widest(parameters: ParameterSet) -> NDArray:
+    """Return a sigma (P,) that says nothing, and keeps the equations well scaled."""
+    heads = [entry.name.partition("_")[0] for entry in parameters.entries]
+    wide = {"u": FREE_DIRECTION, "a": FREE_LENGTH_M, "b": FREE_LENGTH_M, "l": FREE_LENGTH_M, "rho0": FREE_LENGTH_M}
+    return np.array([wide.get(head, _FREE_DEFORMATION) for head in heads])
+
+
+def _prior(
+    surveyed: SurveyedAttachments | None, parameters: ParameterSet, nominal: NDArray, tolerance: NDArray
+) -> Prior:
+    """Return what tolerances and the survey of the attachments say of the parameters beforehand."""
+    sigma = np.where(np.isfinite(tolerance), tolerance, widest(parameters))
+    information = np.diag(sigma**-2.0)
+    if surveyed is None:
+        return Prior(nominal, information)
+    weighted = information @ nominal
+    rows = survey_rows(surveyed, parameters)
+    inverse = np.linalg.inv(surveyed.covariance)
+    information = information + rows.T @ inverse @ rows
+    mean = np.linalg.solve(information, weighted + rows.T @ inverse @ surveyed.b.ravel())
+    return Prior(mean, information)
+
+
+def survey_rows(surveyed: SurveyedAttachments, parameters: ParameterSet) -> NDArray:
+    """Return the derivative (3A, P) of the surveyed places of the attachments by the parameters."""
+    rows = np.zeros((3 * len(surveyed.legs), len(parameters)))
+    for i, entry in enumerate(parameters.entries):
+        if entry.name.startswith("b_"):
+            own = np.flatnonzero(surveyed.legs == entry.leg)
+            rows[3 * own + "xyz".index(entry.name[2]), i] = 1.0
+    return rows

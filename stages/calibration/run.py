@@ -1,0 +1,185 @@
+"""All calibrations of a campaign one after the other, and the tables that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration.accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
+from stages.calibration.choice import (
+    Judged,
+    choice,
+    choice_rows,
+    departure_rows,
+    doubts,
+    extended_choice_rows,
+    nominal_rows,
+)
+from stages.calibration.data import Gathered
+from stages.calibration.extended import MODEL, Extended, extended_correlations, extended_parameters
+from stages.calibration.fits import Calibration, implicit, maximum_likelihood
+from stages.calibration.knowledge import absorption_rows, observability_rows
+from stages.calibration.question import Case, cases, nothing_open
+from stages.calibration.requirements import requirement_rows
+from stages.calibration.screening import Screened, screened
+from stages.calibration.tables import LEAST_CORRELATION, correlation_rows, parameter_rows
+from stages.declaration import Outcome, Progress
+from stages.responses.tables import Rows
+from truing.simulation.structures import structures
+
+if TYPE_CHECKING:
+    from schemas.campaign import Requirement
+
+LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
+ESTIMATORS = {maximum_likelihood: "by errors in variables", implicit: "by the closure alone"}
+
+
+@dataclass(frozen=True)
+class Both:
+    """The calibrations of every case by both estimators, and why any could not be made."""
+
+    likely: tuple[Calibration, ...]
+    implicit: tuple[Calibration, ...]
+    failed: tuple[str, ...]
+
+
+class NothingCalibrated(Exception):
+    """No model's equations could be solved; says why."""
+
+
+def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None, progress: Progress) -> Outcome:
+    """Calibrate every model, choose among them, and say what the data can know; the extended model stands beside them.
+
+    Raises NothingCalibrated where no model could be.
+    """
+    fitted = gathered.measured.roles != "verification"
+    every = list(cases(gathered, structures(gathered.machine)))
+    clean = _screened(gathered, fitted, every)
+    both = _calibrations(gathered, clean, every, progress)
+    if not both.likely:
+        raise NothingCalibrated("; ".join(both.failed))
+    judged = [_judged(gathered, one, fitted) for one in (*both.likely, *both.implicit)]
+    made = choice(judged[: len(both.likely)])
+    best = judged[made.chosen]
+    measured, used = gathered.measured, clean.measured
+    identifier = "int64" if isinstance(measured.poses[0], int) else "string"
+    counted = choice_rows(judged, measured.roles, made)
+    if best.errors is not None:
+        structure = structures(gathered.machine)[0]
+        before = nominal_errors(structure, gathered.machine, measured)
+        counted.extend(nominal_rows(structure.name, before, measured.roles))
+        counted.extend(departure_rows(gathered.machine, measured.rho))
+    rows = {
+        "calibration": parameter_rows("calibration", both.likely),
+        "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
+        "correlations": correlation_rows(both.likely),
+        "accuracy": _accuracy("accuracy", judged[: len(both.likely)], gathered),
+        "implicit_accuracy": _accuracy("implicit_accuracy", judged[len(both.likely) :], gathered),
+        "model_choice": counted,
+        "observability": observability_rows(gathered, used, best.calibration),
+        "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
+        "requirements": _requirements(gathered, asked, best, fitted),
+    }
+    if extended is not None:
+        _add_extended(rows, extended, asked, gathered, fitted)
+    open_questions = (*clean.left_out, *both.failed, _undeformed(gathered), _open(best))
+    return Outcome(
+        {name: found.table(identifier) for name, found in rows.items()},
+        read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
+        left_out="; ".join(filter(None, (gathered.left_out, *open_questions))) or "nothing",
+        figure=_figure(best, len(both.likely), measured.roles),
+    )
+
+
+def _screened(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:
+    """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
+    used = gathered.measured.chosen(fitted)
+    richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
+    everything = Screened(used, np.ones(len(used.poses), bool), ())
+    try:
+        return everything if nothing_open(gathered, richest) else screened(gathered, used, richest)
+    except np.linalg.LinAlgError:
+        return everything
+
+
+def _calibrations(gathered: Gathered, clean: Screened, every: Sequence[Case], progress: Progress) -> Both:
+    """Return all calibrations of the poses that were not grossly mismeasured."""
+    likely: list[Calibration] = []
+    closed: list[Calibration] = []
+    failed = []
+    for done, case in enumerate(every):
+        progress(done, len(every), _words(case))
+        for made, how in ((likely, maximum_likelihood), (closed, implicit)):
+            if nothing_open(gathered, case):
+                failed.append(f"{_words(case)}: every number is declared exact")
+                break
+            try:
+                made.append(how(gathered, clean.measured, case, clean.kept))
+            except np.linalg.LinAlgError:
+                failed.append(f"{_words(case)}, {ESTIMATORS[how]}: the equations became singular")
+    return Both(tuple(likely), tuple(closed), tuple(failed))
+
+
+def _words(case: Case) -> str:
+    deformation = {"none": "rigid platform", "linear": "linear deformation", "matrix": "matrix deformation"}
+    return f"{case.structure.name}, {deformation[case.deformation]}"
+
+
+def _judged(gathered: Gathered, calibration: Calibration, fitted: NDArray) -> Judged:
+    """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
+    measured, legs = gathered.measured, gathered.machine.legs.count
+    held = measured.chosen(~fitted)
+    squares = misfit(calibration, held, gathered.reading_sigma) if len(held.poses) else np.zeros(0)
+    errors = pose_errors(calibration, measured, gathered.reading_sigma, fitted) if legs >= LEAST_LEGS else None
+    return Judged(calibration, errors, squares, legs)
+
+
+def _add_extended(
+    rows: dict[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray
+) -> None:
+    """Add the extended model to the tables of the calibrations."""
+    key, measured = (MODEL, extended.deformation), gathered.measured
+    rows["calibration"].extend(extended_parameters(extended))
+    rows["correlations"].extend(extended_correlations(extended, LEAST_CORRELATION))
+    rows["accuracy"].extend(accuracy_rows("accuracy", [(key, extended.errors)], measured))
+    rows["model_choice"].extend(extended_choice_rows(extended, measured.roles))
+    noise = measured.platform.covariance
+    rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted))
+
+
+def _accuracy(artifact: str, judged: Sequence[Judged], gathered: Gathered) -> Rows:
+    told = [(one.calibration, one.errors) for one in judged if one.errors is not None]
+    return accuracy_rows(artifact, [(one.case.key, errors) for one, errors in told], gathered.measured)
+
+
+def _requirements(gathered: Gathered, asked: Requirement, best: Judged, fitted: NDArray) -> Rows:
+    if best.errors is None:
+        return Rows("requirements")
+    return requirement_rows(
+        asked, best.calibration.case.key, best.errors, gathered.measured.platform.covariance, ~fitted
+    )
+
+
+def _open(best: Judged) -> str:
+    few = "accuracy and requirements: fewer than six legs leave the platform free, readings do not say where it is"
+    return few if best.errors is None else ""
+
+
+def _undeformed(gathered: Gathered) -> str:
+    said = "models of deformation: fewer than three platform targets away from the attachments, whose frame deforms too"
+    return said if gathered.modulo_plane else ""
+
+
+def _figure(best: Judged, count: int, roles: NDArray) -> str:
+    said = f"{_words(best.calibration.case)} chosen of {count} models"
+    against = f"; {told}" if (told := doubts(best)) else ""
+    if best.errors is None:
+        return said + against
+    held = roles == "verification"
+    which = "held-out" if held.any() else "calibration"
+    told = best.errors.position[held if held.any() else ~held] * 1e6
+    return f"{said}: {which} position error {np.nanmean(told):.1f} um mean, {np.nanmax(told):.1f} um at most{against}"

@@ -1,0 +1,1 @@
+"""The choice of configurations: the problem, the search, the words."""

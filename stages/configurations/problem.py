@@ -1,0 +1,269 @@
+"""From campaign.toml to what a choice of configurations needs: region, regressors in tolerances and noise, names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import CampaignFaults, Fault
+from stages.diagnosis.mechanism_points import nominal_legs
+from stages.point_arrays import number_column, survey_points
+from truing.estimation.design.feasible_region import FeasibleRegion
+from truing.estimation.design.identifiable_set import choose_identifiable
+from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rotation import skew
+from truing.simulation.kinematic_model import KinematicModel
+from truing.simulation.legs import Change
+from truing.simulation.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.pose_regressors import Placed, PoseRegressors, pose_regressors
+from truing.simulation.structure import Machine, poses_at
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign, LeggedMechanism, Tolerance
+
+FILE = "campaign.toml"
+_POSE = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+_TO_SI = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)
+# What stands for a tolerance that campaign.toml does not give: it only sets the scale in which rank is judged.
+_FREE = {"mm": 1e-3, "1": 1e-2}
+# Parameters are told apart where no combination of their unit columns is shorter than this. Rank, not noise, is asked
+# for, as in the report: its seven reach 1e-3 and more on the telescope, a_z or b_z beside them 4e-5 at most.
+_TOLD_APART = 2e-4
+_SAME = 1e-7  # m and rad
+_BETWEEN = 50  # points, in case that all corners are forbidden
+# The report's seven (section 6.3.1); others only enter where these leave room.
+_REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
+
+
+@dataclass(frozen=True)
+class DesignProblem:
+    """What configurations are judged by; rows are in tolerances of the parameters and noise of the residual.
+
+    names (q,) with unit and SI; tolerance (q,) SI; noise (L,) m: one sigma of a leg's residual; noise_from, in words;
+    held: parameters of a leg that are not told apart from those, or were not asked for.
+    """
+
+    regressors: PoseRegressors
+    region: FeasibleRegion
+    names: tuple[Parameter, ...]
+    tolerance: NDArray
+    noise: NDArray
+    noise_from: str
+    held: tuple[str, ...] = ()
+
+    @property
+    def legs(self) -> int:
+        """Return the number of legs."""
+        return len(self.noise)
+
+    @property
+    def size(self) -> int:
+        """Return the number of parameters of all legs."""
+        return self.legs * len(self.names)
+
+    def rows(self, placed: Placed) -> NDArray:
+        """Return rows (B, L, q) of the scaled observability Jacobian."""
+        return self.regressors.rows(placed) * self.tolerance / self.noise[:, None]
+
+    def rows_at(self, x: NDArray) -> NDArray:
+        """Return the rows at coordinates x (B, 6)."""
+        return self.rows(self.regressors.at(x))
+
+    def rows_and_changes(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the rows and their derivative (B, L, q, 6)."""
+        rows, changes = self.regressors.rows_and_changes(x)
+        scale = self.tolerance / self.noise[:, None]
+        return rows * scale, changes * scale[..., None]
+
+    def reached(self, x: NDArray) -> NDArray:
+        """Return which coordinates (B, 6) lie within the limits, and readings lead to past no singular pose."""
+        regressors, placed = self.regressors, self.regressors.at(x)
+        found = poses_at(regressors.structure, regressors.machine, placed.rho)
+        away = np.abs(np.concatenate([found.p - placed.p, (found.R - placed.R).reshape(-1, 9)], -1)).max(-1)
+        return np.asarray(found.converged & (away < _SAME) & self.region.within(x))
+
+    def placed_at(self, rho: NDArray) -> Placed:
+        """Return configurations by readings rho (B, L), m; raises ValueError where they reach no pose."""
+        regressors = self.regressors
+        reached = poses_at(regressors.structure, regressors.machine, rho)
+        if not reached.converged.all():
+            raise ValueError("readings that the mechanism can reach")
+        return Placed(reached.p, reached.R, rho)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Half ranges of pose (6,) and readings (L,), SI, infinite where there is none; forbidden boxes (F, 6 + L)."""
+
+    pose: NDArray
+    readings: NDArray
+    lower: NDArray
+    upper: NDArray
+
+
+def design_problem(
+    settings: Campaign, limits: Limits, parameters: Sequence[str], survey: pa.Table | None
+) -> DesignProblem:
+    """Return the problem of choosing configurations for some parameters of each leg, or for all that can be told apart.
+
+    Raises CampaignFaults where the campaign does not say enough or a parameter is none of a leg's, ValueError where
+    forbidden regions leave no room.
+    """
+    machine = plain_machine(settings)
+    section = cast("LeggedMechanism", settings.mechanism)
+    structure = KinematicModel(machine.legs.closure.name)
+    whole = full_set(machine, "none")
+    try:
+        regressors = pose_regressors(structure, machine, whole, limits.pose, limits.readings)
+    except ValueError as error:
+        given = "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
+        raise CampaignFaults([Fault(FILE, f"{error}: {given}", column="workspace")]) from None
+    half = np.concatenate([limits.pose, limits.readings])
+    region = FeasibleRegion(6, regressors.quantities, half, limits.lower, limits.upper)
+    names = tuple(replace(entry, leg=0) for entry in whole.entries if entry.leg == 0)
+    tolerance = np.array([_tolerance(section.tolerance, entry) for entry in names])
+    noise, noise_from = _residual_noise(settings, regressors, survey)
+    problem = DesignProblem(regressors, region, names, tolerance, noise, noise_from)
+    kept = _named(names, parameters) if parameters else _identifiable(problem)
+    chosen = ParameterSet(
+        tuple(entry for k in kept for entry in whole.entries[k * problem.legs : (k + 1) * problem.legs])
+    )
+    narrowed = pose_regressors(structure, machine, chosen, limits.pose, limits.readings)
+    held = tuple(entry.name for k, entry in enumerate(names) if k not in kept)
+    chosen_names = tuple(names[k] for k in kept)
+    return replace(problem, regressors=narrowed, names=chosen_names, tolerance=tolerance[kept], held=held)
+
+
+def plain_machine(settings: Campaign) -> Machine:
+    """Return the nominal mechanism, its platform rigid; raises CampaignFaults where none has six legs or more."""
+    section = settings.mechanism
+    if section.type in ("none", "6-upur"):
+        expected = "a mechanism whose configurations can be chosen: legs and actuators, photogrammetry"
+        raise CampaignFaults([Fault(FILE, expected, column="mechanism.type", value=section.type)])
+    legs = nominal_legs(cast("LeggedMechanism", section))
+    if legs.count < 6:
+        expected = "six legs or more: fewer leave the platform free, and its pose is no matter of choice"
+        raise CampaignFaults([Fault(FILE, expected, column="mechanism.legs", value=str(legs.count))])
+    return Machine(legs, np.zeros((legs.count, legs.count)))
+
+
+def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avoid_file: str) -> Limits:
+    """Return the limits of [workspace], those of the pose only where wanted, and the boxes of a table to avoid.
+
+    Raises CampaignFaults where the table holds no such boxes.
+    """
+    legs = plain_machine(settings).legs
+    workspace = settings.workspace
+    pose = np.array([getattr(workspace, name) or np.inf for name in _POSE]) * _TO_SI
+    pose = pose if pose_too else np.full(6, np.inf)
+    readings = np.full(legs.count, (workspace.rho_mm or np.inf) * 1e-3)
+    bounds = np.stack(
+        [np.full((0 if avoid is None else len(avoid), 6 + legs.count), sign * np.inf) for sign in (-1, 1)]
+    )
+    if avoid is not None:
+        _fill_boxes(bounds, avoid, legs.rho0, avoid_file)
+    return Limits(pose, readings, *bounds)
+
+
+def _fill_boxes(bounds: NDArray, avoid: pa.Table, rho0: NDArray, file: str) -> None:
+    """Enter columns such as x_min_mm, rx_max_deg and rho1_max_mm; an empty cell leaves the side open."""
+    stems = [*_POSE, *(f"rho{leg + 1}_mm" for leg in range(len(rho0)))]
+    known = {
+        stem.replace("_", f"_{side}_"): (s, k) for k, stem in enumerate(stems) for s, side in enumerate(("min", "max"))
+    }
+    strange = [name for name in avoid.schema.names if name not in known]
+    if strange or not len(avoid):
+        expected = f"rows of forbidden regions, columns of {', '.join(list(known)[:2])} .. {list(known)[-1]}"
+        raise CampaignFaults(Fault(file, expected, column=name) for name in strange or [None])
+    for name in avoid.schema.names:
+        side, k = known[name]
+        factor, zero = (_TO_SI[k], 0.0) if k < 6 else (1e-3, rho0[k - 6])
+        values = _numbers(avoid, name, file) * factor - zero
+        bounds[side, :, k] = np.where(np.isnan(values), bounds[side, :, k], values)
+    _check_boxes(bounds, file)
+
+
+def _numbers(table: pa.Table, name: str, file: str) -> NDArray:
+    try:
+        return number_column(table, name)
+    except ValueError:
+        raise CampaignFaults([Fault(file, "numbers", column=name)]) from None
+
+
+def _check_boxes(bounds: NDArray, file: str) -> None:
+    empty = np.flatnonzero(np.any(bounds[0] >= bounds[1], -1) | np.all(np.isinf(bounds), (0, 2)))
+    if len(empty):
+        expected = "a forbidden region with each minimum below its maximum, and at least one of them"
+        raise CampaignFaults(Fault(file, expected, row=int(row) + 2) for row in empty)
+
+
+def _tolerance(section: Tolerance, entry: Parameter) -> float:
+    """Return one sigma of manufacturing, SI."""
+    given = {"a": section.a_mm, "b": section.b_mm, "l": section.length_mm, "u": section.u}[entry.name[0]]
+    return given * entry.si if given else _FREE[entry.unit]
+
+
+def _named(names: tuple[Parameter, ...], wanted: Sequence[str]) -> list[int]:
+    known = [entry.name for entry in names]
+    strange = [name for name in wanted if name not in known]
+    if strange:
+        raise CampaignFaults(
+            Fault("--parameters", f"parameters of a leg: {', '.join(known)}", value=name) for name in strange
+        )
+    return [k for k, name in enumerate(known) if name in wanted]
+
+
+def _identifiable(problem: DesignProblem) -> list[int]:
+    """Return a maximal set that configurations at the corners and between tell apart, every leg having the same."""
+    between = problem.region.draw(_BETWEEN, np.random.default_rng(0))
+    rows = problem.rows_at(np.concatenate([problem.region.corners(), between]))
+    rows = rows / np.linalg.norm(rows, axis=0)
+    size = len(problem.names)
+    blocks = np.zeros((problem.legs, size, problem.legs, size))
+    for leg in range(problem.legs):
+        triangle = np.linalg.qr(rows[:, leg], mode="r")
+        blocks[leg, : len(triangle), leg] = triangle
+    jacobian = blocks.reshape(problem.legs * size, -1)
+    labels = [f"{entry.name}{leg + 1}" for leg in range(problem.legs) for entry in problem.names]
+    first = [0.0 if entry.name in _REPORTED else 1.0 for entry in problem.names] * problem.legs
+    groups = list(range(size)) * problem.legs
+    found = choose_identifiable(
+        jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / _TOLD_APART
+    )
+    return [int(k) for k in np.flatnonzero(found.chosen[:size])]
+
+
+def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.Table | None) -> tuple[NDArray, str]:
+    """Return one sigma (L,), m, of the legs' residuals at home, and where it comes from, in words."""
+    point, reading = (settings.noise.point_mm or 0.0) * 1e-3, settings.noise.actuator_mm * 1e-3
+    home, machine = regressors.home, regressors.machine
+    closing = regressors.structure.close(machine, home.p, home.R, np.atleast_2d(machine.legs.rho0), Change({}, 0))
+    own = reading * np.diagonal(closing.by_rho[0])
+    covariance = None if survey is None or not point else _pose_covariance(survey, home.p[0], home.R[0], point)
+    if covariance is not None:
+        seen = np.einsum("li,ij,lj->l", closing.by_twist[0], covariance, closing.by_twist[0])
+        return np.sqrt(seen + own**2), "noise of points on the surveyed targets, and of readings"
+    if point or reading:
+        return np.sqrt(point**2 + own**2), "noise.point_mm on every leg, and that of readings"
+    return np.full(machine.legs.count, 1e-6), "1 um on every leg, for campaign.toml gives no noise"
+
+
+def _pose_covariance(survey: pa.Table, p: NDArray, R: NDArray, sigma: float) -> NDArray | None:
+    """Return the covariance (6, 6) of the platform in the base from points of noise sigma, at home; None without."""
+    parts = []
+    for body in ("platform", "base"):
+        found = survey_points(survey, body)
+        frame = found.points[found.leg == 0]
+        fit = umeyama(frame, frame[None], sigma=sigma) if len(frame) >= 3 else None
+        if fit is None or not fit.ok[0]:
+            return None
+        parts.append(fit.covariance[0])
+    turned, lever = np.kron(np.eye(2), R), np.eye(6)
+    lever[:3, 3:] = -skew(p)
+    return turned @ parts[0] @ turned.T + lever @ parts[1] @ lever.T

@@ -1,0 +1,1 @@
+"""The parts of the stage diagnose: what is compared, what was decided, what to measure next."""

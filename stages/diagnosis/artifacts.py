@@ -1,0 +1,97 @@
+"""All that the stage diagnose leaves, from what was decided."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from schemas.artifacts import ARTIFACTS
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.diagnosis.mechanism_points import Gathered
+    from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
+    from truing.estimation.diagnosis.fitted_model import Stand
+    from truing.estimation.diagnosis.prediction_error import PredictionError
+
+
+def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, settings: Campaign) -> dict[str, Any]:
+    """Tables and text by artifact."""
+    from stages.diagnosis.detectable_rows import detectable_table, detectable_words
+    from stages.diagnosis.rows import Words, diagnosis_table
+
+    last, legs = diagnosis.search, diagnosis.plain.model.leg_count
+    causes = [verdict.cause for verdict in diagnosis.verdicts]
+    found: dict[str, Any] = {
+        "detectable": detectable_table(last, rule.level, legs),
+        "prediction": _prediction_table(diagnosis, gathered),
+    }
+    sentences: dict[str, str] = {}
+    if settings.mechanism.is_legged:
+        found |= _of_mechanism(diagnosis, settings)
+        sentences = _next(found, diagnosis, settings)
+    words = Words(detectable_words(last, rule.level, causes, legs), sentences, _remark(gathered, diagnosis.final))
+    return {"diagnosis": diagnosis_table(diagnosis, words, rule.noise_level), **found}
+
+
+def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
+    from stages.diagnosis.earlier_campaign import changes_table
+    from stages.diagnosis.pull_tables import Fitted, pull_tables
+    from truing.simulation.extended_model import extended
+    from truing.simulation.model_text import write_model
+
+    plain, final = (
+        Fitted(stand.model, stand.fit.shared, stand.covariance()) for stand in (diagnosis.plain, diagnosis.final)
+    )
+    context = {"campaign": settings.campaign.name}
+    text = write_model(extended(diagnosis.final.model, final.shared, final.covariance, context))
+    changes = changes_table(diagnosis.final)
+    return {"model": text, **pull_tables(plain, final), **({} if changes is None else {"changes": changes})}
+
+
+def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, str]:
+    """The sentences on what to measure next, by a cause's key; its table goes with what was ``found``."""
+    from stages.diagnosis.next_measurement import next_of
+
+    following = next_of(diagnosis, settings)
+    found["next_poses"] = following.table
+    return following.sentences
+
+
+def _remark(gathered: Gathered, final: Stand) -> str:
+    """What limits all statements."""
+    said = []
+    if gathered.framing < 3:
+        said.append(
+            "Fewer than three platform targets sit away from the attachments, so shifts are known modulo a plane "
+            "(z and two tilts)."
+        )
+    if final.fit.state != "settled":
+        said.append("The fit did not settle within its iterations: treat the numbers as provisional.")
+    return " ".join(said)
+
+
+def _prediction_table(diagnosis: Diagnosis, gathered: Gathered) -> pa.Table:
+    """Rows of prediction.parquet: every pose without and with what was found."""
+    import pyarrow as pa
+
+    plain, final = diagnosis.plain, diagnosis.final
+    rows = _rows(gathered.calibration.conditions.poses, "calibration", plain.error, final.error)
+    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
+        rows += _rows(diagnosis.held_out.conditions.poses, "verification", plain.held_out, final.held_out)
+    identifier = "int64" if all(isinstance(row["pose"], int) for row in rows) else "string"
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["prediction"].arrow_schema(identifier))
+
+
+def _rows(poses: tuple[int | str, ...], role: str, before: PredictionError, after: PredictionError) -> list[Any]:
+    columns = {
+        "rms_before": before.rms_by_pose,
+        "rms_after": after.rms_by_pose,
+        "largest_before": before.largest_by_pose,
+        "largest_after": after.largest_by_pose,
+    }
+    return [
+        {"pose": pose, "role": role, "unit": "um", **{name: float(v[row]) * 1e6 for name, v in columns.items()}}
+        for row, pose in enumerate(poses)
+    ]

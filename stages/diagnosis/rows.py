@@ -1,0 +1,167 @@
+"""The rows of diagnosis.parquet: what was decided on each candidate, in numbers and in words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from schemas.artifacts import ARTIFACTS
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.estimation.diagnosis.acceptance import Diagnosis
+    from truing.estimation.diagnosis.fitted_model import Stand
+    from truing.estimation.diagnosis.noise_following import NoiseFollowing
+    from truing.estimation.diagnosis.noise_level import NoiseLevel
+    from truing.estimation.diagnosis.verdicts import Verdict
+
+_SCATTER = "Measure one pose ten times over without moving anything: the scatter is the true noise."
+
+
+@dataclass(frozen=True)
+class Words:
+    """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
+    a cause's key, and what limits all statements."""
+
+    detectable: Mapping[str, str]
+    next_measurement: Mapping[str, str]
+    remark: str
+
+
+def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> pa.Table:
+    """Rows of the verdicts in their order, noise that is larger than declared behind what was found.
+
+    ``noise_level`` is the p-value below which it is.
+    """
+    import pyarrow as pa
+
+    rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
+    noisy = [_following_row(own, diagnosis.final) for own in diagnosis.following]
+    if diagnosis.noise.p_value <= noise_level:
+        noisy.append(_noise_row(diagnosis.noise, diagnosis.final))
+    found = sum(row["verdict"] == "found" for row in rows)
+    rows[found:found] = noisy
+    ranked = [{"rank": rank, **row} for rank, row in enumerate(rows, 1)]
+    artifact = ARTIFACTS["diagnosis"]
+    return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
+
+
+def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]:
+    from truing.report.diagnosis.findings import Facts, explanation
+
+    cause, legs = verdict.cause, diagnosis.plain.model.leg_count
+    parameters = told_parameters(verdict, legs)
+    held = (_um(verdict.held_out[0]), _um(verdict.held_out[1]))
+    facts = Facts(
+        verdict.verdict,
+        cause.says,
+        parameters,
+        verdict.p_value,
+        verdict.candidates,
+        _um(verdict.before),
+        _um(verdict.after),
+        held,
+        verdict.floor * 1e6,
+        verdict.reason,
+        words.detectable.get(cause.key, ""),
+        not cause.catalogued,
+        words.remark,
+        subject=cause.subject,
+        odds=_odds(verdict, diagnosis),
+        largest=_reach(verdict),
+    )
+    return {
+        "cause": cause.id,
+        "verdict": verdict.verdict,
+        "subject": cause.subject,
+        "p_value": verdict.p_value,
+        "probability": verdict.probability,
+        "parameters": json.dumps(parameters),
+        "follows": " ".join(cause.follows(legs)),
+        "rms_before": facts.rms_before,
+        "rms_after": facts.rms_after,
+        "heldout_rms_before": held[0],
+        "heldout_rms_after": held[1],
+        "noise_floor": facts.floor,
+        "unit": "um",
+        "explanation": explanation(facts),
+        "next_measurement": words.next_measurement.get(cause.key, cause.confirm),
+        "signal_to_noise": verdict.signal_to_noise,
+        "log_evidence": verdict.log_odds,
+        "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
+    }
+
+
+def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
+    """A cause's parameters as the contract names them: value, sigma, unit."""
+    told = verdict.cause.told(verdict.values, verdict.covariance, legs)
+    return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in told}
+
+
+def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
+    """How much more probable the found cause is than one that cannot be told from it."""
+    import math
+
+    other = next((one for one in diagnosis.verdicts if one.cause.key == verdict.reason), None)
+    return None if other is None else math.exp(other.log_odds - verdict.log_odds)
+
+
+def _reach(verdict: Verdict) -> float | None:
+    """How far a found cause moves any prediction, um."""
+    if verdict.verdict != "found":
+        return None
+    import numpy as np
+
+    moved = np.where(verdict.before.seen[..., None], verdict.after.gap - verdict.before.gap, 0.0)
+    return float(np.sqrt(np.max(np.sum(moved**2, -1)))) * 1e6
+
+
+def _noise_row(level: NoiseLevel, final: Stand) -> dict[str, Any]:
+    """Noise larger than declared is structure too: something moves the points that nothing here explains."""
+    from truing.report.diagnosis.findings import noise_explanation
+
+    said = noise_explanation(level.ratio, level.sigma, _um(final.error), final.floor * 1e6)
+    return _of_noise(level, final) | {"explanation": said, "next_measurement": _SCATTER}
+
+
+def _following_row(own: NoiseFollowing, final: Stand) -> dict[str, Any]:
+    """Noise that is larger in places, and the column or the target that it follows."""
+    from truing.report.diagnosis.findings import noise_explanation
+
+    names = [final.model.targets.names[target] for target in own.driver.targets]
+    follows = own.driver.name or f"target {names[0]}"
+    said = noise_explanation(own.ratio, own.sigma, _um(final.error), final.floor * 1e6, [follows])
+    return _of_noise(own, final) | {
+        "subject": f"target {names[0]}" if names else "",
+        "follows": own.driver.column,
+        "explanation": said,
+        "next_measurement": f"{_SCATTER} Repeat it where {follows} differs.",
+    }
+
+
+def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand) -> dict[str, Any]:
+    """What all rows on noise have: no effect on the mean, so nothing is predicted better."""
+    rms, held = _um(final.error), _um(final.held_out)
+    ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
+    return {
+        "cause": "unexplained",
+        "verdict": "found",
+        "subject": "",
+        "p_value": level.p_value,
+        "probability": 1.0 - level.p_value,
+        "parameters": json.dumps({"noise_ratio": ratio}),
+        "follows": "",
+        "rms_before": rms,
+        "rms_after": rms,
+        "heldout_rms_before": held,
+        "heldout_rms_after": held,
+        "noise_floor": final.floor * 1e6,
+        "unit": "um",
+    }
+
+
+def _um(error: Any) -> float | None:
+    return None if error is None or error.rms is None else error.rms * 1e6

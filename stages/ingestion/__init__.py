@@ -1,0 +1,1 @@
+"""From files' tables to points and configurations in the contract's units, checked."""

@@ -1,0 +1,273 @@
+"""The points of a campaign as a stream: normalised, checked on the way, and refused at its end if anything is wrong."""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from stages.ingestion.point_sizes import Geometry, size_faults
+from stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
+from truing.formats.evaluation import TableBatch
+from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
+from truing.formats.point_ledger import PointLedger
+from truing.formats.read import FileRows, ahead, read_table
+from truing.formats.shapes import COORDINATES, POINTS
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.declaration import Progress
+
+_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
+_SAMPLED_POSES = 5
+_MANY = 1 << 20
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the rest of the campaign says of its points.
+
+    ``poses`` are all there may be, ``always`` the bodies that every pose has to show, ``bodies`` all there may be
+    (empty: any), ``reference`` the body that the others are seen from.
+    """
+
+    poses: pa.Array
+    always: tuple[str, ...]
+    bodies: tuple[str, ...]
+    reference: str | None
+    point_mm: float | None
+    geometry: Geometry
+    survey: pa.Table | None
+
+    def without(self, scanned: set[str]) -> Expected:
+        """The same where some bodies are known from scans of their surface, and need no targets."""
+        always = tuple(body for body in self.always if body not in scanned)
+        return replace(self, always=always, reference=None if self.reference in scanned else self.reference)
+
+
+@dataclass
+class Points:
+    """The stream of points, and what is known of it once it has been read to its end."""
+
+    source: CampaignFiles
+    log: FaultLog
+    expected: Expected
+    progress: Progress
+    left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
+    files: dict[str, None] = field(default_factory=dict)
+    sample: list[tuple[NDArray, NDArray, NDArray]] = field(default_factory=list)
+    unlabelled: Unlabelled = field(default_factory=Unlabelled)
+    rows: int = 0
+    labels: int = 0
+    bodies: tuple[str, ...] = ()
+    poses: int = 0
+
+    def __post_init__(self) -> None:
+        self._ledger = PointLedger(self.expected.poses, self.source.scratch)
+        self._declared: pa.Array | None = None
+
+    def stream(self) -> pa.RecordBatchReader:
+        """The observations; raises CampaignFaults at their end where anything in the campaign is wrong."""
+        import pyarrow as pa
+
+        batches = self._batches()
+        first = next(batches, None)
+        if first is None:
+            self._finish()
+            return pa.RecordBatchReader.from_batches(self._schema(()), iter(()))
+        correlated = tuple(name for name in _CORRELATIONS if name in first.columns)
+        schema = self._schema(correlated)
+        return pa.RecordBatchReader.from_batches(schema, self._records(first, batches, schema))
+
+    def _schema(self, correlated: tuple[str, ...]) -> pa.Schema:
+        import pyarrow as pa
+
+        text = not pa.types.is_int64(self.expected.poses.type)
+        schema = ARTIFACTS["observations"].arrow_schema("string" if text else "int64", correlated)
+        names = pa.dictionary(pa.int32(), pa.string())
+        fields = [f.with_type(names) if pa.types.is_string(f.type) else f for f in schema]
+        return pa.schema(fields)
+
+    def _records(self, first: TableBatch, rest: Iterator[TableBatch], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
+        import pyarrow as pa
+
+        for batch in _and(first, rest):
+            if not self.log:
+                yield pa.record_batch([batch.columns[name] for name in schema.names], schema=schema)
+        self._finish()
+
+    def _batches(self) -> Iterator[TableBatch]:
+        total = len(self.source.entries("points"))
+        for file, batch in ahead(read_table(self.source, POINTS, self.log, poses_as_text=self._poses_are_text)):
+            self.files[file.raw.name] = None
+            self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
+            self.progress(0, total, f"{self.rows:,} points")
+            named = self._named_part(file, batch)
+            if named.rows:
+                yield self._taken(file, named)
+        yield from self._labelled()
+
+    def _named_part(self, file: FileRows, batch: TableBatch) -> TableBatch:
+        """The points that have names; the others wait until all of their pose are there."""
+        nameless = without_target(batch)
+        if "target" in batch.columns and "body" not in batch.columns:
+            self.log.add(Fault(file.raw.name, "a column body, or constants = { body = ... }", column="body"))
+            return rows_of(batch, np.zeros(batch.rows, dtype=bool))
+        if not nameless.any():
+            return batch
+        self.unlabelled.add(file, rows_of(batch, nameless))
+        return rows_of(batch, ~nameless)
+
+    def _labelled(self) -> Iterator[TableBatch]:
+        if not self.unlabelled.parts:
+            return
+        file = self.unlabelled.parts[0][0].raw.name
+        if self.expected.survey is None:
+            said = "targets.csv (or [files.targets]): points without names are named by the survey's geometry"
+            self.log.add(Fault(file, said, column="target"))
+            return
+        if self.expected.point_mm is None:
+            self.log.add(Fault("campaign.toml", "the noise of a point, to name points by", column="noise.point_mm"))
+            return
+        survey = surveyed_bodies(self.expected.survey, self.expected.point_mm)
+        for raw, batch in self.unlabelled.named(survey, self.expected.point_mm, self.progress):
+            if batch.rows:
+                yield self._taken(raw, batch)
+        self.left_out.update(self.unlabelled.left_out)
+        for pose, count in self.unlabelled.too_many.items():
+            said = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
+            self.log.add(Fault(file, said, value=f"{count} in pose {pose}"))
+        for body, why in self.unlabelled.hopeless().items():
+            self.log.add(Fault(file, f"points that can be named as targets of body {body}", column="target", value=why))
+
+    @property
+    def _poses_are_text(self) -> bool:
+        import pyarrow as pa
+
+        return not pa.types.is_int64(self.expected.poses.type)
+
+    def _taken(self, file: FileRows, batch: TableBatch) -> TableBatch:
+        import pyarrow as pa
+
+        pose, label = self._ledger.add(file, batch)
+        self.rows += batch.rows
+        known = len(self.expected.poses)
+        if is_unknown := int(pose.max()) >= known:
+            which = "a pose of configurations"
+            faults = CellFaults.where(pose >= known, batch.records, batch.columns["pose"], "pose", which)
+            self.log.cells(file.raw.name, faults, file.locate)
+        if int(pose.min()) < min(_SAMPLED_POSES, known):
+            sampled = pose < min(_SAMPLED_POSES, known)
+            xyz = np.column_stack([np.asarray(batch.columns[name])[sampled] for name in COORDINATES])
+            self.sample.append((pose[sampled], label[sampled], xyz))
+        columns = dict(batch.columns)
+        if self._poses_are_text and not is_unknown:
+            columns["pose"] = pa.DictionaryArray.from_arrays(pa.array(pose), self.expected.poses)
+        columns["body"], columns["target"] = self._ledger.label_columns(label)
+        for name in _SIGMAS:
+            self._check_sigma(file, batch, name)
+            columns[name] = self._sigma(file, columns.get(name), batch.rows)
+        return TableBatch(columns, batch.records)
+
+    def _check_sigma(self, file: FileRows, batch: TableBatch, name: str) -> None:
+        if name in batch.columns:
+            zero = np.asarray(batch.columns[name].fill_null(1.0)) == 0.0
+            faults = CellFaults.where(zero, batch.records, batch.columns[name], name, "a standard deviation above 0")
+            self.log.cells(file.raw.name, faults, file.locate)
+
+    def _sigma(self, file: FileRows, given: pa.Array | None, rows: int) -> pa.Array:
+        import pyarrow as pa
+
+        declared = self.expected.point_mm
+        if given is not None and not given.null_count:
+            return given
+        if declared is None:
+            said = f"a standard deviation of the points, which {file.raw.name} does not give in every row"
+            self.log.add(Fault("campaign.toml", said, column="noise.point_mm"))
+            return pa.nulls(rows, pa.float64())
+        if given is not None:
+            return given.fill_null(declared)
+        if self._declared is None or len(self._declared) < rows:
+            self._declared = pa.array(np.full(max(rows, _MANY >> 3), declared))
+        return self._declared.slice(0, rows)
+
+    # -- at the end ---------------------------------------------------------------------------------------
+
+    def _finish(self) -> None:
+        self._check_duplicates()
+        self._check_bodies()
+        if not self.rows and not self.log:
+            self.log.add(Fault(next(iter(self.files), "points.csv"), "at least one point that is not left out"))
+        file = next(iter(self.files), "points.csv")
+        for fault in size_faults(file, self._sampled(), self.expected.geometry):
+            self.log.add(fault)
+        self.labels, self.bodies = len(self._ledger.labels.values), self._ledger.bodies()
+        self._ledger.close()
+        self.log.throw()
+
+    def _sampled(self) -> dict[tuple[int, str], dict[str, NDArray[np.float64]]]:
+        """Points of a few poses, by pose and body: target to coordinates in mm."""
+        found: dict[tuple[int, str], dict[str, NDArray[np.float64]]] = {}
+        for poses, labels, points in self.sample:
+            for pose, label, point in zip(poses.tolist(), labels.tolist(), points, strict=True):
+                body, target = self._ledger.labels.values[label]  # type: ignore[misc]
+                found.setdefault((pose, body), {})[target] = point
+        return found
+
+    def _check_duplicates(self) -> None:
+        for rows in self._ledger.duplicates():
+            for shown, row in enumerate(rows.tolist()[:SHOWN]):
+                file, record = self._ledger.origin(row)
+                pose, body, target = self._ledger.name_of(row)
+                value = f"pose {pose}, {body}, {target}"
+                count = len(rows) - SHOWN + 1 if shown == SHOWN - 1 else 1
+                faults = CellFaults("each pose, body and target once", None, ((record, value),), count)
+                self.log.cells(file.raw.name, faults, file.locate)
+
+    def _check_bodies(self) -> None:
+        seen, bodies = self._ledger.seen()[: len(self.expected.poses)], self._ledger.bodies()
+        self.poses = int(np.count_nonzero(seen.any(axis=1)))
+        if not self.rows:
+            return
+        file = next(iter(self.files))
+        for body in bodies:
+            if self.expected.bodies and body not in self.expected.bodies:
+                close = difflib.get_close_matches(body, self.expected.bodies, n=1)
+                hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(self.expected.bodies)}"
+                self.log.add(Fault(file, f"a body of the mechanism; {hint}", column="body", value=body))
+        for body in dict.fromkeys((*self.expected.always, *filter(None, (self.expected.reference,)))):
+            if body not in bodies:
+                said = f"points of body {body}; there are points of {', '.join(bodies)}"
+                self.log.add(Fault(file, said, column="body"))
+            elif body in self.expected.always and not self.unlabelled.parts:
+                self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
+        self._check_names(file)
+
+    def _check_names(self, file: str) -> None:
+        """A body that was surveyed is recognised by the names of its targets."""
+        labels = self._ledger.labels.values
+        for body, surveyed in self.expected.geometry.survey.items():
+            seen = [target for name, target in labels if name == body]
+            if seen and not any(target in surveyed for target in seen):
+                said = f"targets of {body} by the names they have in the survey ({', '.join(list(surveyed)[:3])}, ...)"
+                self.log.add(Fault(file, said, column="target", value=", ".join(seen[:3])))
+
+    def _check_every_pose(self, file: str, body: str, without: NDArray[np.bool_]) -> None:
+        for pose in np.flatnonzero(without).tolist():
+            value = f"pose {self.expected.poses[pose].as_py()} has none"
+            self.log.add(Fault(file, f"points of body {body} in every pose", column="body", value=value))
+
+
+def _and(first: TableBatch, rest: Iterator[TableBatch]) -> Iterator[TableBatch]:
+    yield first
+    yield from rest

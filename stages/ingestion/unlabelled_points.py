@@ -1,0 +1,192 @@
+"""Points without names: collected pose by pose, and named by the geometry of the surveyed targets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies
+from truing.formats.dictionaries import as_dictionary, codes
+from truing.formats.evaluation import TableBatch
+from truing.formats.read import FileRows
+from truing.formats.shapes import COORDINATES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.declaration import Progress
+
+Array = NDArray[np.float64]
+
+_ATTACHMENT_MM = 0.03
+"""How far, one standard deviation, a target at an attachment may sit from its survey because the platform deforms."""
+
+_GIVES_WAY = 5e-5
+"""How far, in parts of a body's size, its targets may sit from their survey: 10 K of aluminium over half of it."""
+
+MOST_POINTS = 3000
+"""More points of one pose than anybody names by geometry: above, the file holds a surface."""
+
+_SHOWN_RIVALS = 3
+
+
+@dataclass(frozen=True)
+class SurveyedBody:
+    """The surveyed targets of one body: names (M), points (M, 3) in mm, and how far each may be off (M,) in mm."""
+
+    names: tuple[str, ...]
+    points: Array
+    sigma_mm: Array
+
+
+def surveyed_bodies(survey: pa.Table, point_mm: float) -> dict[str, SurveyedBody]:
+    """The bodies of a survey table (columns of the artifact), with the noise that labelling has to allow for."""
+    body = np.asarray(survey.column("body").to_pylist(), dtype=object)
+    target = np.asarray(survey.column("target").to_pylist(), dtype=object)
+    points = np.column_stack([np.asarray(survey.column(name).to_pylist(), dtype=float) for name in COORDINATES])
+    at_leg = np.array([leg is not None for leg in survey.column("leg").to_pylist()], dtype=bool)
+    return {
+        name: SurveyedBody(
+            tuple(target[body == name]),
+            points[body == name],
+            _sigma(points[body == name], at_leg[body == name], point_mm),
+        )
+        for name in dict.fromkeys(body.tolist())
+    }
+
+
+def _sigma(points: Array, at_leg: NDArray[np.bool_], point_mm: float) -> Array:
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return np.sqrt(point_mm**2 + (_GIVES_WAY * size) ** 2 + np.where(at_leg, _ATTACHMENT_MM, 0.0) ** 2)
+
+
+@dataclass
+class Unlabelled:
+    """Points whose files name no target: held until all are there, for a pose may be spread over files."""
+
+    parts: list[tuple[FileRows, TableBatch]] = field(default_factory=list)
+    left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
+    refused: dict[str, str] = field(default_factory=dict)
+    labelled: set[str] = field(default_factory=set)
+    too_many: dict[str, int] = field(default_factory=dict)
+
+    def add(self, file: FileRows, batch: TableBatch) -> None:
+        """Hold a batch of points that has no target column."""
+        self.parts.append((file, batch))
+
+    def named(
+        self, survey: Mapping[str, SurveyedBody], point_mm: float, progress: Progress
+    ) -> Iterator[tuple[FileRows, TableBatch]]:
+        """The batches that were held, with body and target, without the points that got no name."""
+        pose = _joined([batch.columns["pose"] for _, batch in self.parts])
+        given = _joined([_bodies(batch) for _, batch in self.parts])
+        points = np.concatenate([_points(batch) for _, batch in self.parts])
+        body, target = np.full(len(pose), "", dtype=object), np.full(len(pose), "", dtype=object)
+        groups = list(_groups(pose, given))
+        for done, (name, of_body, rows) in enumerate(groups):
+            progress(done, len(groups), f"naming the points of pose {name}")
+            if len(rows) > MOST_POINTS:
+                self.too_many[name] = len(rows)
+                continue
+            wanted = {of_body: survey[of_body]} if of_body in survey else {} if of_body else survey
+            self._name(name, wanted, points, rows, point_mm, body, target)
+        yield from self._batches(body, target)
+
+    def _name(
+        self, pose: str, survey: Mapping[str, SurveyedBody], points: Array, rows: NDArray[np.int64],
+        point_mm: float, body: NDArray, target: NDArray,
+    ) -> None:  # fmt: skip
+        found = label_bodies(
+            1e-3 * points[rows],
+            {name: 1e-3 * known.points for name, known in survey.items()},
+            1e-3 * point_mm,
+            {name: known.names for name, known in survey.items()},
+            survey_sigma={name: 1e-3 * known.sigma_mm for name, known in survey.items()},
+        )
+        for name, labelling in found.items():
+            if labelling.status is LabellingStatus.TOO_FEW:
+                continue
+            if labelling.status is not LabellingStatus.OK:
+                self.refused[name] = _refusal(labelling)
+                self.left_out[(f"pose {pose}, {name}", self.refused[name])] += 0
+                continue
+            self.labelled.add(name)
+            mine = labelling.assignment >= 0
+            body[rows[mine]] = name
+            target[rows[mine]] = np.asarray(survey[name].names, dtype=object)[labelling.assignment[mine]]
+        if nameless := int(np.count_nonzero(target[rows] == "")):
+            self.left_out[(f"pose {pose}", "points without a name that fit no target of the survey")] += nameless
+
+    def _batches(self, body: NDArray, target: NDArray) -> Iterator[tuple[FileRows, TableBatch]]:
+        from truing.formats.dictionaries import strings
+
+        start = 0
+        for file, batch in self.parts:
+            rows = slice(start, start + batch.rows)
+            start += batch.rows
+            keep = target[rows] != ""
+            columns = {name: _kept(values, keep) for name, values in batch.columns.items()}
+            columns["body"] = strings(body[rows][keep]).dictionary_encode()
+            columns["target"] = strings(target[rows][keep]).dictionary_encode()
+            yield file, TableBatch(columns, batch.records[keep])
+
+    def hopeless(self) -> dict[str, str]:
+        """Bodies that no pose could name, and why."""
+        return {body: why for body, why in self.refused.items() if body not in self.labelled}
+
+
+def _refusal(labelling: Labelling) -> str:
+    rivals = ", ".join(rival.name for rival in labelling.rivals[:_SHOWN_RIVALS])
+    said = f"names refused ({labelling.status.value})"
+    return f"{said}; rivals: {rivals}. {labelling.remedy}" if rivals else f"{said}. {labelling.remedy}"
+
+
+def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, NDArray[np.int64]]]:
+    """Rows that are named together: those of a pose, and of a body where the file gives it."""
+    rows: dict[tuple[str, str], list[int]] = {}
+    for row, key in enumerate(zip(pose, given, strict=True)):
+        rows.setdefault(key, []).append(row)
+    for (name, body), numbers in rows.items():
+        yield name, body, np.array(numbers)
+
+
+def _joined(columns: list[pa.Array]) -> list[str]:
+    return [str(value) for column in columns for value in column.to_pylist()]
+
+
+def _bodies(batch: TableBatch) -> pa.Array:
+    import pyarrow as pa
+
+    if "body" in batch.columns:
+        return as_dictionary(batch.columns["body"])
+    return pa.array([""] * batch.rows)
+
+
+def _points(batch: TableBatch) -> Array:
+    return np.column_stack([np.asarray(batch.columns[name]) for name in COORDINATES])
+
+
+def _kept(values: pa.Array, keep: NDArray[np.bool_]) -> pa.Array:
+    import pyarrow as pa
+
+    return values.filter(pa.array(keep))
+
+
+def without_target(batch: TableBatch) -> NDArray[np.bool_]:
+    """Which points of a batch have no name."""
+    if "target" not in batch.columns:
+        return np.ones(batch.rows, dtype=bool)
+    column = batch.columns["target"]
+    empty = np.array([not text for text in column.dictionary.to_pylist()], dtype=bool)
+    return empty[codes(column)] if empty.any() else np.zeros(batch.rows, dtype=bool)
+
+
+def rows_of(batch: TableBatch, keep: NDArray[np.bool_]) -> TableBatch:
+    """Some rows of a batch."""
+    columns = {name: _kept(values, keep) for name, values in batch.columns.items()}
+    return TableBatch(columns, batch.records[keep])

@@ -1,0 +1,1 @@
+"""The checks of a campaign's quality, one by one."""

@@ -1,0 +1,54 @@
+"""The checks of a campaign's quality: each gives a value, a limit, a verdict and one sentence.
+
+A failing check gates the exit code, so together they may trip on one good campaign in a hundred at most: that budget
+(``[qa] false_alarm``) is shared out among the checks that rest on chance, and within a check among its
+subjects. Checks that only warn are held at ten times their share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.quality.bodies import BodyView, Surroundings
+from stages.quality.check import Check
+from stages.quality.of_noise import noise, noise_by_pose, repeatability
+from stages.quality.of_targets import (
+    attachment_labels,
+    completeness,
+    exchanged_labels,
+    geometry,
+    gross_errors,
+    moved_targets,
+    unobserved_poses,
+)
+from stages.quality.of_time import base_drift, temperature_span, time_gaps
+
+_CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
+
+
+def all_checks(
+    bodies: Sequence[BodyView],
+    around: Surroundings,
+    attachments: NDArray[np.float64],
+    actuator_mm: float,
+    budget: float,
+) -> Iterator[Check]:
+    """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
+    share = budget / _CHANCE_CHECKS
+    yield unobserved_poses(around)
+    yield from attachment_labels(bodies, attachments)
+    for body in bodies:
+        yield from completeness(body)
+        yield from geometry(body)
+        yield from gross_errors(body)
+        yield from exchanged_labels(body, around)
+        yield from moved_targets(body, around, 10.0 * share / len(bodies))
+        yield from noise(body, around, share / len(bodies))
+        yield from noise_by_pose(body, around, share / len(bodies))
+    yield from base_drift(bodies[0], 10.0 * share)
+    yield from repeatability(bodies, around, actuator_mm, share)
+    yield time_gaps(around)
+    yield temperature_span(around)

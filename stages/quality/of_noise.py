@@ -1,0 +1,149 @@
+"""Quality of the noise: is it what was declared, in every body, axis and pose, and between repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.quality.bodies import BodyView, Surroundings
+from stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.estimation.quality import (
+    Scatter,
+    repeated_groups,
+    unexplained_scatter,
+)
+from truing.estimation.rigid_poses.frame import redundancy
+
+Array = NDArray[np.float64]
+
+_NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
+_AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
+_NOISE_NOTED = 1.1
+_POSE_NOISE_TOLERATED = 3.0
+_ODD_POSE = 1e-6
+_ODD_POSES_FAIL = 0.1
+
+
+def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+    """Estimated against declared noise per axis, of what follows neither drives, time nor temperature."""
+    good = body.good & body.frame & ~_odd_poses(_scatter_by_pose(body))[:, None]
+    if good.sum() < 12:
+        yield without(f"noise of {body.name}", "noise", body.name, "too few readings")
+        return
+    part = redundancy(body.survey.points[body.frame], good[:, body.frame])
+    scatter = unexplained_scatter(
+        body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
+    )
+    yield _noise_check(body.name, "", _pooled(scatter), _NOISE_TOLERATED, share / 2)
+    for k, axis in enumerate("xyz"):
+        one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
+        yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6)
+
+
+def _pooled(scatter: Scatter) -> Scatter:
+    return Scatter(scatter.chi_square.sum(keepdims=True), scatter.dof.sum(keepdims=True))
+
+
+def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share: float) -> Check:
+    ratio = float(scatter.ratio[0])
+    failing = scatter.p_above(tolerated)[0] < share
+    verdict = FAIL if failing else WARN if _noted(scatter, share)[0] else PASS
+    where = f"the scatter along {axis}" if axis else "the scatter"
+    sentence = f"{body}: {where} is {ratio:.2f} times the declared noise ({scatter.dof[0]:.0f} degrees of freedom)."
+    return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
+
+
+def _noted(scatter: Scatter, share: float) -> NDArray[np.bool_]:
+    """Noise that differs from the declared by more than a tenth, beyond chance."""
+    return (scatter.p_above(_NOISE_NOTED) < share) | (scatter.p_below(1.0 / _NOISE_NOTED) < share)
+
+
+def noise_by_pose(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+    """Poses whose residuals are larger than the body's own scatter: one is a pose to look at, many are no campaign."""
+    scatter = _scatter_by_pose(body)
+    judged = scatter.dof > 0.0
+    if judged.sum() < 3:
+        yield without(f"noise by pose of {body.name}", "noise-by-pose", body.name, "too few targets per pose")
+        return
+    odd = _odd_poses(scatter)
+    much = scatter.p_above(_POSE_NOISE_TOLERATED) < share / judged.sum()
+    worst = int(np.argmax(np.where(judged, np.nan_to_num(scatter.ratio), -1.0)))
+    failing = much.sum() > _ODD_POSES_FAIL * judged.sum()
+    yield Check(
+        "noise-by-pose",
+        f"{body.name} pose {around.poses[worst]}",
+        float(scatter.ratio[worst]),
+        _POSE_NOISE_TOLERATED,
+        "1",
+        FAIL if failing else WARN if odd.any() else PASS,
+        f"{body.name}: the noisiest pose is {around.poses[worst]}, {scatter.ratio[worst]:.2f} times the ordinary "
+        f"scatter; {int(odd.sum())} of {int(judged.sum())} poses stand out.",
+    )
+
+
+def _scatter_by_pose(body: BodyView) -> Scatter:
+    """Chi-square of each pose's residuals in units of the body's ordinary scatter, the median over its poses."""
+    good = body.good & body.frame
+    dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
+    square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
+    judged = dof > 0.0
+    level = max(1.0, float(np.median(square[judged] / dof[judged]))) if judged.any() else 1.0
+    return Scatter(np.where(judged, square / level, 0.0), dof)
+
+
+def _odd_poses(scatter: Scatter) -> NDArray[np.bool_]:
+    """Poses that chance makes as noisy once in a million: a gross error that its few neighbours hid, most often."""
+    return (scatter.p_above(1.0) < _ODD_POSE) & (np.nan_to_num(scatter.ratio) > 1.5)
+
+
+def repeatability(
+    bodies: Sequence[BodyView], around: Surroundings, actuator_mm: float, share: float
+) -> Iterator[Check]:
+    """Poses taken more than once at the same readings: their scatter against their stated uncertainty."""
+    reference, moving = bodies[0], [b for b in bodies[1:] if not b.name.startswith("leg")]
+    groups = []
+    if around.settings.shape[1] and moving:
+        groups = repeated_groups(around.settings, np.full(around.settings.shape[1], max(5.0 * actuator_mm, 1e-9)))
+    if not groups:
+        yield without("repeatability", "repeatability", "", "no configuration was measured twice")
+        return
+    for body in moving:
+        both = reference.fit.ok & body.fit.ok
+        p, cov = _relative_position(reference, body)
+        parts = [g[both[g]] for g in groups]
+        squares = sum(_spread(p[g], cov[g]) for g in parts if len(g) > 1)
+        dof = 3.0 * sum(len(g) - 1 for g in parts if len(g) > 1)
+        scatter = Scatter(np.array([squares]), np.array([dof]))
+        ratio = float(scatter.ratio[0]) if dof else 0.0
+        failing = scatter.p_above(_POSE_NOISE_TOLERATED)[0] < share / len(moving)
+        noted = scatter.p_above(_NOISE_TOLERATED)[0] < share / len(moving)
+        yield Check(
+            "repeatability",
+            body.name,
+            ratio,
+            _POSE_NOISE_TOLERATED,
+            "1",
+            FAIL if failing else WARN if noted else PASS,
+            f"{body.name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
+            f"({int(dof / 3)} repeats).",
+        )
+
+
+def _relative_position(reference: BodyView, body: BodyView) -> tuple[Array, Array]:
+    """(B, 3) position of the body from the reference body, and its covariance to first order."""
+    turn = np.swapaxes(np.nan_to_num(reference.fit.R), 1, 2)
+    offset = np.nan_to_num(body.fit.t - reference.fit.t)
+    arm = np.cross(np.eye(3)[None], offset[:, None])
+    jacobian = np.concatenate([-np.broadcast_to(np.eye(3), arm.shape), arm], axis=2)
+    cov = np.nan_to_num(body.fit.covariance[:, :3, :3])
+    cov = cov + np.einsum("bij,bjk,blk->bil", jacobian, np.nan_to_num(reference.fit.covariance), jacobian)
+    return np.einsum("bij,bj->bi", turn, offset), np.einsum("bij,bjk,blk->bil", turn, cov, turn)
+
+
+def _spread(values: Array, cov: Array) -> float:
+    """Chi-square of a group's values (G, 3) about their weighted mean."""
+    weight = np.linalg.inv(cov)
+    mean = np.linalg.solve(weight.sum(axis=0), np.einsum("gij,gj->i", weight, values))
+    return float(np.einsum("gi,gij,gj->", values - mean, weight, values - mean))

@@ -1,0 +1,222 @@
+"""Quality of the targets: are they all there, do they fix a frame, does each sit in its own place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.quality.bodies import BodyView, Surroundings
+from stages.quality.check import FAIL, PASS, WARN, Check, listed
+from truing.estimation.quality import (
+    body_shape,
+    exchanged_pairs,
+    find_steps,
+    isolated,
+    successive_sigma,
+)
+
+Array = NDArray[np.float64]
+
+_LOST_WARN = 0.05
+_MISSING_WARN, _MISSING_FAIL = 0.1, 0.3
+_GROSS_WARN, _GROSS_FAIL = 0.05, 0.15
+_SPREAD_IN_SIGMA = 5.0  # below it the roll about the line is known to some 5 degrees at best
+_NEARLY_PLANAR = 0.01
+_LEVERAGE = 0.9
+
+
+def unobserved_poses(around: Surroundings) -> Check:
+    """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
+    lost = [str(pose) for pose in around.unobserved]
+    share = len(lost) / max(len(lost) + len(around.poses), 1)
+    verdict = FAIL if share > _MISSING_FAIL else WARN if lost else PASS
+    said = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
+    return Check("unobserved-poses", "", share, _MISSING_FAIL, "1", verdict, said)
+
+
+def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
+    """Targets marked as sitting at an attachment, against the nominal attachments (L, 3): is their leg the nearest?"""
+    for body in bodies:
+        if body.name != "platform" or not len(attachments):
+            continue
+        marked = np.nonzero((body.survey.leg > 0) & (body.survey.leg <= len(attachments)))[0]
+        for t in marked:
+            distance = np.linalg.norm(attachments - body.survey.points[t], axis=1)
+            own, nearest = body.survey.leg[t], int(distance.argmin()) + 1
+            said = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
+            said += (
+                "." if nearest == own else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
+            )
+            yield Check(
+                "attachment-labels",
+                f"target {body.survey.targets[t]}",
+                1e3 * float(distance[own - 1]),
+                1e3 * float(np.delete(distance, own - 1).min()),
+                "mm",
+                PASS if nearest == own else FAIL,
+                said,
+            )
+
+
+def completeness(body: BodyView) -> Iterator[Check]:
+    """Targets seen per pose, and poses without a frame."""
+    seen = body.points.seen
+    share = 1.0 - float(seen.mean())
+    verdict = FAIL if share > _MISSING_FAIL else WARN if share > _MISSING_WARN else PASS
+    yield Check(
+        "completeness",
+        body.name,
+        share,
+        _MISSING_FAIL,
+        "1",
+        verdict,
+        f"{body.name}: {int((~seen).sum())} of {seen.size} target readings are missing "
+        f"({seen.shape[1]} targets, {seen.shape[0]} poses).",
+    )
+    lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
+    yield Check(
+        "poses-determined",
+        body.name,
+        float(len(lost)),
+        _MISSING_FAIL * len(seen),
+        "1",
+        FAIL if len(lost) > _MISSING_FAIL * len(seen) else WARN if len(lost) > _LOST_WARN * len(seen) else PASS,
+        f"{body.name}: every pose can be determined."
+        if not lost
+        else f"{body.name}: {len(lost)} poses have too few usable targets ({listed(lost)}).",
+    )
+
+
+def geometry(body: BodyView) -> Iterator[Check]:
+    """Whether the targets fix a frame: spread across a line and a plane, and no single target on which it hangs."""
+    points = body.survey.points[body.frame]
+    if len(points) < 3:
+        yield Check(
+            "geometry", body.name, float(len(points)), 3.0, "1", FAIL, f"{body.name}: fewer than three targets."
+        )
+        return
+    shape = body_shape(points)
+    across, thick = shape.extents[1] / shape.extents[0], shape.extents[2] / shape.extents[0]
+    sigma = float(np.median(body.sigma))
+    in_line = shape.extents[1] < _SPREAD_IN_SIGMA * sigma
+    yield Check(
+        "geometry-line",
+        body.name,
+        float(shape.extents[1] * 1e3),
+        _SPREAD_IN_SIGMA * sigma * 1e3,
+        "mm",
+        FAIL if in_line else PASS,
+        f"{body.name}: targets spread {shape.extents[0] * 1e3:.1f} x {shape.extents[1] * 1e3:.1f} x "
+        f"{shape.extents[2] * 1e3:.1f} mm (rms){': nearly in line, the roll is free' if in_line else ''}.",
+    )
+    flat = len(points) > 3 and thick < _NEARLY_PLANAR
+    yield Check(
+        "geometry-plane",
+        body.name,
+        float(thick),
+        _NEARLY_PLANAR,
+        "1",
+        WARN if flat else PASS,
+        f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
+        f"{': nearly planar, mirrored labels would not be noticed' if flat else ''}.",
+    )
+    names = np.array(body.survey.targets, dtype=object)[body.frame]
+    for name, leverage in zip(names, shape.leverage, strict=True):
+        heavy = len(points) > 3 and leverage > _LEVERAGE
+        yield Check(
+            "geometry-leverage",
+            f"target {name}",
+            float(leverage),
+            _LEVERAGE,
+            "1",
+            WARN if heavy else PASS,
+            f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame.",
+        )
+
+
+def gross_errors(body: BodyView) -> Iterator[Check]:
+    """Share of targets far from their place; a few per cent are ordinary."""
+    seen = int(body.points.seen.sum())
+    share = float(body.gross.sum()) / max(seen, 1)
+    verdict = FAIL if share > _GROSS_FAIL else WARN if share > _GROSS_WARN else PASS
+    per_target = body.gross.sum(axis=0)
+    often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
+    tail = f", most often {', '.join(often)}" if often else ""
+    yield Check(
+        "gross-errors",
+        body.name,
+        share,
+        _GROSS_FAIL,
+        "1",
+        verdict,
+        f"{body.name}: {int(body.gross.sum())} of {seen} readings are far from their place{tail}.",
+    )
+
+
+def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
+    """Pairs of targets that lie on each other's places."""
+    source = body.survey.points
+    expected = body.fit.apply(np.broadcast_to(source, body.points.points.shape))
+    ok = body.gross & body.fit.ok[:, None]
+    limit = np.maximum(10.0 * np.sqrt((body.sigma**2).sum(axis=2)), 0.02 * _nearest_neighbour(source))
+    pairs = exchanged_pairs(np.nan_to_num(expected), body.points.points, ok, limit)
+    if not pairs:
+        yield Check("exchanged-labels", body.name, 0.0, 0.0, "1", PASS, f"{body.name}: no labels are exchanged.")
+    for a, b in sorted({(a, b) for _, a, b in pairs}):
+        poses = [str(around.poses[p]) for p, i, j in pairs if (i, j) == (a, b)]
+        names = f"{body.survey.targets[a]} {body.survey.targets[b]}"
+        yield Check(
+            "exchanged-labels",
+            f"targets {names}",
+            float(len(poses)),
+            0.0,
+            "1",
+            FAIL,
+            f"{body.name}: the labels {names} are exchanged in pose {listed(poses)}.",
+        )
+
+
+def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+    """Targets that sit elsewhere from some pose on, with the pose and the shift."""
+    seen = body.points.seen & body.fit.ok[:, None]
+    own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
+    kept = seen & ~isolated(body.residuals, own, seen, limit=4.0)
+    step = find_steps(body.residuals, own, kept)
+    moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
+    shifted = [
+        t for t in moved if not _is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
+    ]
+    if not shifted:
+        yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, f"{body.name}: no target has moved on its body.")
+    for t in shifted:
+        d = step.size[t] * 1e3
+        size = float(np.linalg.norm(d))
+        yield Check(
+            "moved-targets",
+            f"target {body.survey.targets[t]}",
+            size,
+            0.0,
+            "mm",
+            WARN,
+            f"{body.name}: target {body.survey.targets[t]} sits {size:.3f} mm elsewhere "
+            f"({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
+            f"from pose {around.poses[step.onset[t]]} on.",
+        )
+
+
+def _is_trend(values: Array, sigma: Array, kept: NDArray[np.bool_], time: Array, onset: int) -> bool:
+    """Whether a straight line in time explains the values (B, 3) better than the step at ``onset``."""
+    left = []
+    for shape in ((np.arange(len(time)) >= onset).astype(float), time):
+        design = np.column_stack([np.ones(int(kept.sum())), shape[kept]])
+        fitted = design @ np.linalg.lstsq(design, values[kept], rcond=None)[0]
+        left.append((((values[kept] - fitted) / sigma[kept]) ** 2).sum())
+    return bool(left[1] < left[0])
+
+
+def _nearest_neighbour(points: Array) -> Array:
+    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(axis=1)

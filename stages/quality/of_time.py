@@ -1,0 +1,62 @@
+"""Quality over time: does the base stand still, were there long pauses, how far did the temperature walk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stages.quality.bodies import BodyView, Surroundings
+from stages.quality.check import PASS, WARN, Check, without
+from truing.estimation.quality import (
+    find_drift,
+)
+
+
+def base_drift(body: BodyView, share: float) -> Iterator[Check]:
+    """A reference body that walks in the frame of the measurement; without meaning where that frame changes by
+    pose."""
+    drift = find_drift(body.points.points, body.good)
+    size = float(drift.span.max(initial=0.0)) * 1e3
+    sigma = float(np.median(body.sigma)) * 1e3
+    walks = drift.p_value < share and size > 3.0 * sigma
+    target = body.survey.targets[int(drift.span.argmax())] if len(drift.span) else ""
+    message = f"{body.name}: stands still in the frame of the measurement, or that frame changes from pose to pose."
+    if walks:
+        message = f"{body.name}: drifts by {size:.3f} mm over the campaign, most at target {target}."
+    yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
+
+
+def time_gaps(around: Surroundings) -> Check:
+    """A pause much longer than the usual pace: something may have changed meanwhile."""
+    steps = np.diff(around.time)
+    if len(steps) < 3 or np.median(steps) <= 0.0:
+        return without("time gaps", "time-gaps", "", "no times")
+    longest = int(steps.argmax())
+    ratio, limit = float(steps[longest] / np.median(steps)), 10.0
+    return Check(
+        "time-gaps",
+        f"pose {around.poses[longest + 1]}",
+        float(steps[longest]),
+        limit * float(np.median(steps)),
+        "s",
+        WARN if ratio > limit else PASS,
+        f"The longest pause is {steps[longest]:.0f} s, {ratio:.1f} times the usual, "
+        f"before pose {around.poses[longest + 1]}.",
+    )
+
+
+def temperature_span(around: Surroundings) -> Check:
+    """How far the temperature walked: what thermal effects have to work with."""
+    if around.temperature is None or not np.isfinite(around.temperature).any():
+        return without("temperature", "temperature-span", "", "no temperatures were recorded")
+    low, high = float(np.nanmin(around.temperature)), float(np.nanmax(around.temperature))
+    return Check(
+        "temperature-span",
+        "",
+        high - low,
+        2.0,
+        "K",
+        WARN if high - low > 2.0 else PASS,
+        f"Temperature ran from {low:.2f} to {high:.2f} degrees C.",
+    )

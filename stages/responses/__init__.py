@@ -1,0 +1,1 @@
+"""What follows a drive: attachments, targets, loads."""

@@ -1,0 +1,1 @@
+"""The poses of bodies and scans as tables."""

@@ -1,0 +1,181 @@
+"""Dense scans become poses: every scan of a body's surface is laid onto the reference surface of that body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from truing.estimation.rotation import log_so3
+from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
+from truing.formats.dictionaries import codes
+from truing.formats.evaluation import TableBatch
+from truing.formats.faultlog import FaultLog
+from truing.formats.read import read_table
+from truing.formats.shapes import COORDINATES, SCANS, SURFACES
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.declaration import Progress
+
+Array = NDArray[np.float64]
+
+# A pose found from that of the scan before is believed where it covers and fits the surface about as well.
+_LESS_OVERLAP, _MORE_RMS = 0.8, 1.25
+
+
+@dataclass
+class DenseScans:
+    """The scans of a campaign as rows of the artifact, the bodies scanned, and points left out by (subject, reason)."""
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    bodies: set[str] = field(default_factory=set)
+    points: int = 0
+    left_out: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    def table(self, poses: pa.Array) -> pa.Table:
+        """The artifact, its poses of the campaign's type."""
+        import pyarrow as pa
+
+        return pa.Table.from_pylist(self.rows, schema=ARTIFACTS["scans"].arrow_schema(identifier_of(poses)))
+
+    @property
+    def figure(self) -> str:
+        """How many scans gave a pose, and how well."""
+        rms = [row["rms_mm"] for row in self.rows if row["status"] == ScanStatus.OK]
+        fit = f", rms {np.sqrt(np.mean(np.square(rms))):.4f} mm" if rms else ""
+        return f"{len(rms)} of {len(self.rows)} scans registered{fit}"
+
+
+def identifier_of(poses: pa.Array) -> str:
+    """The type of pose identifiers, as artifacts name it."""
+    import pyarrow as pa
+
+    return "int64" if pa.types.is_int64(poses.type) else "string"
+
+
+def read_scans(source: CampaignFiles, poses: pa.Array, log: FaultLog, progress: Progress) -> DenseScans | None:
+    """Register every scan of the campaign; None where it has none. What is wrong goes into ``log``.
+
+    The first scan of a body is looked for anywhere, with its rivals; a later one where the last one was, and
+    anywhere if it is not found there.
+    """
+    if not source.entries("scans"):
+        return None
+    found = DenseScans()
+    last: dict[str, ScanFit] = {}
+    surfaces = _surfaces(source, log)
+    total = len(poses) * max(len(surfaces), 1)
+    for file, pose, body, points in _clouds(source, poses, log):
+        progress(len(found.rows), total, f"{body} in pose {pose}")
+        found.bodies.add(body)
+        if body not in surfaces:
+            known = f"there are {', '.join(surfaces)}" if surfaces else "there is none"
+            expected = f"a body with a reference surface in [files.surfaces]; {known}"
+            log.add(Fault(file, expected, column="body", value=body))
+            continue
+        if log:
+            continue  # nothing will come of it: only the remaining faults are looked for
+        fit = _registered(points, surfaces[body], last.get(body))
+        if fit.status == ScanStatus.OK:
+            last[body] = fit
+        else:
+            found.left_out[(f"pose {pose}, {body}", _refusal(fit))] = fit.n_points
+        found.points += fit.n_points
+        found.rows.append({"pose": pose, "body": body, **_row(fit)})
+    return found
+
+
+def _surfaces(source: CampaignFiles, log: FaultLog) -> dict[str, Array]:
+    """Reference surfaces (M, 3) in m by body."""
+    if not source.entries("surfaces"):
+        log.add(Fault("surfaces.csv", "reference surfaces of the scanned bodies: [files.surfaces] in campaign.toml"))
+    parts: dict[str, list[Array]] = {}
+    for _, batch in read_table(source, SURFACES, log):
+        column, points = batch.columns["body"], _points(batch)
+        for number in np.unique(_numbers(column)).tolist():
+            parts.setdefault(column.dictionary[number].as_py(), []).append(points[_numbers(column) == number])
+    return {body: np.concatenate(points) for body, points in parts.items()}
+
+
+def _clouds(source: CampaignFiles, poses: pa.Array, log: FaultLog) -> Iterator[tuple[str, int | str, str, Array]]:
+    """File, pose, body and points (N, 3) in m of every scan, one at a time; scans of poses that are none are faults."""
+    import pyarrow as pa
+
+    known, done = set(poses.to_pylist()), set()
+    held: tuple[str, Any, list[Array]] | None = None
+    for file, batch in read_table(source, SCANS, log, poses_as_text=not pa.types.is_int64(poses.type)):
+        for key, points in _runs(batch):
+            if held is not None and held[1] == key:
+                held[2].append(points)
+                continue
+            if held is not None:
+                yield held[0], *held[1], np.concatenate(held[2])
+            held = None
+            if key[0] not in known:
+                log.add(Fault(file.raw.name, "a pose of configurations", column="pose", value=str(key[0])))
+            elif key in done:
+                log.add(Fault(file.raw.name, "one scan per pose and body", value=f"pose {key[0]}, {key[1]}"))
+            else:
+                held = (file.raw.name, key, [points])
+            done.add(key)
+    if held is not None:
+        yield held[0], *held[1], np.concatenate(held[2])
+
+
+def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
+    """Rows of a batch that follow each other with the same pose and body."""
+    if not batch.rows:
+        return
+    points, (pose, body) = _points(batch), (_numbers(batch.columns[name]) for name in ("pose", "body"))
+    starts = np.flatnonzero(np.r_[True, (np.diff(pose) != 0) | (np.diff(body) != 0)])
+    for start, end in zip(starts, np.r_[starts[1:], len(points)], strict=True):
+        yield tuple(batch.columns[name][int(start)].as_py() for name in ("pose", "body")), points[start:end]
+
+
+def _numbers(column: pa.Array) -> NDArray[np.int64]:
+    """Numbers that differ where the values of a column do."""
+    import pyarrow as pa
+
+    return np.asarray(codes(column) if pa.types.is_dictionary(column.type) else column, dtype=np.int64)
+
+
+def _points(batch: TableBatch) -> Array:
+    return 1e-3 * np.column_stack([np.asarray(batch.columns[name], dtype=float) for name in COORDINATES])
+
+
+def _registered(points: Array, surface: Array, last: ScanFit | None) -> ScanFit:
+    if last is not None and last.T_measurement_reference is not None:
+        fit = refine_scan(points, surface, last.T_measurement_reference)
+        close = fit.overlap >= _LESS_OVERLAP * last.overlap and fit.rms <= _MORE_RMS * last.rms
+        if fit.status == ScanStatus.OK and close:
+            return fit
+    return register_scan(points, surface)
+
+
+def _refusal(fit: ScanFit) -> str:
+    why = "; ".join(fit.unobservable) or (f"{len(fit.rivals)} rivals" if len(fit.rivals) else "")
+    return f"scan refused ({fit.status}{': ' + why if why else ''}). {fit.remedy}"
+
+
+def _row(fit: ScanFit) -> dict[str, Any]:
+    T, covariance = fit.T_measurement_reference, fit.covariance
+    place = [None] * 6 if T is None else [*(1e3 * T[:3, 3]).tolist(), *log_so3(T[:3, :3]).tolist()]
+    return {
+        **dict(zip(("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad"), place, strict=True)),
+        **{f"cov_{i}_{j}": None if covariance is None else covariance[i, j] for i in range(6) for j in range(i, 6)},
+        "rms_mm": 1e3 * fit.rms,
+        "n_used": fit.n_used,
+        "n_rejected": fit.n_points - fit.n_used,
+        "overlap": fit.overlap,
+        "noise_ratio": fit.noise_ratio,
+        "status": str(fit.status),
+        "message": "registered" if fit.status == ScanStatus.OK else _refusal(fit),
+    }

@@ -1,0 +1,94 @@
+"""The rows of the poses and residuals artifacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from stages.rigid_poses.body_pose import BodyPoses
+from truing.estimation.covariance import relative
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
+from truing.estimation.rotation import log_so3
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MEASUREMENT = "measurement"
+_COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
+
+
+def poses_table(bodies: Sequence[BodyPoses], reference: str | None, identifier: str) -> pa.Table:
+    """One row per pose, body and method; bodies other than the reference are seen from it."""
+    base = next((body for body in bodies if body.name == reference), None)
+    parts = [_pose_columns(body, method, None if body is base else base) for body in bodies for method in body.fits]
+    return _table("poses", parts, identifier)
+
+
+def residuals_table(bodies: Sequence[BodyPoses], identifier: str) -> pa.Table:
+    """One row per observed point: measured minus fitted by the default method, and whether it was used."""
+    return _table("residuals", [_residual_columns(body) for body in bodies], identifier)
+
+
+def seen_from(base: BodyPoses, fit: RigidFit, method: str) -> tuple[Any, Any, Any, NDArray[np.object_]]:
+    """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair."""
+    other = base.fits.get(method, base.fit)
+    R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
+    of_base = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
+    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), of_base))
+
+
+def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None) -> dict[str, Any]:
+    fit = body.fits[method]
+    if base is None:
+        R, p, covariance, status = fit.R, fit.t, fit.covariance, fit.status.astype(object)
+    else:
+        R, p, covariance, status = seen_from(base, fit, method)
+    count = len(R)
+    vector = np.full((count, 3), np.nan)
+    ok = np.isfinite(R).all(axis=(1, 2))
+    vector[ok] = log_so3(R[ok])
+    return {
+        "pose": np.array(body.points.poses, dtype=object),
+        "body": np.full(count, body.name, dtype=object),
+        "parent": np.full(count, MEASUREMENT if base is None else base.name, dtype=object),
+        "method": np.full(count, method, dtype=object),
+        "default": np.full(count, method == body.default),
+        **{f"p{a}_mm": 1e3 * p[:, k] for k, a in enumerate("xyz")},
+        **{f"r{a}_rad": vector[:, k] for k, a in enumerate("xyz")},
+        **{f"cov_{i}_{j}": covariance[:, i, j] for i, j in _COVARIANCE},
+        "rms_mm": 1e3 * fit.rms,
+        "n_used": fit.n_used,
+        "n_rejected": body.rejections[method],
+        "status": status,
+    }
+
+
+def _residual_columns(body: BodyPoses) -> dict[str, Any]:
+    at_pose, at_target = np.nonzero(body.points.seen)
+    residual = 1e3 * body.residual[at_pose, at_target]
+    return {
+        "pose": np.array(body.points.poses, dtype=object)[at_pose],
+        "body": np.full(len(at_pose), body.name, dtype=object),
+        "target": np.array(body.points.targets, dtype=object)[at_target],
+        **{f"d{a}_mm": residual[:, k] for k, a in enumerate("xyz")},
+        "weight": body.used[at_pose, at_target].astype(np.float64),
+        "rejected": body.rejected[at_pose, at_target],
+        "reason": np.array([r or None for r in body.reason[at_pose, at_target]], dtype=object),
+    }
+
+
+def _table(name: str, parts: list[dict[str, Any]], identifier: str) -> pa.Table:
+    """The parts one after the other, NaN as empty."""
+    import pyarrow as pa
+
+    schema = ARTIFACTS[name].arrow_schema(identifier)
+    if not parts:
+        return schema.empty_table()
+    columns = {key: np.concatenate([part[key] for part in parts]) for key in schema.names}
+    return pa.table(
+        [pa.array(columns[key], schema.field(key).type, from_pandas=True) for key in schema.names], schema=schema
+    )

@@ -1,0 +1,1 @@
+"""Campaigns drawn again from a campaign's own layout, and what was found in them."""

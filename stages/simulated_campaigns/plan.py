@@ -1,0 +1,210 @@
+"""A campaign as a plan that can be drawn again: its survey, configurations and noise, and which targets it sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from stages.diagnosis.mechanism_points import Gathered, facing, nominal_legs
+from stages.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
+from stages.pose_conditions import pose_conditions
+from truing.simulation.campaign_simulation import Layout, draw_campaign
+from truing.simulation.cause import Effect, Scene
+from truing.simulation.legs import Legs
+from truing.simulation.point_model import PointModel
+from truing.simulation.survey import shape_unknowns
+from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.simulation.unknowns import Conditions, Known
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign, LeggedMechanism
+
+_FEWEST_POSES = 3
+
+
+@dataclass(frozen=True)
+class _Bodies:
+    """All bodies' targets one after the other: survey with covariance, points' covariance, and which were seen."""
+
+    targets: Targets
+    shape: NDArray  # (K, 3) m
+    shape_cov: NDArray  # (K, 3, 3) m^2
+    cov: NDArray  # (B, K, 3, 3) m^2
+    seen: NDArray  # (B, K)
+
+    def only(self, kept: NDArray) -> _Bodies:
+        """Some of the targets."""
+        names, bodies = (
+            tuple(name for name, keep in zip(listed, kept, strict=True) if keep)
+            for listed in (self.targets.names, self.targets.bodies)
+        )
+        targets = Targets(self.targets.body[kept], self.targets.leg[kept], names, bodies)
+        return _Bodies(targets, self.shape[kept], self.shape_cov[kept], self.cov[:, kept], self.seen[:, kept])
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """A layout, and the tables that a drawn campaign of that layout fills with other numbers.
+
+    ``poses`` (B) are those that the layout counts; ``was_measured``: whether there are points. ``scene`` is what
+    causes may propose candidates from, as the diagnosis offers it to them.
+    """
+
+    layout: Layout
+    observations: pa.Table
+    survey: pa.Table
+    configurations: pa.Table
+    poses: tuple[int | str, ...]
+    was_measured: bool
+    scene: Scene
+
+    def with_gross(self, share: float) -> CampaignPlan:
+        """The plan with a share of the points grossly wrong."""
+        return replace(self, layout=replace(self.layout, gross=share))
+
+    def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
+        """The tables of a campaign drawn anew with effects hidden in it; raises ValueError where it cannot be."""
+        found = draw_campaign(self.layout, effects, rng)
+        targets = self.layout.model.targets
+        pose = positions(self.observations.column("pose"), self.poses)
+        place = _places(self.observations, targets)
+        kept = (pose >= 0) & (place >= 0)
+        own = _places(self.survey, targets)
+        surveyed = self.survey.filter(own >= 0)
+        return {
+            "observations": _with_points(self.observations.filter(kept), found.points[pose[kept], place[kept]]),
+            "survey": _with_points(surveyed, found.survey[own[own >= 0]]),
+            "configurations": self.configurations,
+        }
+
+
+def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPlan:
+    """The plan of an exact nominal mechanism; without observations every target is seen in every pose.
+
+    Raises ValueError, saying why, where that much is not there.
+    """
+    legs = nominal_legs(cast("LeggedMechanism", settings.mechanism))
+    legs = facing(legs, tables["poses"]) if "poses" in tables else legs
+    conditions = _with_readings(tables["configurations"], legs.count, settings)
+    noise = (settings.noise.point_mm or 0.0) * 1e-3
+    measured = "observations" in tables and tables["observations"].num_rows > 0
+    seen = tables["observations"] if measured else _all_seen(tables["survey"], tables["configurations"], noise)
+    bodies = _bodies(tables["survey"], seen, conditions.poses, legs.count, noise)
+    if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
+        raise ValueError("needs surveyed targets on base and platform")
+    model, bodies = _nominal_model(legs, bodies, conditions, settings.noise.actuator_mm * 1e-3)
+    layout = Layout(model, bodies.cov, bodies.seen)
+    own = seen.take(np.arange(seen.num_rows))  # without the larger buffers that it was read from
+    return CampaignPlan(
+        layout, own, tables["survey"], tables["configurations"], conditions.poses, measured, model.scene
+    )
+
+
+def _with_readings(configurations: pa.Table, legs: int, settings: Campaign) -> Conditions:
+    """The conditions of all poses whose readings are known."""
+    whole = pose_conditions(configurations, pose_ids(configurations), legs, settings.noise.actuator_mm * 1e-3)
+    rows = np.flatnonzero(np.isfinite(whole.readings).all(1))
+    if len(rows) < _FEWEST_POSES:
+        raise ValueError(f"needs at least {_FEWEST_POSES} poses with readings, found {len(rows)}")
+    covariates = {name: values[rows] for name, values in whole.covariates.items()}
+    poses = tuple(whole.poses[row] for row in rows)
+    return replace(whole, readings=whole.readings[rows], covariates=covariates, poses=poses)
+
+
+def _nominal_model(
+    legs: Legs, bodies: _Bodies, conditions: Conditions, reading_sigma: float
+) -> tuple[PointModel, _Bodies]:
+    """The model of an exact mechanism, and the bodies whose targets it can place: legs need three."""
+    on_leg = bodies.targets.body == LEG
+    ridden = [
+        leg for leg in range(legs.count) if legs.closure.one_body and sum(on_leg & (bodies.targets.leg == leg)) >= 3
+    ]
+    bodies = bodies.only(~on_leg | np.isin(bodies.targets.leg, ridden))
+    unmoved, at_origin = np.tile(np.eye(3), (legs.count, 1, 1)), np.zeros((legs.count, 3))
+    survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
+    known = Known({}, bodies.shape, survey, reading_sigma, np.array(ridden, int), unmoved, at_origin)
+    return PointModel(legs, bodies.targets, known, conditions), bodies
+
+
+def full_plan(bare: CampaignPlan, gathered: Gathered, poses_table: pa.Table) -> CampaignPlan:
+    """The plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them."""
+    model = gathered.model
+    known = {name: k for k, name in enumerate(_named(bare.layout.model.targets))}
+    order = [known[name] for name in _named(model.targets)]
+    layout = Layout(
+        model.at(bare.layout.model.conditions),
+        bare.layout.covariance[:, order],
+        bare.layout.seen[:, order],
+        default_rotations(poses_table, "base", bare.poses) if bare.was_measured else None,
+    )
+    scene = replace(model.scene, seen=gathered.calibration.measured.seen)
+    return replace(bare, layout=layout, scene=scene)
+
+
+def _named(targets: Targets) -> list[tuple[str, str]]:
+    return list(zip(targets.bodies, targets.names, strict=True))
+
+
+def _all_seen(survey: pa.Table, configurations: pa.Table, noise: float) -> pa.Table:
+    """A row per pose and target, its place still to be filled."""
+    import pyarrow as pa
+
+    poses, count = configurations.column("pose"), survey.num_rows
+    pose = np.repeat(np.arange(len(poses)), count)
+    target = np.tile(np.arange(count), len(poses))
+    columns = {"pose": poses.take(pa.array(pose))}
+    columns |= {name: survey.column(name).take(pa.array(target)) for name in ("body", "target")}
+    columns |= {f"{axis}_mm": pa.array(np.zeros(len(pose))) for axis in "xyz"}
+    columns |= {f"sigma_{axis}_mm": pa.array(np.full(len(pose), noise * 1e3)) for axis in "xyz"}
+    identifier = "int64" if pa.types.is_integer(poses.type) else "string"
+    return pa.table(columns).cast(ARTIFACTS["observations"].arrow_schema(identifier))
+
+
+def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ...], legs: int, noise: float) -> _Bodies:
+    kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
+    surveys = [(body, kind, ridden, survey_points(survey, body)) for body, kind, ridden in kinds]
+    found = [pose_points(observations, body, poses, own.targets) for body, _, _, own in surveys]
+    legs_of = [own.leg - 1 if kind == PLATFORM else np.full(len(own.leg), ridden) for _, kind, ridden, own in surveys]
+    targets = Targets(
+        np.concatenate([np.full(len(own.targets), kind) for _, kind, _, own in surveys]),
+        np.concatenate(legs_of),
+        tuple(target for *_, own in surveys for target in own.targets),
+        tuple(body for body, _, _, own in surveys for _ in own.targets),
+    )
+    return _Bodies(
+        targets,
+        np.concatenate([own.points for *_, own in surveys]),
+        _filled(np.concatenate([own.cov for *_, own in surveys]), noise),
+        _filled(np.concatenate([points.cov for points in found], 1), noise),
+        np.concatenate([points.seen for points in found], 1),
+    )
+
+
+def _filled(cov: NDArray, noise: float) -> NDArray:
+    """Covariances with the declared noise where none is told."""
+    known = np.isfinite(cov).all((-1, -2)) & (np.trace(np.nan_to_num(cov), axis1=-2, axis2=-1) > 0)
+    return np.where(known[..., None, None], cov, np.eye(3) * noise**2)
+
+
+def _places(table: pa.Table, targets: Targets) -> NDArray:
+    """Where each row's target stands among the layout's; -1 where it does not."""
+    known = {name: k for k, name in enumerate(_named(targets))}
+    rows = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
+    return np.array([known.get(name, -1) for name in rows], dtype=int)
+
+
+def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
+    """The table with other coordinates, points (N, 3) in m."""
+    import pyarrow as pa
+
+    for axis, values in zip("xyz", points.T, strict=True):
+        place = table.schema.get_field_index(f"{axis}_mm")
+        table = table.set_column(place, table.schema.field(place), pa.array(values * 1e3))
+    return table

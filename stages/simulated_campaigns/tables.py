@@ -1,0 +1,100 @@
+"""The answers of many drawn campaigns as tables: from which size on each effect is found, and rates by size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from stages.power import Curve, Question, Rate
+from truing.estimation.diagnosis.detectable import POWER
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+NEARLY_ALWAYS = 0.95
+_TEXTS = ("cause", "concerns", "parameter", "unit", "instead")
+_COUNTS = ("campaigns",)
+
+
+def sizes_table(curves: Iterable[Curve]) -> pa.Table:
+    """A row per sort of effect: the size found with 80 and with 95 %, as theory expects it and as drawn campaigns show.
+
+    Sizes are root mean squares of ``parameter`` in its unit; bounds hold with a probability of 95 %.
+    """
+    return _table([_sizes_row(curve) for curve in curves], _SIZES)
+
+
+def rates_table(curves: Iterable[Curve], alarms: Rate) -> pa.Table:
+    """A row per sort of effect and size: how often it was found, named, its subject right; nothing hidden first."""
+    rows = [_nothing_row(alarms)] if alarms.of else []
+    rows += [row for curve in curves for row in _rate_rows(curve)]
+    return _table(rows, _RATES)
+
+
+_SORT = ("cause", "concerns", "parameter", "unit")
+_SIZES = (
+    *_SORT,
+    *(f"{name}_{level}" for level in ("80", "95") for name in ("expected", "found", "lower", "upper")),
+    "signal_to_noise_80",
+    "instead",
+)
+_RATES = (
+    *_SORT,
+    "size",
+    "signal_to_noise",
+    "campaigns",
+    "expected",
+    *(f"{what}{bound}" for what in ("found", "named", "subject_right") for bound in ("", "_lower", "_upper")),
+)
+
+
+def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
+    import pyarrow as pa
+
+    kinds = {name: pa.string() if name in _TEXTS else pa.int64() if name in _COUNTS else pa.float64() for name in names}
+    return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
+
+
+def _sort_row(question: Question) -> dict[str, Any]:
+    sort, unit = question.sort, question.unit
+    return {"cause": sort.kind, "concerns": sort.concerns, "parameter": unit.parameter, "unit": unit.unit}
+
+
+def _sizes_row(curve: Curve) -> dict[str, Any]:
+    question, scale = curve.question, curve.question.unit.value
+    row = _sort_row(question)
+    for level, power in (("80", POWER), ("95", NEARLY_ALWAYS)):
+        theory, seen = question.size_of(power), curve.size(power)
+        row[f"expected_{level}"] = None if theory is None else theory * scale
+        bounds = (None,) * 3 if seen is None else (seen.value * scale, seen.lower * scale, seen.upper * scale)
+        row |= dict(zip((f"found_{level}", f"lower_{level}", f"upper_{level}"), bounds, strict=True))
+    expected = question.expected
+    row["signal_to_noise_80"] = None if expected is None else question.signal_to_noise(expected)
+    row["instead"] = ", ".join(f"{said} ({count})" for said, count in curve.said[:3])
+    return row
+
+
+def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
+    question = curve.question
+    return [
+        {
+            **_sort_row(question),
+            "size": factor * (question.expected or 0.0) * question.unit.value,
+            "signal_to_noise": question.signal_to_noise(factor * (question.expected or 0.0)),
+            "campaigns": curve.found[place].of,
+            "expected": question.rate(factor * (question.expected or 0.0)),
+            **_told("found", curve.found[place]),
+            **_told("named", curve.named[place]),
+            **_told("subject_right", curve.subject_right[place]),
+        }
+        for place, factor in enumerate(curve.factors)
+    ]
+
+
+def _nothing_row(alarms: Rate) -> dict[str, Any]:
+    nothing = {"cause": "nothing", "concerns": "", "parameter": "", "unit": "", "size": 0.0, "signal_to_noise": 0.0}
+    return {**nothing, "campaigns": alarms.of, **_told("found", alarms)}
+
+
+def _told(what: str, rate: Rate) -> dict[str, Any]:
+    return {what: rate.value, f"{what}_lower": rate.bounds[0], f"{what}_upper": rate.bounds[1]}

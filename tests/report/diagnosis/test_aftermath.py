@@ -1,0 +1,166 @@
+"""Pulls, what could have stayed hidden, what to measure next, and what has changed since an earlier model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.report import diagnosis_tables as made
+from tests.report.diagnosis_parts import part_of, text_of
+from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
+from tests.report.test_page import Reader
+from truing.report.diagnosis.changes import changes
+from truing.report.diagnosis.pulls import pulls
+from truing.report.head import build_head
+from truing.report.page import Head
+from truing.report.rendering.render import render_page
+
+
+@pytest.mark.parametrize(
+    ("after", "state", "words"), [(33.0, "pass", "is where it was"), (60.0, "fail", "farther"), (9.0, "pass", "closer")]
+)
+def test_pulls_are_held_against_their_band(after, state, words):
+    tables = diagnosis_tables() | {"pull_sums": made.pull_sums(after)}
+    part = part_of("pulls", tables)
+    assert part.state == state
+    assert words in part.lead
+    # sqrt(1080 / 30), and the band sqrt(16.8 / 30) .. sqrt(47 / 30).
+    assert "Rms pull 6.0 with the causes left out" in part.lead
+    assert "between 0.75 and 1.3" in part.lead
+
+
+def test_pulls_of_parameters_that_the_data_do_not_determine_are_left_out():
+    part = part_of("pulls", diagnosis_tables())
+    assert all("b_y" not in text for trace in part.figures[0][0].data for text in trace.text)
+    assert "6 parameters that the data do not determine left out" in part.figures[0][1]
+
+
+@pytest.mark.parametrize("table", ["pulls", "pull_sums"])
+def test_empty_pulls_are_not_evaluated(table):
+    tables = diagnosis_tables()
+    tables[table] = tables[table].iloc[:0]
+    assert part_of("pulls", tables).state == "not evaluated"
+    del tables["pulls"]
+    assert pulls(tables) is None
+
+
+def test_every_cause_has_its_smallest_detectable_size():
+    part = part_of("hidden", diagnosis_tables())
+    told = {cells[0]: cells for cells in part.listings[0].rows}
+    assert told["actuator backlash"][2:5] == ("6 legs", "1.3 µm", "1.8 µm")
+    assert told["thermal expansion"][3] == "not at any plausible size"
+    assert told["target moved"][2:5] == ("30 targets", "20 µm", "23 µm")
+    assert told["actuator gain"][2] == "the whole"
+    assert "cannot show thermal expansion" in part.lead
+
+
+def test_what_a_found_cause_includes_is_not_called_hidden():
+    part_of_it = row(
+        "thermal-expansion",
+        "rejected",
+        explanation="The data show that heat, which is part of what is accepted and explains less.",
+    )
+    part = part_of("hidden", diagnosis_tables(rows(row("leg-drift"), part_of_it)))
+    assert "cannot show" not in part.lead
+    assert {cells[0]: cells[3] for cells in part.listings[0].rows}["thermal expansion"] == "part of what was found"
+
+
+def test_the_whole_is_counted_beside_its_parts():
+    table = made.detectable()
+    whole = pd.DataFrame([("actuator-backlash", "", "backlash", 0.0008, "mm", 0.8)], columns=table.columns)
+    part = part_of("hidden", diagnosis_tables() | {"detectable": pd.concat([whole, table], ignore_index=True)})
+    told = {cells[0]: cells[2:5] for cells in part.listings[0].rows}
+    assert told["actuator backlash"] == ("the whole, 6 legs", "0.80 µm", "1.8 µm")
+
+
+def test_without_sizes_the_explanations_of_the_rejected_stand_in():
+    tables = diagnosis_tables()
+    del tables["detectable"]
+    part = part_of("hidden", tables)
+    assert part.state == "not evaluated"
+    assert "The data do not show that leg-drift is there" in text_of(part)
+
+
+def test_configurations_are_ready_for_the_machine():
+    tables = diagnosis_tables()
+    part = part_of("next", tables)
+    listing = part.listings[0]
+    own = tables["next_poses"]
+    assert listing.heads == ("pose", *(f"rho{leg}_mm" for leg in range(1, 7)), "what it is expected to give")
+    lines = [line.split(",") for line in listing.csv.splitlines()]
+    assert lines[0] == ["pose", *(f"rho{leg}_mm" for leg in range(1, 7))]
+    assert np.allclose(np.array(lines[1:], dtype=float)[:, 1:], own[lines[0][1:]].to_numpy(), atol=0.5e-4)
+    page = Reader(render_page(Head("c", ()), [part]))
+    assert listing.csv.splitlines()[1] in page.text
+
+
+def test_each_purpose_has_its_own_table():
+    tables = diagnosis_tables() | {"next_poses": made.next_poses(("a against b", "a"), 3)}
+    captions = [listing.caption for listing in part_of("next", tables).listings]
+    assert captions == ["a against b: 3 configurations", "a: 3 configurations"]
+
+
+def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
+    then = "To know K22 twice as well, measure these 2 configurations (rho 1 2 mm, rho 2 1 mm): it falls to 0.2 um/mm."
+    tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, next_measurement=then)))
+    said = (
+        "Next: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm. "
+        "They stand under What to measure next."
+    )
+    assert ("next", said) in build_head("c", tables).verdicts
+    assert part_of("next", tables).said[0][1].endswith("measure these 2 configurations: it falls to 0.2 µm/mm.")
+
+
+def test_without_configurations_the_words_of_the_findings_stand():
+    tables = diagnosis_tables()
+    tables["next_poses"] = tables["next_poses"].iloc[:0]
+    part = part_of("next", tables)
+    assert part.state == "not evaluated"
+    assert part.said == (("next", "platform deformation matrix: Move one actuator at a time."),)
+    assert ("next", "Next: move one actuator at a time.") in build_head("c", tables).verdicts
+
+
+def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():
+    tables = diagnosis_tables() | {"changes": made.changes()}
+    part = part_of("changes", tables)
+    assert part.state == "changed"
+    assert part.lead == (
+        "Since the earlier model 1 of 35 numbers changed: "
+        "l of leg 4 by 150.0 ± 2.0 µm (or a_y4, which this campaign cannot tell from it)."
+    )
+    assert part.listings[0].rows[0][0] == "l of leg 4"
+    assert part.listings[0].rows[0][5:7] == ("0.1500 ± 0.0020", "a_y4")
+    assert part.listings[0].marks.count("fail") == 1
+    assert ("warn", part.lead) in build_head("c", tables).verdicts
+
+
+def test_no_change_is_a_pass_and_nothing_in_common_is_not_evaluated():
+    tables = diagnosis_tables() | {"changes": made.changes(moved=False)}
+    assert part_of("changes", tables).state == "pass"
+    said = "Since the earlier model none of 35 numbers changed beyond chance."
+    assert ("pass", said) in build_head("c", tables).verdicts
+    tables["changes"] = tables["changes"].assign(z=np.nan)
+    assert part_of("changes", tables).state == "not evaluated"
+    assert not [said for _, said in build_head("c", tables).verdicts if "earlier" in said]
+    assert changes(diagnosis_tables()) is None
+
+
+def test_another_machine_is_said_to_be_one():
+    table = made.changes().assign(changed=True, change=np.nan, sigma_change=np.nan, z=np.nan)
+    part = part_of("changes", diagnosis_tables() | {"changes": table})
+    assert part.state == "changed"
+    assert "another machine, or this one was rebuilt" in part.lead
+    assert not part.figures
+
+
+def test_a_number_of_an_effect_that_changed_is_told_with_its_effect():
+    table = made.changes()
+    table.loc[table["changed"], ["parameter", "effect_of", "leg", "instead"]] = [
+        "alpha",
+        "thermal-expansion",
+        np.nan,
+        None,
+    ]
+    part = part_of("changes", diagnosis_tables() | {"changes": table})
+    assert "alpha of thermal-expansion by" in part.lead

@@ -1,0 +1,179 @@
+"""The sentences of the diagnosis: what, where, how large, how sure, in the units of a laboratory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from truing.report.diagnosis.effect_units import plain_size, stem, told_size
+from truing.report.diagnosis.findings import (
+    Facts,
+    detectable_words,
+    explanation,
+    noise_explanation,
+    reach_of,
+    subject_words,
+)
+
+FACTS = Facts(
+    verdict="found",
+    says="the actuator moves further than it reads",
+    parameters={"gain_3": {"value": 0.00213, "sigma": 0.0001, "unit": "1"}},
+    p_value=0.0005,
+    candidates=1377,
+    rms_before=12.41,
+    rms_after=4.77,
+    held_out=(7.8, 4.65),
+    floor=4.78,
+    reason="",
+    detectable="",
+    unnamed=False,
+    remark="",
+    subject="leg3",
+    largest=61.2,
+)
+
+
+def test_a_finding_says_what_where_how_large_and_how_sure():
+    assert explanation(FACTS) == (
+        "The data show that the actuator moves further than it reads (leg 3): gain_3 = 0.213 ± 0.010 %. "
+        "It moves what was measured by up to 61.2 um. "
+        "Predictions from the readings miss by 4.77 um rms with it, 12.41 without (held-out poses: 4.65 and 7.80 um); "
+        "noise alone leaves 4.78 um. "
+        "By chance this happens with a probability of at most 0.0005, all 1377 candidates counted."
+    )
+
+
+@pytest.mark.parametrize(
+    ("subject", "says", "named"),
+    [
+        ("leg3", "actuator 3 moves further than it reads", True),
+        ("leg3", "actuator 13 moves further than it reads", False),
+        ("leg1 leg4", "legs 1 and 4 drift", True),
+        ("leg1 leg4", "leg 1 drifts", False),
+        ("target P07", "target P07 sits elsewhere", True),
+        ("targets P04 P07", "the labels P04 and P07 are exchanged", True),
+        ("", "all legs drift", True),
+    ],
+)
+def test_the_subject_is_added_where_the_cause_does_not_name_it(subject, says, named):
+    said = explanation(replace(FACTS, subject=subject, says=says))
+    assert (f"({subject_words(subject)})" not in said) is named
+    assert says in said
+
+
+@pytest.mark.parametrize(
+    ("subject", "words"),
+    [
+        ("", ""),
+        ("leg3", "leg 3"),
+        ("leg1 leg4", "legs 1 and 4"),
+        ("leg1 leg4 leg10", "legs 1, 4 and 10"),
+        ("target P07", "target P07"),
+        ("targets P04 P07", "targets P04 and P07"),
+        ("legend", "legend"),
+    ],
+)
+def test_subjects_are_told_in_words(subject, words):
+    assert subject_words(subject) == words
+
+
+def test_a_rival_says_against_what_and_with_which_odds():
+    rival = replace(FACTS, verdict="indistinguishable", reason="platform-deformation-linear legs=(3,)", odds=3.2)
+    said = explanation(rival)
+    assert "as well as platform-deformation-linear does (odds of 3.2 to 1 against this one)" in said
+    assert said.startswith("It may be that the actuator moves further than it reads (leg 3): gain_3 = 0.213 ± 0.010 %;")
+    assert "cannot separate the two." in said
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"reason": "held-out"}, "it fits the calibration poses but predicts the held-out ones worse"),
+        ({"reason": "contained"}, "explains less; alone: gain_3 = 0.213 ± 0.010 %."),
+        ({"reason": "contained", "parameters": {}}, "is part of what is accepted and explains less."),
+        (
+            {"detectable": detectable_words("alpha", 1.2e-6, "1/K")},
+            "alpha of 1.2 ppm/K would have been found with 80 %",
+        ),
+        ({}, "could not have shown it at any plausible size"),
+    ],
+)
+def test_what_is_rejected_says_why(given, words):
+    assert words in explanation(replace(FACTS, verdict="rejected", **given))
+
+
+@pytest.mark.parametrize("largest", [0.123, 61.2, 1234.0, 2.5e7])
+def test_how_far_it_reaches_can_be_read_off_its_sentence(largest):
+    assert reach_of(explanation(replace(FACTS, largest=largest))) == pytest.approx(largest, rel=0.005)
+    assert reach_of(explanation(replace(FACTS, largest=None))) is None
+
+
+def test_many_parameters_are_told_by_the_most_certain():
+    many = {f"K1{k}": {"value": 0.001 * k, "sigma": 0.0005, "unit": "1"} for k in range(1, 10)}
+    said = explanation(replace(FACTS, parameters=many))
+    assert "K19 = 9.0 ± 0.5 um/mm" in said
+    assert "and 3 smaller" in said
+    assert "K11 =" not in said
+
+
+def test_what_was_not_evaluated_is_left_out():
+    bare = replace(FACTS, rms_before=None, rms_after=None, largest=None, held_out=(None, None), parameters={})
+    assert explanation(bare) == (
+        "The data show that the actuator moves further than it reads (leg 3). "
+        "By chance this happens with a probability of at most 0.0005, all 1377 candidates counted."
+    )
+    assert "held-out" not in explanation(replace(FACTS, held_out=(None, 3.0)))
+    assert explanation(replace(FACTS, remark="Provisional.")).endswith("counted. Provisional.")
+
+
+def test_noise_says_where_it_is_larger_where_that_is_known():
+    assert noise_explanation(1.41, 0.05, 7.3, 5.1).startswith(
+        "What is left is 1.41 ± 0.05 times as large as the declared"
+    )
+    assert "it follows temperature_c and time_s" in noise_explanation(1.4, 0.1, None, 5.0, ("temperature_c", "time_s"))
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (("kappa_1", 0.0123, 0.0004, "1"), "12.3 ± 0.4 um/mm"),
+        (("K1_10", -0.0123, 0.0004, "1"), "-12.3 ± 0.4 um/mm"),
+        (("quadratic_2", 0.0012, 0.0001, "1/mm"), "1.20 ± 0.10 um/mm2"),
+        (("cubic_2", 0.0012, 0.0001, "1/mm2"), "1.20 ± 0.10 um/mm3"),
+        (("scale", -3.5e-5, 2e-6, "1"), "-35.0 ± 2.0 ppm"),
+        (("scale", -0.02, 2e-4, "1"), "-2.000 ± 0.020 %"),
+        (("scale_per_k", 1.2e-5, 1e-6, "1/K"), "12.0 ± 1.0 ppm/K"),
+        (("drift_4", 0.0123, 0.0004, "mm"), "12.3 ± 0.4 um"),
+        (("dx", 1.5, 0.003, "mm"), "1.500 ± 0.003 mm"),
+        (("pitch", 0.5, 0.002, "mm"), "0.5000 ± 0.0020 mm"),
+        (("tau", 4000.0, 300.0, "s"), "67 ± 5 min"),
+        (("tau", 40.0, 3.0, "s"), "40 ± 3 s"),
+        (("phase", 3.141592653589793, 0.1, "rad"), "180 ± 6 deg"),
+        (("saddle_x", 0.003, 2e-4, "mm/K"), "3.00 ± 0.20 um/K"),
+        (("noise_ratio", 1.41, 0.05, "1"), "1.41 ± 0.05"),
+        (("poses", "3 4", None, ""), "3 4"),
+        (("from_pose", 23, None, "1"), "23"),
+        (("driver", None, None, ""), ""),
+        (("kappa_1", 0.0123, float("nan"), "1"), "12.3 um/mm"),
+    ],
+)
+def test_sizes_are_told_in_units_of_a_laboratory(told, words):
+    assert told_size(*told) == words
+
+
+def test_detectable_sizes_have_two_digits():
+    assert plain_size("backlash_3", 0.0012345, "mm") == "1.2 um"
+    assert detectable_words("gain_3", None, "1") == detectable_words("gain_3", float("nan"), "1") == ""
+
+
+def test_the_leg_of_a_parameter_is_no_part_of_its_kind():
+    assert [stem(name) for name in ("K16", "K1_10", "kappa_12", "dx", "alpha_base", "leg3_degree2")] == [
+        "K",
+        "K",
+        "kappa",
+        "dx",
+        "alpha_base",
+        "leg3_degree2",
+    ]

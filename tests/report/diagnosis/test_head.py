@@ -1,0 +1,152 @@
+"""The first lines of the page say what is wrong, how large it is, what it brings, and what to do next."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.report import diagnosis_tables as made
+from tests.report.diagnosis_parts import part_of
+from tests.report.diagnosis_tables import GAIN_3, MOVED, NOISE, diagnosis_tables, per_leg, rejected, row, rows, size
+from truing.report.diagnosis.section import diagnosis
+from truing.report.head import build_head
+
+
+def first_line(diagnosis_rows: pd.DataFrame, **more) -> tuple[str, str]:
+    return build_head("c", {**diagnosis_tables(diagnosis_rows), **more}).verdicts[0]
+
+
+def test_the_first_line_says_what_where_how_large_and_what_it_brings():
+    mark, said = first_line(rows(row("platform-deformation-matrix", parameters=made.matrix()), *rejected()))
+    assert mark == "found"
+    shifts = diagnosis_tables()["deformation"].pivot(index="pose", columns="leg", values="delta_rho_mm").to_numpy()
+    k = np.array([one["value"] for one in made.matrix().values()]).reshape(6, 6)
+    largest = 1e3 * np.ptp(shifts @ k.T, axis=1).max()
+    assert said == (
+        f"The platform deforms with the actuators, most between legs 1 and 6, by up to {largest:.0f} µm; "
+        "modelling it brings verification errors from 34 to 7.9 µm, noise floor 7.2."
+    )
+
+
+@pytest.mark.parametrize(
+    ("cause", "subject", "parameters", "words"),
+    [
+        ("actuator-gain", "leg3", GAIN_3, "Actuator 3 moves further than it reads, by 0.210 ± 0.010 %"),
+        (
+            "actuator-gain",
+            "leg3",
+            {"gain_3": size(-0.002, 0.0001)},
+            "Actuator 3 moves less far than it reads, by 0.200",
+        ),
+        ("actuator-gain", "", per_leg("gain"), "The actuators do not move by what they read, most leg 6 (1.200"),
+        ("actuator-backlash", "leg1 leg4", per_leg("backlash", 4, "mm"), "Actuators 1 and 4 have backlash, most leg 4"),
+        ("actuator-periodic-error", "leg2", per_leg("amplitude", 2, "mm"), "Actuator 2 errs periodically"),
+        ("leg-drift", "leg4", {"drift_4": size(-0.012, 0.001, "mm")}, "Leg 4 shrinks by 12.0 ± 1.0 µm over the"),
+        ("leg-thermal", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "and the bodies do not, by 12.0 ± 1.0 ppm/K"),
+        ("thermal-expansion", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "legs grow with temperature, by 12.0 ± 1.0"),
+        ("measurement-scale", "", {"scale": size(-3e-5, 2e-6)}, "Measured lengths are too small, by 30.0 ± 2.0 ppm"),
+        (
+            "target-moved",
+            "target P07",
+            {**MOVED, "from_pose": size(23)},
+            "Target P07 sits 50 ± 3 µm from its place from",
+        ),
+        (
+            "targets-swapped",
+            "targets P04 P07",
+            {"poses": size("3 4")},
+            "Targets P04 and P07 carry each other's label in",
+        ),
+        (
+            "base-deformation",
+            "",
+            {"driver": size("rho3"), "bowl": size(1e-3, 1e-4, "mm/mm")},
+            "The base deforms with rho3",
+        ),
+        ("flexure-shift", "", {"flexure_length": size(10.2, 0.3, "mm")}, "The flexures shift the joints"),
+        (
+            "platform-deformation-linear",
+            "leg2",
+            {"kappa_2": size(0.012, 1e-3)},
+            "The platform deforms at leg 2 with its",
+        ),
+        ("my-lab's-cause", "x", {"foo": size(1.0, 0.1, "mm")}, "My-lab's-cause is there: foo 1.00 ± 0.10 mm"),
+    ],
+)
+def test_every_cause_has_its_sentence(cause, subject, parameters, words):
+    mark, said = first_line(rows(row(cause, subject=subject, parameters=parameters)))
+    assert mark == "found"
+    assert words in said
+    assert said.endswith("modelling it brings verification errors from 34 to 7.9 µm, noise floor 7.2.")
+    assert len(said) < 320
+
+
+def test_several_findings_are_numbered_and_their_gain_is_that_of_all():
+    second = row("target-moved", subject="target P07", parameters=MOVED, heldout_rms_before=7.9, heldout_rms_after=5.5)
+    _, said = first_line(rows(row("actuator-gain", subject="leg3", parameters=GAIN_3), second, *rejected()))
+    assert said.startswith("Two things are wrong: (1) actuator 3 moves further")
+    assert "(2) target P07 sits" in said
+    assert "modelling both brings verification errors from 34 to 5.5 µm" in said
+
+
+@pytest.mark.parametrize(
+    ("after", "words"), [(34.3, "leaves verification errors at 34 µm"), (41.0, "takes verification")]
+)
+def test_what_does_not_help_is_not_said_to_bring_errors_down(after, words):
+    _, said = first_line(rows(row("actuator-gain", parameters=GAIN_3, heldout_rms_after=after)))
+    assert f"modelling it {words}" in said
+
+
+def test_more_findings_than_a_line_holds_are_counted():
+    several = [
+        row("leg-drift", subject=f"leg{k}", parameters={f"drift_{k}": size(0.01, 0.001, "mm")}) for k in range(1, 6)
+    ]
+    _, said = first_line(rows(*several))
+    assert said.startswith("5 things are wrong: (1) leg 1 grows")
+    assert "2 further findings under Diagnosis" in said
+
+
+def test_nothing_found_tells_the_smallest_size_that_would_have_been():
+    mark, said = first_line(rows(*rejected()))
+    assert mark == "pass"
+    assert "agrees with the data to within its noise: none of 11 candidates was found" in said
+    # The largest over the subjects, so that it holds wherever the effect is.
+    assert "platform deformation linear 1.7 µm/mm, actuator backlash 1.8 µm" in said
+    assert len(said) < 320
+
+
+def test_nothing_found_without_a_table_of_sizes_claims_no_size():
+    _, said = first_line(rows(*rejected()), detectable=made.detectable().iloc[:0])
+    assert said.endswith("none of 11 candidates was found.")
+
+
+def test_noise_alone_is_a_warning_and_no_effect():
+    mark, said = first_line(rows(row("unexplained", **NOISE), *rejected()))
+    assert mark == "warn"
+    assert "1.41 ± 0.05 times as noisy as declared" in said
+    assert "no cause" in said
+    tables = diagnosis_tables(rows(row("unexplained", **NOISE), *rejected()))
+    assert "none found" in diagnosis(tables).lead
+    assert "not as declared" in diagnosis(tables).lead
+    assert part_of("evidence", tables).title == "Evidence, cause by cause"
+
+
+def test_what_no_cause_explains_names_what_it_follows():
+    found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"))
+    found["explanation"] += " It moves what was measured by up to 12.3 um. By chance and so on."
+    mark, said = first_line(rows(found, *rejected()))
+    assert mark == "found"
+    assert said.startswith("Something that no cause of the catalogue explains follows the temperature, by up to 12 µm;")
+
+
+def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
+    gain = row("actuator-gain", subject="leg3", parameters=GAIN_3, log_evidence=45.0)
+    rival = row("platform-deformation-linear", "indistinguishable", subject="leg3", parameters={"kappa_3": size(0.002)})
+    lines = build_head("c", diagnosis_tables(rows(gain, rival, *rejected()))).verdicts
+    assert lines[1][0] == "warn"
+    assert lines[1][1].startswith("It could as well be that the platform deforms at leg 3")
+    part = part_of("evidence", diagnosis_tables(rows(gain, rival, *rejected())))
+    assert "1 candidate within a factor 20 of what was found" in part.lead
+    names = {trace.name: trace for trace in part.figures[0][0].data}
+    assert list(names["explains the data as well"].y) == ["platform deformation linear, leg 3 "]

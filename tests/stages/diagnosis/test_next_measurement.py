@@ -1,0 +1,256 @@
+"""What to measure next on a simulated machine: warm legs or drifting ones, when it only ever got warmer."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from schemas.artifacts import ARTIFACTS
+from schemas.campaign import Campaign, read_campaign
+from stages.diagnosis.next_candidates import Possible, possible
+from stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
+from tests.conftest import PROJECT
+from tests.simulation.telescope import readings, sample_model, telescope
+from tests.tolerance import assert_between
+from truing.estimation.design.rival_design import Fitted
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
+from truing.estimation.rotation import exp_so3
+from truing.report.diagnosis.effect_units import plain_size
+from truing.simulation.causes.drive import ActuatorGain
+from truing.simulation.causes.leg_drift import LegDrift
+from truing.simulation.causes.platform_deformation import LinearPlatformDeformation
+from truing.simulation.causes.targets import TargetsSwapped
+from truing.simulation.causes.warmth import LegThermal
+from truing.simulation.point_model import PointModel
+from truing.simulation.survey import shape_unknowns
+from truing.simulation.targets import Targets
+from truing.simulation.unknowns import Conditions
+
+SIGMA_M = 5e-6
+POSES = 14
+SPAN_S = 7200.0
+WARM, DRIFT = LegThermal(), LegDrift((), 0.0, SPAN_S)
+ALPHA = 1.5e-6
+DRAWS = 6
+
+
+@pytest.fixture(scope="module")
+def settings() -> Campaign:
+    text = (PROJECT / "sample_data" / "telescope" / "campaign.toml").read_text(encoding="utf-8")
+    return read_campaign(tomllib.loads(text))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A campaign, and each rival fitted to it."""
+
+    measured: Measured
+    fitted: tuple[Fitted, Fitted]
+    fits: tuple[PointFit, PointFit]
+
+    def gain(self, conditions: Conditions, rng: np.random.Generator) -> float:
+        """Return by how much the log odds of the first grow with more poses, its truth drawn as it is known.
+
+        But for how the legs' survey frames sit on them: how they are rolled is open, and a matter of small angles only.
+        """
+        first = self.fitted[0]
+        seat = np.arange(len(first.shared))[first.model.layout["seat"]]
+        others = np.setdiff1d(np.arange(len(first.shared)), seat)
+        truth = first.shared.copy()
+        truth[others] += rng.multivariate_normal(np.zeros(len(others)), first.given(seat))
+        more = _measure(first.model.at(conditions), truth, rng)
+        names = ("points", "covariance", "seen")
+        both = MeasuredPoints(
+            *(np.concatenate([getattr(self.measured.points, n), getattr(more.points, n)]) for n in names)
+        )
+        frames = Frames(*(np.concatenate([getattr(self.measured.frames, n), getattr(more.frames, n)]) for n in "Rt"))
+        joined = _joined(first.model.conditions, conditions)
+        after = [_fit(one.model.at(joined), both, frames, one.shared) for one in self.fitted]
+        return _log_odds(after[0], after[1]) - _log_odds(*self.fits)
+
+
+def _joined(first: Conditions, second: Conditions) -> Conditions:
+    covariates = {name: np.concatenate([value, second.covariates[name]]) for name, value in first.covariates.items()}
+    return replace(first, readings=np.concatenate([first.readings, second.readings]), covariates=covariates)
+
+
+def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> Measured:
+    count = len(model.conditions.readings)
+    points = model.points(truth, np.where(model.unpredicted, 0.01, 1.0) * rng.normal(size=(count, model.local_size)))
+    R, t = exp_so3(rng.normal(0.0, 1.0, (count, 3))), rng.normal(0.0, 0.5, (count, 3))
+    seen = points @ np.swapaxes(R, 1, 2) + t[:, None] + rng.normal(0.0, SIGMA_M, points.shape)
+    covariance = np.broadcast_to(np.eye(3) * SIGMA_M**2, (*points.shape, 3))
+    return Measured(MeasuredPoints(seen, covariance, np.ones(points.shape[:2], bool)), Frames(R, t))
+
+
+def _fit(model: PointModel, measured: MeasuredPoints, frames: Frames, shared: np.ndarray | None = None) -> PointFit:
+    start = np.zeros(model.shared_size) if shared is None else shared
+    return fit_points(model, measured, frames, start, np.zeros((len(frames.t), model.local_size)))
+
+
+def _log_odds(first: PointFit, second: PointFit) -> float:
+    """Return the log ratio of marginal likelihoods, but for what does not change with more poses."""
+    both = []
+    for fit in (first, second):
+        w = fit.whitened
+        own = np.log(np.abs(np.diagonal(w.local_factor, axis1=1, axis2=2))).sum()
+        both.append(-0.5 * w.rest @ w.rest - own + 0.5 * np.linalg.slogdet(w.covariance())[1])
+    return float(both[0] - both[1])
+
+
+def _plain(rng: np.random.Generator, covariates: Mapping[str, np.ndarray]) -> tuple[PointModel, np.ndarray]:
+    """Return a model and a truth that its survey belongs to."""
+    model = sample_model(rng, POSES)
+    model = model.at(Conditions(readings(rng, POSES), dict(covariates), tuple(range(POSES)), (0.0, SPAN_S)))
+    truth = rng.normal(size=model.shared_size)
+    truth[model.layout["seat"]] *= 1e-3
+    shape = model.known.shape.copy()
+    shape[model.targets.at_attachment] = model.legs(truth).b
+    return replace(model, known=replace(model.known, shape=shape)), truth
+
+
+def _case(model: PointModel, truth: np.ndarray, first: object, second: object, value: float) -> Case:
+    right, wrong = model.with_causes((first,)), model.with_causes((second,))
+    wide = model.widened(truth, right)
+    wide[right.layout[first.key]] = value / right.effect_sigma(first)
+    measured = _measure(right, wide, np.random.default_rng(8))
+    fits = tuple(_fit(one, measured.points, measured.frames) for one in (right, wrong))
+    fitted = tuple(Fitted(one, f.shared, f.whitened.covariance()) for one, f in zip((right, wrong), fits, strict=True))
+    return Case(measured, fitted, fits)
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    rng = np.random.default_rng(4)
+    time = np.linspace(0.0, SPAN_S, POSES)
+    warmer = 20.0 + 3.0 * time / SPAN_S + rng.normal(0.0, 0.02, POSES)
+    covariates = {
+        "time_s": time,
+        "temperature_c": warmer,
+        "order": np.arange(POSES) * 1.0,
+        "load": np.arange(POSES) % 3,
+    }
+    return _case(*_plain(rng, covariates), WARM, DRIFT, ALPHA)
+
+
+@pytest.fixture(scope="module")
+def told(case: Case, settings: Campaign) -> Next:
+    return next_measurements(
+        settings, case.measured, [(WARM, case.fitted[0])], [Rivals(WARM, case.fitted[0], DRIFT, case.fitted[1])]
+    )
+
+
+@pytest.fixture(scope="module")
+def possibilities(case: Case, settings: Campaign) -> Possible:
+    return possible(settings, case.fitted, case.measured.instrument())
+
+
+def _chosen(told: Next, case: Case) -> Conditions:
+    """Return the proposed poses as the table has them, at the time that its words ask for."""
+    rows = told.table.to_pylist()
+    rho = np.array([[row[f"rho{leg}_mm"] for leg in range(1, 7)] for row in rows]) * 1e-3
+    late = np.array(["pause" in (row["conditions"] or "") for row in rows])
+    time = SPAN_S * np.where(late, 2.0, 1.0) + SPAN_S / (POSES - 1)
+    warm = np.array([row["temperature_c"] for row in rows])
+    count = len(rows)
+    return Conditions(
+        rho, {"time_s": time, "temperature_c": warm, "order": np.full(count, POSES), "load": np.ones(count)}
+    )
+
+
+def test_the_table_is_whole_and_holds_what_matters_alone(told: Next) -> None:
+    assert not ARTIFACTS["next_poses"].faults(told.table)
+    assert "load" not in told.table.schema.names
+    assert "temperature_c" in told.table.schema.names
+    assert {row["purpose"] for row in told.table.to_pylist()} == {"leg-thermal against leg-drift"}
+
+
+def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(told: Next) -> None:
+    words = [row["conditions"] for row in told.table.to_pylist()]
+    assert all(words), words
+    assert any("°C" in text or "pause" in text for text in words)
+    for key, other in ((WARM.key, "leg-drift"), (DRIFT.key, "leg-thermal")):
+        assert told.sentences[key].startswith(f"To tell it from {other}, measure th")
+        assert "odds of 20:1 are expected after" in told.sentences[key]
+
+
+def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
+    told: Next, case: Case, possibilities: Possible
+) -> None:
+    rng, chosen = np.random.default_rng(9), _chosen(told, case)
+    count = len(chosen.readings)
+    later = SPAN_S * (1 + np.arange(1, count + 1) / POSES)
+    usual = {"time_s": later, "temperature_c": 20.0 + 3.0 * later / SPAN_S}
+    same = Conditions(readings(rng, count), {**chosen.covariates, **usual})
+    proposed, random = (np.array([case.gain(at, rng) for _ in range(DRAWS)]) for at in (chosen, same))
+    error = 4 * proposed.std(ddof=1) / np.sqrt(len(proposed))
+    assert proposed.mean() > random.mean() + 2 * np.hypot(proposed.std(), random.std()) / np.sqrt(DRAWS)
+    promised = float(told.table.column("expected")[-1].as_py().removeprefix("odds of ").removesuffix(":1"))
+    assert promised >= 20.0
+    assert_between(float(proposed.mean()), np.log(promised) - error, np.log(promised) + error, what="log odds gained")
+    assert_between(float(random.mean()), -3.0, np.log(20.0), what="log odds of more of the same")
+
+
+def test_configurations_lie_within_the_workspace(possibilities: Possible, settings: Campaign) -> None:
+    away = np.abs(possibilities.conditions.readings - telescope().rho0) * 1e3
+    assert away.max() <= settings.workspace.rho_mm + 1e-3
+    assert possibilities.matters == ("time_s", "temperature_c")
+
+
+def test_without_a_workspace_they_lie_where_was_measured(case: Case, settings: Campaign) -> None:
+    none = settings.model_copy(update={"workspace": settings.workspace.model_copy(update={"rho_mm": None})})
+    found = possible(none, case.fitted, case.measured.instrument()).conditions.readings
+    measured = case.fitted[0].model.conditions.readings
+    assert (found >= measured.min(0) - 1e-6).all()
+    assert (found <= measured.max(0) + 1e-6).all()
+
+
+def test_rivals_that_no_pose_tells_apart_are_said_to_be_so(settings: Campaign) -> None:
+    """A gain and a deformation differ only in where the attachments are: here no target sits on any."""
+    rng = np.random.default_rng(12)
+    model, _ = _plain(rng, {"time_s": np.linspace(0.0, SPAN_S, POSES)})
+    bare = _without(model, np.flatnonzero(model.targets.leg < 0))
+    truth = rng.normal(size=bare.shared_size)
+    gain, bend = ActuatorGain(), LinearPlatformDeformation()
+    case = _case(bare, truth, gain, bend, 0.01)
+    told = next_measurements(settings, case.measured, [], [Rivals(gain, case.fitted[0], bend, case.fitted[1])])
+    assert told.sentences[gain.key].startswith(
+        "No configuration within reach tells it from platform-deformation-linear"
+    )
+    assert bend.confirm in told.sentences[gain.key]
+    assert len(told.table) == 0
+
+
+def _without(model: PointModel, kept: np.ndarray) -> PointModel:
+    targets = Targets(model.targets.body[kept], model.targets.leg[kept])
+    shape = model.known.shape[kept]
+    survey = shape_unknowns(targets, shape, np.broadcast_to(np.eye(3) * SIGMA_M**2, (len(kept), 3, 3)))
+    known = replace(model.known, shape=shape, survey=survey, ridden=np.empty(0, int))
+    return replace(model, targets=targets, known=known)
+
+
+def test_a_cause_found_alone_is_to_be_known_twice_as_well(case: Case, settings: Campaign) -> None:
+    told = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
+    sentence = told.sentences[WARM.key]
+    assert sentence.startswith("To know alpha twice as well, measure")
+    assert "its uncertainty then falls from" in sentence
+    sigma = float(np.sqrt(case.fitted[0].covariance[-1, -1]) * case.fitted[0].model.effect_sigma(WARM)[0])
+    assert f"± {plain_size('alpha', sigma, '1/K')}" in sentence
+
+
+def test_a_cause_without_a_measured_parameter_is_confirmed_as_it_says(case: Case, settings: Campaign) -> None:
+    swapped = TargetsSwapped()
+    fitted = replace(case.fitted[0], model=case.fitted[0].model.with_causes((WARM, swapped)))
+    told = next_measurements(settings, case.measured, [(swapped, fitted)], [])
+    assert told.sentences == {swapped.key: swapped.confirm}
+    assert len(told.table) == 0
+
+
+def test_nothing_found_asks_for_nothing(case: Case, settings: Campaign) -> None:
+    told = next_measurements(settings, case.measured, [], [])
+    assert not told.sentences
+    assert not ARTIFACTS["next_poses"].faults(told.table)

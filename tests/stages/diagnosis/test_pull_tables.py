@@ -1,0 +1,43 @@
+"""Geometry that swallowed an effect returns to where it was built once the effect is in the model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from schemas.artifacts import ARTIFACTS
+from stages.diagnosis.pull_tables import Fitted, pull_tables
+from tests.blind.generator.effects import ActuatorGain as Hidden
+from tests.stages.two_campaigns import fitted, gathered, measured
+from truing.simulation.causes.drive import ActuatorGain
+
+LEG, UNLUCKY = 3, 1e-3
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory):
+    found = gathered(measured(tmp_path_factory.mktemp("pulls"), 31, [Hidden(0.06 * (np.arange(6) == LEG - 1))]))
+    stands = [fitted(found, *causes) for causes in ((), (ActuatorGain((LEG,)),))]
+    return pull_tables(*(Fitted(one.model, one.fit.shared, one.covariance()) for one in stands))
+
+
+def test_both_tables_are_as_the_schema_says(tables) -> None:
+    assert not [fault for name, table in tables.items() for fault in ARTIFACTS[name].faults(table)]
+    assert tables["pulls"].num_rows == 6 * 9
+    assert tables["pull_sums"]["model"].to_pylist() == ["plain", "extended"]
+
+
+def test_the_sum_of_pulls_returns_into_its_band(tables) -> None:
+    plain, extended = tables["pull_sums"].to_pylist()
+    assert plain["p_value"] < UNLUCKY
+    assert plain["chi_square"] > plain["upper"]
+    assert extended["p_value"] > UNLUCKY
+    assert 0 < extended["freedom"] <= sum(tables["pulls"]["identifiable"].to_pylist())
+    assert extended["lower"] < extended["freedom"] < extended["upper"]
+
+
+def test_only_what_the_data_tell_has_a_pull(tables) -> None:
+    rows = tables["pulls"].to_pandas()
+    assert (rows["pull_after"].notna() == rows["identifiable"]).all()
+    assert rows["pull_after"].abs().max() < 4.5
+    assert rows["pull_before"].abs().max() > rows["pull_after"].abs().max()

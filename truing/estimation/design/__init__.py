@@ -1,0 +1,1 @@
+"""What measurements can tell before any is taken, and where to measure."""

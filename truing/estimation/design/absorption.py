@@ -1,0 +1,139 @@
+"""The absorption map: which parameters swallow an effect that the model leaves out, and by how much.
+
+A fit answers what it has no parameter for with the parameters that it has. Where the effect moves the whitened residual
+by s, and the parameters move it by the Jacobian N, the fit shifts by -(N'N + Lambda^-1)^-1 N's: what lies in the space
+of the columns disappears from the residual, and only the rest of it is left for anybody to notice. First order: what
+the fit does in full differs by the square of the effect; `absorb_in_full` follows the model where that is not small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.least_squares.solver import SolverStatus, least_squares
+
+Against = Literal["fit", "truth", "nominal"]
+
+
+@dataclass(frozen=True)
+class Absorption:
+    """What a fit of P parameters does with Q effects that it knows nothing of, each at its unit size.
+
+    labels: of the parameters. shift (P, Q): the parameters' answer, in their units. swallowed (P, Q): share of the
+    effect's sum of squares that each takes over (may be negative where parameters work against each other). left
+    (N, Q): whitened residual that the fit leaves. absorbed (Q,): share that has disappeared from the residual. visible
+    (Q,): root of the increase of chi-square, what a test on the residual has to see. covariance (P, P): of the fit.
+    prior (P, P): covariance of the parameters before, None without.
+    """
+
+    labels: tuple[str, ...]
+    shift: NDArray
+    swallowed: NDArray
+    left: NDArray
+    absorbed: NDArray
+    visible: NDArray
+    covariance: NDArray
+    prior: NDArray | None
+
+    def comparison_covariance(self, effects: ArrayLike | None = None, against: Against = "truth") -> NDArray:
+        """Return the covariance (P, P) of observed minus predicted shift, to first order.
+
+        effects (Q, Q): covariance of the effects' sizes that the prediction was made with; without, they are exact.
+        What was observed is the fit's distance from: ``fit``, the same data's fit with the effect in its model (the
+        noise cancels, only the effects' sizes are uncertain); ``truth``, the true values (the fit's own covariance
+        comes in addition); ``nominal``, the nominal ones (about which the true ones scatter with the prior, and the
+        fit follows them as far as the data go: prior - covariance).
+        Raises ValueError for nominal values without a prior.
+        """
+        if against == "nominal" and self.prior is None:
+            raise ValueError("shifts from nominal values need their tolerances as prior")
+        size = self.shift.shape[1]
+        known = np.zeros((size, size)) if effects is None else np.asarray(effects, float).reshape(size, size)
+        own = {"fit": 0.0, "truth": self.covariance, "nominal": -self.covariance}[against]
+        return self.shift @ known @ self.shift.T + own + (self.prior if against == "nominal" else 0.0)
+
+
+def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales: ArrayLike | None = None) -> Absorption:
+    """Return the absorption of effects with signatures (N,) or (N, Q) by P parameters of a whitened Jacobian (N, P).
+
+    Jacobian and signature are changes of the same whitened residual, by the parameters and by an effect of unit size.
+    scales (P,): the parameters' tolerances where these were a prior of the fit; without, directions that nothing
+    determines are left where they are, and the covariance does not speak of them.
+    Raises ValueError for shapes that do not match.
+    """
+    N = np.asarray(jacobian, float)
+    effects = np.asarray(signature, float).reshape(len(N), -1)
+    tolerance = None if scales is None else np.asarray(scales, float)
+    root = _root(N, labels, tolerance)
+    shift = -root @ (root.T @ (N.T @ effects))
+    left = effects + N @ shift
+    total, rest = np.sum(effects**2, axis=0), np.sum(left**2, axis=0)
+    whole = np.where(total > 0, total, 1.0)
+    pull = 0.0 if tolerance is None else np.sum((shift / tolerance[:, None]) ** 2, axis=0)
+    return Absorption(
+        tuple(labels),
+        shift,
+        swallowed=-shift * (N.T @ effects) / whole,
+        left=left,
+        absorbed=(total - rest) / whole,
+        visible=np.sqrt(rest + pull),
+        covariance=root @ root.T,
+        prior=None if tolerance is None else np.diag(tolerance**2),
+    )
+
+
+@dataclass(frozen=True)
+class FullAnswer:
+    """What a non-linear fit of P parameters does with an effect: shift (P,), left (N,) of the residual, status."""
+
+    shift: NDArray
+    left: NDArray
+    status: SolverStatus
+
+
+def absorb_in_full(
+    model: Callable[[NDArray], tuple[NDArray, NDArray]], signature: NDArray, scales: ArrayLike | None, size: int
+) -> FullAnswer:
+    """Return the answer of ``size`` parameters P to an effect of signature (N,), along the curved model.
+
+    model(shift (P,)): the whitened residual's change (N,), zero for no shift, and its derivative (N, P). scales (P,):
+    tolerances as prior, None without.
+    """
+    weight = np.zeros((0, size)) if scales is None else np.diag(1.0 / np.asarray(scales, float))
+
+    def residuals(x: NDArray) -> tuple[NDArray, NDArray]:
+        changes, slopes = zip(*(model(shift) for shift in x), strict=True)
+        value = np.concatenate([signature + np.stack(changes), x @ weight.T], axis=1)
+        prior = np.broadcast_to(weight, (len(x), *weight.shape))
+        return value, np.concatenate([np.stack(slopes), prior], axis=1)
+
+    found = least_squares(residuals, np.zeros(size))
+    shift = found.x[0]
+    return FullAnswer(shift, signature + model(shift)[0], SolverStatus(found.status[0]))
+
+
+def _root(N: NDArray, labels: Sequence[str], tolerance: NDArray | None) -> NDArray:
+    """Return a root (P, r) of the fit's covariance, for shapes that match."""
+    if len(labels) != N.shape[1] or (tolerance is not None and tolerance.shape != N.shape[1:]):
+        raise ValueError(f"found jacobian {N.shape}, {len(labels)} labels and scales {tolerance}, expected (N, P)")
+    return _root_without_prior(N) if tolerance is None else _root_with_prior(N, tolerance)
+
+
+def _root_with_prior(N: NDArray, tolerance: NDArray) -> NDArray:
+    """Return G (P, P) with GG' = (N'N + Lambda^-1)^-1; one QR, since N'N would lose half of the digits."""
+    factor = np.linalg.qr(np.concatenate([N * tolerance, np.eye(len(tolerance))]), mode="r")
+    return tolerance[:, None] * np.linalg.inv(factor)
+
+
+def _root_without_prior(N: NDArray) -> NDArray:
+    """Return G (P, r) with GG' = (N'N)^-1 in the directions that are not null to rounding."""
+    length = np.linalg.norm(N, axis=0)
+    length = np.where(length > 0, length, 1.0)
+    _, s, rows = np.linalg.svd(N / length, full_matrices=False)
+    seen = s > np.finfo(float).eps * max(N.shape) * s[0]
+    return rows[seen].T / s[seen] / length[:, None]

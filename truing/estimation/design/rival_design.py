@@ -1,0 +1,328 @@
+"""Where to measure next: poses that tell two rival models apart, or that narrow down one parameter.
+
+What a new pose says is whitened and freed of the pose's own unknowns (its frame, its actuators). Everything asked of
+a set of poses then follows from sums over them, so that sets are searched by adding and exchanging single poses.
+
+Rivals have their nuisances in common and an effect each of their own. Refitted to the old data and the new, nuisances
+leave predictions a covariance C that is the same for both; that of its effect's parameters adds to it, so that rival A
+predicts N(m_A, C_A). Were A right, new measurements would change the log odds of A against B by the divergence of the
+two predictions (Box and Hill, Technometrics 9 (1967) 57),
+
+    1/2 [ gap^T C_B^-1 gap + tr(C_B^-1 C_A) - n - log det(C_B^-1 C_A) ],    gap = m_A - m_B,
+
+half the squared distance between the predictions, and what not knowing the effects' sizes exactly adds to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, linearise
+
+# Directions of the unknowns in which all candidates together see less than this share of the noise's variance are left
+# out: they change no squared distance by as much.
+_UNSEEN = 1e-3
+# Of all candidates for a place, so many are tried: those that promise most to first order.
+_TRIED = 8
+# Where as many poses as asked for are not enough, they are chosen to be measured so many times each.
+_AGAIN = 16
+# A set of poses measured so many times is as good as measured without end.
+_MANY = 100
+_LARGEST = 100.0  # logarithm of odds, beyond which nobody counts
+
+Sums = list[NDArray]  # each (C, ...), one entry per candidate or set of candidates
+
+
+class Aim(Protocol):
+    """What sets of poses are judged by, from sums over them."""
+
+    def reached(self, sums: Sums) -> NDArray:
+        """Return the value (C,) of sets, to be made large."""
+
+    def promise(self, there: Sums, more: Sums) -> NDArray:
+        """Return what adding each of several candidates to one set would gain to first order, on any scale."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model of points that was fitted: its unknowns (G,) and their covariance (G, G), in prior sigmas."""
+
+    model: Any  # a `fitted_model.CausalModel`
+    shared: NDArray
+    covariance: NDArray
+
+    def following(self, own: NDArray) -> NDArray:
+        """Return how all unknowns (G, P) follow some of them (P,) per standard deviation, the others refitted."""
+        covariance = self.covariance[:, own]
+        return np.linalg.solve(np.linalg.cholesky(covariance[own]), covariance.T).T
+
+    def given(self, own: NDArray) -> NDArray:
+        """Return the covariance (O, O) of the others were some of the unknowns known."""
+        others = np.setdiff1d(np.arange(len(self.shared)), own)
+        follow = self.following(own)[others]
+        return self.covariance[np.ix_(others, others)] - follow @ follow.T
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """How further poses would be measured: the covariance (K, 3, 3) of each target's point in the model's frame, m^2;
+    free: whether each pose is measured in a frame of its own."""
+
+    covariance: NDArray
+    free: bool = True
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """C poses that could be measured as a fitted model sees them, M measurements each, in units of their noise.
+
+    predicted (C, M); rows (C, M, G): their derivative by the shared unknowns, per prior sigma; basis (C, M + H, H) of
+    what the H unknowns of a pose and their priors explain.
+    """
+
+    fitted: Fitted
+    predicted: NDArray
+    rows: NDArray
+    basis: NDArray
+
+    @property
+    def count(self) -> int:
+        """Return the number of candidates."""
+        return len(self.predicted)
+
+    def freed(self, columns: NDArray) -> NDArray:
+        """Return columns (C, M, P) as (C, M + H, P), without what the poses' own unknowns explain."""
+        padded = np.concatenate([columns, np.zeros((self.count, self.basis.shape[2], columns.shape[2]))], 1)
+        return padded - self.basis @ (np.swapaxes(self.basis, 1, 2) @ padded)
+
+    def sight(self, unknowns: NDArray, covariance: NDArray) -> Sight:
+        """Return what is seen of some unknowns (G',) of covariance (G', G')."""
+        rows, size = self.rows[..., unknowns], self.rows.shape[1]
+        factor = np.linalg.cholesky(covariance)
+        own = (np.swapaxes(self.basis[:, :size], 1, 2) @ rows).reshape(-1, len(unknowns))
+        flat = rows.reshape(-1, len(unknowns))
+        values, vectors = np.linalg.eigh(factor.T @ (flat.T @ flat - own.T @ own) @ factor)
+        directions = factor @ vectors[:, values > _UNSEEN]
+        return Sight(self.freed((flat @ directions).reshape(self.count, size, -1)), directions)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What candidates see of a model's uncertainty: rows (C, N, R) per standard deviation along R directions (G, R)."""
+
+    rows: NDArray
+    directions: NDArray
+
+    @property
+    def information(self) -> NDArray:
+        """Return what each candidate tells (C, R, R), in units of what is known."""
+        return np.swapaxes(self.rows, 1, 2) @ self.rows
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Candidates in the order in which to measure them, as indices, one that is repeated standing again.
+
+    values (n,): what is reached with the first, the first two, ..; times: how often all of them are to be measured for
+    what was asked for, None where no number of times is enough; final: what is reached then, or with very many.
+    """
+
+    chosen: tuple[int, ...]
+    values: tuple[float, ...]
+    times: int | None
+    final: float
+
+    def told(self, tell: Callable[[float], float]) -> Choice:
+        """Return the choice with its values in other terms."""
+        return Choice(self.chosen, tuple(tell(value) for value in self.values), self.times, tell(self.final))
+
+
+def candidates(fitted: Fitted, conditions: Any, instrument: Instrument) -> Candidates:
+    """Return poses at new conditions as a fitted model sees them."""
+    model = fitted.model.at(conditions)
+    count, targets = len(conditions.readings), len(instrument.covariance)
+    origin = MeasuredPoints(
+        np.zeros((count, targets, 3)),
+        np.broadcast_to(instrument.covariance, (count, targets, 3, 3)),
+        np.ones((count, targets), bool),
+    )
+    frames = Frames(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3)), instrument.free)
+    found = linearise(model, origin, frames, fitted.shared, np.zeros((count, model.local_size)))
+    own = found.by_local.shape[2]
+    priors = np.broadcast_to(np.eye(own), (count, own, own))
+    basis = np.linalg.qr(np.concatenate([found.by_local, priors], 1))[0]
+    return Candidates(fitted, -found.residual, found.by_shared, basis)
+
+
+def told_apart(
+    rivals: tuple[Candidates, Candidates], own: tuple[NDArray, NDArray], odds: float, most: int, log_odds: float = 0.0
+) -> Choice:
+    """Return the poses after which odds (of ``odds`` to 1) are expected for whichever of two rivals is right.
+
+    own: the unknowns (P,) of each that are its effect, the others being the same for both; log_odds: of the first
+    against the second, from what was measured so far. Values are expected odds.
+    """
+    first, second = rivals
+    gap = (first.predicted - second.predicted)[..., None]
+    effects = [rival.rows @ rival.fitted.following(which) for rival, which in zip(rivals, own, strict=True)]
+    columns = first.freed(np.concatenate([gap, *effects], -1))
+    others = np.setdiff1d(np.arange(first.rows.shape[2]), own[0])
+    sight = first.sight(others, first.fitted.given(own[0]))
+    turned = np.swapaxes(sight.rows, 1, 2)
+    sums = [np.swapaxes(columns, 1, 2) @ columns, turned @ columns, sight.information]
+    found = search(sums, _Odds(log_odds, len(own[0])), float(np.log(odds)), most)
+    return found.told(lambda value: float(np.exp(min(value, _LARGEST))))
+
+
+def narrowed(seen: Candidates, direction: NDArray, factor: float, most: int) -> Choice:
+    """Return the poses after which the uncertainty along a direction (G,) is ``factor`` times what it is now.
+
+    Values are the uncertainty over that of now.
+    """
+    covariance = seen.fitted.covariance
+    sight = seen.sight(np.arange(len(covariance)), covariance)
+    now = float(direction @ covariance @ direction)
+    along = direction @ sight.directions
+    aim = _Sharpness(along, now - float(along @ along), now)
+    return search([sight.information], aim, -factor, most).told(lambda value: -value)
+
+
+@dataclass(frozen=True)
+class _Odds:
+    """The expected log odds of whichever rival is right, the worse of both cases.
+
+    Sums are products (C, Q, Q) of Q columns (the gap, the effect of the first by its ``size`` parameters, that of the
+    second), these along R directions of the nuisances (C, R, Q), and the information on those (C, R, R).
+    """
+
+    log_odds: float
+    size: int
+
+    def reached(self, sums: Sums) -> NDArray:
+        products, along, information = sums
+        known = np.eye(information.shape[-1]) + information
+        return self._surer(products - np.swapaxes(along, 1, 2) @ np.linalg.solve(known, along))
+
+    def promise(self, there: Sums, more: Sums) -> NDArray:
+        """Return the log odds with each candidate, were the nuisances to stay as they follow what is there."""
+        products, along, information = (part[0] for part in there)
+        followed = np.linalg.solve(np.eye(len(information)) + information, along)
+        crossed = np.swapaxes(more[1], 1, 2) @ followed
+        left = more[0] - crossed - np.swapaxes(crossed, 1, 2) + followed.T @ (more[2] @ followed)
+        return self._surer(products - along.T @ followed + left)
+
+    def _surer(self, products: NDArray) -> NDArray:
+        """Return the log odds from products (C, Q, Q) of what nuisances do not explain."""
+        first, second = slice(1, 1 + self.size), slice(1 + self.size, None)
+        for_first = self.log_odds + _divergence(products, first, second)
+        for_second = -self.log_odds + _divergence(products, second, first)
+        return np.minimum(for_first, for_second)
+
+
+def _divergence(products: NDArray, right: slice, wrong: slice) -> NDArray:
+    """Return the expected log odds (C,) of the right rival over the wrong one; columns as of `_Odds`."""
+    of_right, of_wrong = products[:, right, right], products[:, wrong, wrong]
+    known_right, known_wrong = np.eye(of_right.shape[-1]) + of_right, np.eye(of_wrong.shape[-1]) + of_wrong
+    by_wrong = products[:, wrong]
+    left = products - np.swapaxes(by_wrong, 1, 2) @ np.linalg.solve(known_wrong, by_wrong)
+    spread = np.trace(left[:, right, right], axis1=1, axis2=2) - np.trace(left[:, wrong, wrong], axis1=1, axis2=2)
+    logs = np.linalg.slogdet(known_wrong)[1] - np.linalg.slogdet(known_right)[1]
+    return np.asarray(0.5 * (left[:, 0, 0] + spread + logs))
+
+
+@dataclass(frozen=True)
+class _Sharpness:
+    """Less the uncertainty of a parameter over that of now; sums: the information (C, R, R).
+
+    along (R,): the parameter per standard deviation along each direction; unseen, now: its variance off them, and now.
+    """
+
+    along: NDArray
+    unseen: float
+    now: float
+
+    def reached(self, sums: Sums) -> NDArray:
+        return -np.sqrt((self.unseen + _left(self.along, sums[0])) / self.now)
+
+    def promise(self, there: Sums, more: Sums) -> NDArray:
+        """Return the derivative of the variance by each candidate's weight."""
+        left = np.linalg.solve(np.eye(len(self.along)) + there[0][0], self.along)
+        return np.asarray((more[0] @ left) @ left)
+
+
+def search(sums: Sums, aim: Aim, enough: float, most: int) -> Choice:
+    """Return the candidates, at most ``most``, whose summed ``sums`` reach a value, or do when repeated.
+
+    Added one by one, each the best to add, then exchanged one by one for better ones.
+    """
+    chosen, reached = _chosen(sums, aim, enough, most)
+    if reached < enough:
+        chosen, _ = _chosen([_AGAIN * part for part in sums], aim, enough, most)
+    ordered, values = _in_order(sums, aim, chosen)
+    times, final = _repeated(_sum(sums, ordered), aim, enough)
+    return Choice(tuple(ordered), values, times, final)
+
+
+def _sum(sums: Sums, chosen: Sequence[int]) -> Sums:
+    return [part[list(chosen)].sum(0)[None] for part in sums]
+
+
+def _chosen(sums: Sums, aim: Aim, enough: float, most: int) -> tuple[list[int], float]:
+    chosen: list[int] = []
+    reached = -np.inf
+    while reached < enough and len(chosen) < most:
+        best, reached = _best_added(sums, aim, chosen)
+        chosen.append(best)
+    for place in range(len(chosen)):
+        best, then = _best_added(sums, aim, chosen[:place] + chosen[place + 1 :])
+        if then > reached:
+            chosen[place], reached = best, then
+    return chosen, reached
+
+
+def _best_added(sums: Sums, aim: Aim, chosen: Sequence[int]) -> tuple[int, float]:
+    there = _sum(sums, chosen)
+    tried = np.argsort(-aim.promise(there, sums), kind="stable")[:_TRIED]
+    found = aim.reached([whole + part[tried] for whole, part in zip(there, sums, strict=True)])
+    best = int(np.argmax(found))
+    return int(tried[best]), float(found[best])
+
+
+def _in_order(sums: Sums, aim: Aim, chosen: Sequence[int]) -> tuple[list[int], tuple[float, ...]]:
+    """Return a choice in the order in which each adds most to those before it, and the values on the way."""
+    left, ordered, values = list(chosen), list[int](), list[float]()
+    while left:
+        found = aim.reached([whole + part[left] for whole, part in zip(_sum(sums, ordered), sums, strict=True)])
+        best = int(np.argmax(found))
+        ordered.append(left.pop(best))
+        values.append(float(found[best]))
+    return ordered, tuple(values)
+
+
+def _repeated(sums: Sums, aim: Aim, enough: float) -> tuple[int | None, float]:
+    """Return how often a set (its sums, one trial) has to be measured, None where no number is enough; the value."""
+
+    def at(times: int) -> float:
+        return float(aim.reached([times * part for part in sums])[0])
+
+    if at(1) >= enough:
+        return 1, at(1)
+    if at(_MANY) < enough:
+        return None, at(_MANY)
+    few, many = 1, _MANY
+    while many - few > 1:
+        middle = (few + many) // 2
+        few, many = (few, middle) if at(middle) >= enough else (middle, many)
+    return many, at(many)
+
+
+def _left(along: NDArray, information: NDArray) -> NDArray:
+    """Return along^T (1 + information)^-1 along, (C,): what unknowns follow of a gap when so much is known of them."""
+    known = np.eye(information.shape[-1]) + information
+    columns = np.broadcast_to(along, known.shape[:2])[..., None]
+    return np.asarray(np.sum(columns * np.linalg.solve(known, columns), (1, 2)))

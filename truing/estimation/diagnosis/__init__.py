@@ -1,0 +1,1 @@
+"""Which causes the data speak for: one whitened problem, a search over all candidates, and its judge."""

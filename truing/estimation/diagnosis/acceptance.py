@@ -1,0 +1,294 @@
+"""Which causes are accepted into a model of points: forward, the most probable first, everything refitted each time.
+
+A cause has to be real (the search's p-value), the most probable of those that are (evidence, in pairs where two explain
+what a third would swallow), and must not predict held-out poses worse. In the end each is asked whether the others
+could do without it, and what is left whether its size follows something: then everything is weighted and judged anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.diagnosis.candidate_round import NAMED, Round, score_round
+from truing.estimation.diagnosis.candidate_search import Candidate, Search
+from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, Stand
+from truing.estimation.diagnosis.noise_following import NoiseFollowing
+from truing.estimation.diagnosis.noise_level import NoiseLevel, noise_level
+from truing.estimation.diagnosis.prediction_error import PredictionError
+from truing.estimation.diagnosis.verdicts import (
+    FOUND,
+    INDISTINGUISHABLE,
+    REJECTED,
+    Verdict,
+    certain,
+    first_order,
+    fitted,
+)
+
+# Rivals within this factor of the best in evidence cannot be told from it.
+RIVAL_FACTOR = 20.0
+# Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
+# that is larger than declared, and of noise that follows something.
+_CAUSES, _NOISE, _FOLLOWING = 0.45, 0.05, 0.1
+# A cause is rejected where held-out poses are predicted worse by more than this many standard errors.
+_WORSE = 2.5
+_MOST_ROUNDS = 8
+_MOST_FOLLOWED = 2
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How sure a finding must be, and how the null distribution is drawn."""
+
+    false_alarm: float
+    draws: int
+    seed: int
+
+    @property
+    def level(self) -> float:
+        """Return the p-value below which a cause is real."""
+        return _CAUSES * self.false_alarm
+
+    @property
+    def noise_level(self) -> float:
+        """Return the p-value below which noise is larger than declared."""
+        return _NOISE * self.false_alarm
+
+    @property
+    def following_level(self) -> float:
+        """Return the p-value below which noise follows something."""
+        return _FOLLOWING * self.false_alarm
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All verdicts, found ones first; the plain and the final model; all rounds; what was left out."""
+
+    verdicts: tuple[Verdict, ...]
+    plain: Stand
+    final: Stand
+    rounds: tuple[Round, ...] = field(repr=False)
+    search: Search = field(repr=False)  # the last one, in which nothing was left to be found
+    gross: int  # points taken out as gross errors
+    noise: NoiseLevel  # what the final model leaves, over what was declared
+    following: tuple[NoiseFollowing, ...]  # what the noise follows; points were weighted accordingly
+    held_out: Poses | None
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    """A cause that was accepted: the candidate, the round in which it was chosen, and the model with it."""
+
+    candidate: Candidate
+    round: Round
+    cause: Any  # in the form that was fitted
+    after: Stand
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """A search from the plain model to one in which nothing is left to be found."""
+
+    plain: Stand
+    kept: list[_Accepted]
+    refused: list[Verdict]  # which predict worse, or which the others can do without
+    rounds: list[Round]
+    final: Stand
+
+    @property
+    def search(self) -> Search:
+        """Return the last round's search, which alone is still open."""
+        found = self.rounds[-1].search
+        assert found is not None
+        return found
+
+
+class Acceptance:
+    """The search over a catalogue for one campaign; ``run`` returns every verdict and the final model.
+
+    ``given`` are causes that are certain before any search (labels that were exchanged): in every model from the start.
+    """
+
+    def __init__(
+        self,
+        model: CausalModel,
+        calibration: Poses,
+        held_out: Poses | None,
+        settings: Settings,
+        progress: Callable[[str], None] = lambda what: None,
+        given: Sequence[Any] = (),
+    ) -> None:
+        self._fitter = Fitter(model, calibration, held_out, settings.seed, progress)
+        self._settings, self._progress, self._given = settings, progress, tuple(given)
+
+    def run(self, kinds: Sequence[Any]) -> Diagnosis:
+        """Return what is decided on all kinds of cause of a catalogue."""
+        following: list[NoiseFollowing] = []
+        searched = self._searched(kinds)
+        while len(following) < _MOST_FOLLOWED and (found := self._noise_follows(searched.final)):
+            following.append(found)
+            self._fitter.reweight(found.factor)
+            searched = self._searched(kinds)
+        fitter, final = self._fitter, searched.final
+        return Diagnosis(
+            tuple(sorted(self._verdicts(searched), key=lambda verdict: verdict.rank)),
+            searched.plain,
+            final,
+            tuple(searched.rounds),
+            searched.search,
+            fitter.gross,
+            noise_level(final.fit.whitened, final.measured, fitter.declared_points),
+            tuple(following),
+            fitter.held_out,
+        )
+
+    def _noise_follows(self, final: Stand) -> NoiseFollowing | None:
+        return self._fitter.following(final, self._settings.following_level)
+
+    def _searched(self, kinds: Sequence[Any]) -> _Searched:
+        plain = self._fitter.prepared(self._given)
+        rounds = [self._round(plain, kinds, 0)]
+        found, worse = self._forward(rounds, kinds)
+        kept, dropped, final = self._dropped(found, plain)
+        return _Searched(plain, kept, [*worse, *dropped], rounds, final)
+
+    def _verdicts(self, searched: _Searched) -> list[Verdict]:
+        """Return one verdict per kind of cause, and one per further subject that was found."""
+        final, held_out = searched.final, self._fitter.held_out
+        verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
+        for step in searched.kept:
+            plain = first_order(step.round, step.candidate, FOUND, held_out)
+            verdicts.append(fitted(plain, step.cause, step.round.stand, step.after, final))
+        others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
+        for verdict in others:  # one row per cause: the first thing that is to be said of it
+            if verdict.cause.id not in {told.cause.id for told in verdicts}:
+                verdicts.append(verdict)
+        return verdicts
+
+    def _round(self, stand: Stand, kinds: Sequence[Any], number: int) -> Round:
+        self._progress(f"scoring the candidates of {len(kinds)} kinds of cause")
+        return score_round(stand, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
+
+    def _forward(self, rounds: list[Round], kinds: Sequence[Any]) -> tuple[list[_Accepted], list[Verdict]]:
+        """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
+        found: list[_Accepted] = []
+        worse: list[Verdict] = []
+        while len(found) < _MOST_ROUNDS:
+            current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
+            if (chosen := self._choose(current, refused)) is None:
+                break
+            cause = chosen.cause.refined()
+            after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
+            if _predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
+                worse.append(first_order(current, chosen, REJECTED, self._fitter.held_out, "held-out"))
+                continue
+            rounds[-1] = current.closed()
+            found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
+            rounds.append(self._round(after, kinds, len(rounds)))
+        return found, worse
+
+    def _covered(self, cause: Any, after: Stand) -> NDArray:
+        """Return at which held-out poses (B,) a cause claims to hold."""
+        held = self._fitter.held_out
+        if held is None:
+            return np.ones(len(after.measured.seen), bool)
+        return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
+
+    def _choose(self, current: Round, refused: set[str]) -> Candidate | None:
+        """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
+        parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
+        stronger of them."""
+        rivals = [c for c in self._equals(current) if c.kind not in refused]
+        pair = current.best_pair if rivals else None
+        if pair is not None and self._is_real(current, pair[0]) and pair[0].kind not in refused:
+            return pair[0]
+        unnamed = max((current.posterior(c) for c in rivals if not c.cause.catalogued), default=-np.inf)
+        least = unnamed - NAMED
+        named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
+        return min(named or rivals, key=lambda c: (*_complexity(c), -current.posterior(c)), default=None)
+
+    def _is_real(self, current: Round, candidate: Candidate) -> bool:
+        """Return whether chance is ruled out, and the data speak for the cause rather than for none.
+
+        The second is no matter of course: many parameters may be far from zero together, and of no plausible size in
+        any direction.
+        """
+        speaks = current.scores[candidate.key].log_evidence > 0.0
+        return speaks and current.p_value(candidate) <= self._settings.level
+
+    def _equals(self, current: Round) -> list[Candidate]:
+        """Return the best candidates of those kinds that are real and within a factor 20 of the best in evidence."""
+        real = [c for c in current.best.values() if self._is_real(current, c)]
+        best = max((current.posterior(c) for c in real), default=0.0)
+        return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
+
+    def _dropped(self, found: list[_Accepted], plain: Stand) -> tuple[list[_Accepted], list[Verdict], Stand]:
+        """Return what is kept once every accepted cause had to show that the others cannot do without it."""
+        final, kept = found[-1].after if found else plain, list(found)
+        dropped: list[Verdict] = []
+        for step in found[:-1]:
+            if len(kept) > 1 and not self._is_needed(step, final):
+                kept.remove(step)
+                dropped.append(first_order(step.round, step.candidate, REJECTED, self._fitter.held_out, "dropped"))
+                final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
+        return kept, dropped, final
+
+    def _is_needed(self, step: _Accepted, final: Stand) -> bool:
+        """Return whether an accepted cause is still real in the final model (Wald's test at the search's threshold)."""
+        values, covariance = final.values(step.cause)
+        size = step.candidate.signature.parameters
+        squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
+        judge = step.round.judge
+        group = judge.group_of(step.candidate.kind, step.candidate.signature.rank)
+        return bool(judge.raw(squares, group, 1.0) <= judge.threshold(group, self._settings.level))
+
+    def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
+        """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
+        found = []
+        for step in kept:
+            for rival in self._equals(step.round):
+                if rival.kind != step.candidate.kind and _is_told(step, rival):
+                    own = self._fitter.stand((*step.round.stand.causes, rival.cause.refined()), step.round.stand)
+                    held_out = self._fitter.held_out
+                    plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, step.cause.key)
+                    found.append(replace(plain, own=own))
+        return found
+
+    def _rejected(self, rounds: Sequence[Round]) -> list[Verdict]:
+        """Return the verdicts on the best of every kind that the final model does without.
+
+        What speaks for them is told of the first round, where they competed with what was found.
+        """
+        closing, first, found = rounds[-1], rounds[0], []
+        for kind, candidate in closing.best.items():
+            before = first.best.get(kind)
+            if candidate.signature.rank or before is None or not before.signature.rank:
+                reason = "" if candidate.signature.rank else "unseen"
+                verdict = first_order(closing, candidate, REJECTED, self._fitter.held_out, reason)
+            else:
+                verdict = first_order(first, before, REJECTED, self._fitter.held_out, "contained")
+            found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
+        return found
+
+
+def _is_told(step: _Accepted, rival: Candidate) -> bool:
+    """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
+    return rival.cause.catalogued or step.round.posterior(rival) >= step.round.posterior(step.candidate)
+
+
+def _complexity(candidate: Candidate) -> tuple[bool, int]:
+    """Return whether a candidate has no name, and its number of parameters."""
+    return not candidate.cause.catalogued, candidate.signature.parameters
+
+
+def _predicts_worse(before: PredictionError | None, after: PredictionError | None, covered: NDArray) -> bool:
+    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose."""
+    if before is None or after is None or covered.sum() < 2:
+        return False
+    worse = (after.squares - before.squares)[covered]
+    return bool(worse.mean() > _WORSE * worse.std(ddof=1) / np.sqrt(len(worse)) and worse.mean() > 0)

@@ -1,0 +1,197 @@
+"""The search over all candidates of all kinds on one residual, and how often it finds as much where there is nothing.
+
+Each kind of cause is judged by its own best candidate; the statistic is the smallest p-value over kinds, each
+multiplied by what its choice among candidates costs and divided by its share of the budget. Its null distribution
+comes from simulated residuals and from sign-flipped ones, both pushed through the same search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.diagnosis.judge import Group, Judge, f_test, kinds_of
+from truing.estimation.diagnosis.noise_components import NoiseComponents
+from truing.estimation.diagnosis.profile_signatures import ProfileSignatures
+from truing.estimation.diagnosis.signatures import POINTS, Channels, Signature
+
+# Numbers drawn at a time.
+_BLOCK = 2_500_000
+# Standardised residuals that are flipped are not larger than this: beyond it they are effects, not noise.
+_LARGEST = 5.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate: its cause, the kind it belongs to, its signature, and its probability beforehand in its kind."""
+
+    cause: Any
+    kind: str
+    signature: Signature
+    prior: float
+
+    @cached_property
+    def key(self) -> str:
+        """Return the name that tells it from all others."""
+        return str(self.cause.key)
+
+    def light(self) -> Candidate:
+        """Return it without its design, which only a search needs."""
+        return replace(self, signature=replace(self.signature, design=np.zeros((0, self.signature.parameters))))
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Candidates over single targets: the kind they belong to, and their signatures."""
+
+    cause: Any  # which makes the candidate of a target and a shape
+    kind: str
+    signatures: ProfileSignatures
+
+    @property
+    def prior(self) -> float:
+        """Return the probability beforehand of each in its kind."""
+        return 1.0 / max(int(self.signatures.seen.sum()), 1)
+
+
+@dataclass(frozen=True)
+class Search:
+    """All candidates on one fit; ``shares`` (by kind) are their parts of the budget of false alarms."""
+
+    channels: Channels
+    noise: NoiseComponents
+    candidates: Sequence[Candidate]
+    profiles: Sequence[Profiles]
+    shares: dict[str, float]
+    draws: int
+    rng: np.random.Generator
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Return the groups: those of candidates, then one for every set of profiles."""
+        found: dict[tuple[str, int], list[float]] = {}
+        for candidate in self._seen:
+            own = candidate.signature
+            found.setdefault((candidate.kind, own.rank), []).append(own.reading_share)
+        listed = [Group(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
+        listed += [Group(p.kind, p.signatures.parameters, 0.0) for p in self.profiles]
+        return tuple(listed)
+
+    @cached_property
+    def _seen(self) -> list[Candidate]:
+        return [candidate for candidate in self.candidates if candidate.signature.rank]
+
+    @cached_property
+    def _banks(self) -> list[tuple[NDArray, NDArray, list[int]]]:
+        """Return, for candidates on the same channels: where these stand, all unit designs, and which candidates."""
+        by_index: dict[bytes, list[int]] = {}
+        for number, candidate in enumerate(self._seen):
+            by_index.setdefault(candidate.signature.index.tobytes(), []).append(number)
+        return [
+            (
+                self._seen[numbers[0]].signature.index,
+                np.hstack([self._seen[n].signature.unit_design.astype(np.float32) for n in numbers]),
+                numbers,
+            )
+            for numbers in by_index.values()
+        ]
+
+    def squares(self, along: NDArray) -> NDArray:
+        """Return by how much each candidate that can be seen lowers the sum of squares, (D, candidates)."""
+        found = np.empty((len(along), len(self._seen)))
+        for index, designs, numbers in self._banks:
+            scores = along[:, :, index].reshape(len(along), -1) @ designs
+            starts = np.cumsum([0, *(self._seen[n].signature.rank for n in numbers[:-1])])
+            found[:, numbers] = np.add.reduceat(scores**2, starts, axis=1)
+        return found
+
+    def maxima(self, along: NDArray) -> NDArray:
+        """Return the largest square of every group, (D, groups)."""
+        squares = self.squares(along)
+        columns = [squares[:, members].max(1) for members in self._members]
+        points = along[:, :, self.channels.places[POINTS]]
+        columns += [p.signatures.squares(points).reshape(len(along), -1).max(1) for p in self.profiles]
+        return np.column_stack(columns) if columns else np.zeros((len(along), 0))
+
+    @cached_property
+    def _members(self) -> list[list[int]]:
+        found: dict[tuple[str, int], list[int]] = {}
+        for number, candidate in enumerate(self._seen):
+            found.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
+        return list(found.values())
+
+    def by_kind(self, maxima: NDArray, noise: tuple[NDArray, NDArray]) -> NDArray:
+        """Return the smallest p of every kind (D, kinds), not corrected; noise levels of points and readings (D,)."""
+        kinds = kinds_of(self.groups)
+        found = np.ones((len(maxima), len(kinds)))
+        for number, group in enumerate(self.groups):
+            level = (1.0 - group.reading_share) * noise[0] + group.reading_share * noise[1]
+            column = kinds.index(group.kind)
+            own = f_test(maxima[:, number], group, level, self.noise)
+            found[:, column] = np.minimum(found[:, column], own)
+        return found
+
+    @cached_property
+    def judge(self) -> Judge:
+        """Return what judges the candidates: the same search on drawn and on flipped residuals."""
+        drawn, flipped = [], []
+        height = len(self.channels.whitened.rest)
+        block = max(_BLOCK // height, 1)
+        for first in range(0, self.draws, block):
+            count = min(block, self.draws - first)
+            drawn.append(self._drawn(count, height))
+            flipped.append(self._flipped(count))
+        for needed_no_more in ("_banks", "_standard", "_best_rows"):
+            self.__dict__.pop(needed_no_more, None)
+        return Judge(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
+
+    def _drawn(self, count: int, height: int) -> NDArray:
+        rows = self.rng.standard_normal((count, height), np.float32) * self.channels.whitened.present
+        levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.points, self.noise.readings))
+        return self.by_kind(self.maxima(self.channels.along(rows)), (levels[0], levels[1]))
+
+    def _flipped(self, count: int) -> NDArray:
+        rows = _signs(self.rng, count, len(self._standard)) * self._standard.astype(np.float32)
+        level = np.full(count, self._flipped_level)
+        return self.by_kind(self.maxima(self.channels.along(rows)), (level, level))
+
+    @cached_property
+    def _standard(self) -> NDArray:
+        """Return standardised residuals without what the best candidate explains, as noise would leave them.
+
+        An effect would else widen its own null distribution.
+        """
+        whitened, rows = self.channels.whitened, self._best_rows
+        rest = whitened.rest - rows @ (rows.T @ whitened.rest)
+        leverage = whitened.leverage + np.sum(rows**2, 1)
+        standard = np.where(leverage < 0.999, rest / np.sqrt(np.maximum(1.0 - leverage, 1e-3)), 0.0)
+        return np.clip(standard * whitened.present, -_LARGEST, _LARGEST)
+
+    @cached_property
+    def _best_rows(self) -> NDArray:
+        """Return the directions (N, r) of the candidate that the residual speaks for most by itself."""
+        along = self.channels.along(self.channels.whitened.rest[None])
+        squares, found = self.squares(along)[0], []
+        for number, candidate in enumerate(self._seen):
+            group = Group(candidate.kind, candidate.signature.rank, candidate.signature.reading_share)
+            noise = self.noise.without(float(squares[number]), group.rank, group.reading_share)
+            found.append(float(f_test(squares[number], group, noise, self.noise)))
+        if not found:
+            return np.zeros((len(self.channels.whitened.rest), 0))
+        best = min(range(len(found)), key=lambda number: (found[number], -squares[number]))
+        return self._seen[best].signature.rows(self.channels)
+
+    @cached_property
+    def _flipped_level(self) -> float:
+        tested = self.channels.whitened.present & (self.channels.whitened.leverage < 0.999)
+        return float(np.mean(self._standard[tested] ** 2))
+
+
+def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:
+    bits = np.unpackbits(rng.integers(0, 256, (count, (size + 7) // 8), np.uint8), axis=1, count=size)
+    return bits.astype(np.float32) * 2.0 - 1.0

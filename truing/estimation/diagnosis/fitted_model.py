@@ -1,0 +1,276 @@
+"""A model with some causes, fitted to calibration poses: what it leaves there, on held-out poses, and to candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.diagnosis.noise_components import (
+    NoiseComponents,
+    components,
+    reading_ratio,
+    rescaled_points,
+    survey_ratio,
+    told_points,
+)
+from truing.estimation.diagnosis.noise_following import NoiseFollowing, drivers, noise_following, standardised
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
+from truing.estimation.diagnosis.prediction_error import PredictionError, merged, noise_floor, prediction_error
+from truing.estimation.diagnosis.screening import gross_errors
+from truing.estimation.diagnosis.signatures import Channels, channels_of
+
+_FRAME = 6
+# How often gross errors are looked for, and the noise estimated anew, before the search.
+_PREPARATIONS = 3
+_SAME_NOISE = 0.05
+# Where no pose is held out, so many blocks of poses are left out in turn, each of so many poses at least.
+_BLOCKS, _FEWEST_IN_BLOCK, _MOST_POINTS = 5, 4, 20_000
+
+
+class CausalModel(Protocol):
+    """A model of points that can take up causes; see `truing.simulation.cause.Cause` for what these bring."""
+
+    @property
+    def layout(self) -> dict[str, slice]:
+        """Return where each kind of shared unknown stands; effects by their key, the survey as ``shape``."""
+
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns H."""
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the model does not claim to predict."""
+
+    @property
+    def bodies(self) -> NDArray:
+        """Return the number of each target's body (K,)."""
+
+    @property
+    def leg_count(self) -> int:
+        """Return the number of legs L."""
+
+    @property
+    def scene(self) -> Any:
+        """Return what the campaign offers to causes."""
+
+    def with_causes(self, causes: Sequence[Any]) -> Any:
+        """Return the model with these causes among its unknowns."""
+
+    def at(self, conditions: Any) -> Any:
+        """Return the model at other poses."""
+
+    def rescaled(self, readings: float, survey: float) -> Any:
+        """Return the model with the noise of readings and survey so many times as large."""
+
+    def predict(self, shared: NDArray, local: NDArray) -> Any:
+        """Return points and derivatives, as `point_fit.Model` does."""
+
+    def widened(self, shared: NDArray, model: Any) -> NDArray:
+        """Return shared unknowns of this model as those of another."""
+
+    def channels(self, shared: NDArray, local: NDArray) -> Mapping[str, NDArray]:
+        """Return how the points (B, K, 3, C), m, follow each channel."""
+
+    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Any], Mapping[str, NDArray]]:
+        """Return what tells a cause's change (B or 1, C, P) of each channel that it acts on, per plausible scale."""
+
+    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the rotations (B, K, 3, 3) from the axes of the targets' bodies to those of the points."""
+
+    def effect_sigma(self, cause: Any) -> NDArray:
+        """Return the prior sigma (P,), SI, that a cause's parameters are fitted with."""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Measured points of some poses, the conditions that the model needs there, and frames to start from."""
+
+    measured: MeasuredPoints
+    conditions: Any
+    frames: Frames
+
+    def without(self, wrong: NDArray) -> Poses:
+        """Return the poses without some points (B, K)."""
+        return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A model fitted to the calibration poses, with what it leaves there and on held-out poses."""
+
+    causes: tuple[Any, ...]
+    model: Any  # a CausalModel
+    measured: MeasuredPoints
+    fit: PointFit
+    error: PredictionError
+    held_out: PredictionError | None
+    floor: float  # m
+
+    @cached_property
+    def scene(self) -> Any:
+        """Return what the campaign offers to causes, with what was seen of it."""
+        return replace(self.model.scene, seen=self.measured.seen)
+
+    @cached_property
+    def designer(self) -> Callable[[Any], Mapping[str, NDArray]]:
+        """Return what tells how a candidate acts at this fit."""
+        return self.model.designer(self.fit.shared, self.fit.local)  # type: ignore[no-any-return]
+
+    @property
+    def reading_rows(self) -> slice:
+        """Return which of a pose's local unknowns are readings."""
+        return slice(_FRAME, _FRAME + int(np.sum(~self.model.unpredicted)))
+
+    @property
+    def noise(self) -> NoiseComponents:
+        """Return the noise that the fit leaves, by component."""
+        return components(self.fit.whitened, 3 * self.measured.seen.shape[1], self.reading_rows)
+
+    @property
+    def noise_ratio(self) -> float:
+        """Return the noise found over the one used in the fit, declared knowledge included."""
+        found = self.noise
+        return float(np.sqrt((found.points_total + found.readings_total) / (found.points + found.readings)))
+
+    def covariance(self) -> NDArray:
+        """Return the covariance (G, G) of the shared unknowns in prior sigmas, at the estimated noise level."""
+        return self.fit.whitened.covariance() * self.noise_ratio**2
+
+    def channels(self) -> Channels:
+        """Return the channels through which candidates act on what the fit leaves."""
+        motions = self.model.channels(self.fit.shared, self.fit.local)
+        return channels_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.reading_rows)
+
+    def values(self, cause: Any) -> tuple[NDArray, NDArray]:
+        """Return the values (P,) and covariance (P, P), SI, of an accepted cause's parameters."""
+        place, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
+        return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
+
+
+class Fitter:
+    """Fits a campaign's model with any causes; knows the noise and the gross errors found so far."""
+
+    def __init__(
+        self,
+        model: CausalModel,
+        calibration: Poses,
+        held_out: Poses | None,
+        seed: int,
+        progress: Callable[[str], None] = lambda what: None,
+    ) -> None:
+        self.model: Any = model
+        self.calibration, self.held_out = calibration, held_out
+        self._declared, self.declared_points = model, calibration.measured.covariance
+        self._ratios = 1.0, 1.0
+        self._seed, self._progress = seed, progress
+        self.gross = 0  # points taken out as gross errors
+
+    def prepared(self, causes: tuple[Any, ...] = (), start: Stand | None = None) -> Stand:
+        """Return the fit with some causes once gross errors are out and the noise is known."""
+        stand = self.stand(causes, start)
+        for _ in range(_PREPARATIONS):
+            screened = self.screen(stand)
+            if not self.learn_noise(stand) and not screened:
+                break
+            stand = self.stand(causes, stand)
+        return stand if stand.held_out is not None else replace(stand, held_out=self._left_out_in_turn(stand))
+
+    def stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
+        """Return the model with some causes, fitted from an earlier fit."""
+        self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
+        model = self.model.with_causes(causes)
+        measured, frames = self.calibration.measured, self.calibration.frames
+        if start is None:
+            shared, local = self.model.widened(np.empty(0), model), np.zeros((len(frames.t), model.local_size))
+        else:
+            shared, local = start.model.widened(start.fit.shared, model), start.fit.local
+            frames = start.fit.frames
+        fit = fit_points(model, measured, frames, shared, local)
+        error = prediction_error(model, measured, fit.frames, fit.shared, model.unpredicted)
+        floor = noise_floor(fit, measured, model.unpredicted, np.random.default_rng(self._seed))
+        return Stand(causes, model, measured, fit, error, self._predicted(model, fit), floor)
+
+    def _predicted(self, model: CausalModel, fit: PointFit) -> PredictionError | None:
+        if self.held_out is None:
+            return None
+        held = self.held_out
+        return prediction_error(model.at(held.conditions), held.measured, held.frames, fit.shared, model.unpredicted)
+
+    def _left_out_in_turn(self, stand: Stand) -> PredictionError | None:
+        """Return what is predicted wrongly of blocks of poses, one after the other in time, each left out of a fit.
+
+        For campaigns that hold no pose out; None where blocks would have too few poses, or fits take too long.
+        """
+        measured, order = stand.measured, stand.scene.covariates.get("order")
+        poses = len(measured.seen)
+        if not stand.model.leg_count:  # bodies follow time and drives alone, which a block would have to be told beyond
+            return None
+        if poses < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_POINTS:
+            return None
+        rank = np.argsort(np.argsort(np.arange(poses) if order is None else order, kind="stable"))
+        block = rank * _BLOCKS // poses
+        return merged([self._predicted_block(stand, block == number) for number in range(_BLOCKS)], block, measured)
+
+    def _predicted_block(self, stand: Stand, own: NDArray) -> PredictionError:
+        """Return the error of the prediction of poses own (B,) by a fit without them."""
+        model, measured, fit = stand.model, stand.measured, stand.fit
+        others = replace(measured, seen=measured.seen & ~own[:, None])
+        local = np.where(own[:, None], 0.0, fit.local)
+        without = fit_points(model, others, fit.frames, fit.shared, local)
+        return prediction_error(model, measured, fit.frames, without.shared, model.unpredicted)
+
+    def screen(self, stand: Stand) -> bool:
+        """Take out what is grossly wrong against a fit, held out or not; return whether there was anything."""
+        seen = self.calibration.measured.seen
+        height = 3 * seen.shape[1] + stand.fit.whitened.problem.local_value.shape[1]
+        rows = stand.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, : 3 * seen.shape[1]]
+        axes = self.calibration.measured.whitener @ stand.fit.frames.R[:, None]
+        axes = axes @ stand.model.turns(stand.fit.shared, stand.fit.local)
+        wrong = gross_errors(rows.reshape(*seen.shape, 3), seen, axes, stand.scene.covariates.get("order"))
+        self.calibration = self.calibration.without(wrong)
+        count = int(wrong.sum())
+        if self.held_out is not None and stand.held_out is not None:
+            unseen = gross_errors(stand.held_out.whitened, self.held_out.measured.seen)
+            self.held_out = self.held_out.without(unseen)
+            count += int(unseen.sum())
+        self.gross += count
+        return count > 0
+
+    def learn_noise(self, stand: Stand) -> bool:
+        """Take over the noise that a fit shows; return whether it is another one than before."""
+        measured, whitened = self.calibration.measured, stand.fit.whitened
+        rescaled = rescaled_points(whitened, measured, stand.model.bodies)
+        size = len(whitened.rest) - len(stand.fit.shared)
+        places = size + np.arange(len(stand.fit.shared))[stand.model.layout["shape"]]
+        before = self._ratios
+        self._ratios = (
+            reading_ratio(whitened, 3 * measured.seen.shape[1], stand.reading_rows, before[0]),
+            survey_ratio(whitened, places, before[1]),
+        )
+        self.model = self._declared.rescaled(*self._ratios)
+        self.calibration = replace(self.calibration, measured=rescaled)
+        traces = [np.trace(points.covariance, axis1=-2, axis2=-1) for points in (rescaled, measured)]
+        steps = [now / old for now, old in zip(self._ratios, before, strict=True)]
+        return max(*(abs(step - 1.0) for step in steps), float(np.abs(traces[0] / traces[1] - 1.0).max())) > _SAME_NOISE
+
+    def following(self, stand: Stand, level: float) -> NoiseFollowing | None:
+        """Return what the noise that a fit leaves follows, None where p exceeds the level."""
+        seen, scene = self.calibration.measured.seen, stand.scene
+        rest, told = told_points(stand.fit.whitened, seen.shape)
+        known = np.where(seen[..., None], standardised(rest, told), np.nan)
+        columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
+        return noise_following(known, drivers(columns, scene.shape, stand.model.bodies), level)
+
+    def reweight(self, factor: NDArray) -> None:
+        """Take the points' noise to be larger by factors (B, K)."""
+        measured, square = self.calibration.measured, factor[..., None, None] ** 2
+        self.declared_points = self.declared_points * square
+        self.calibration = replace(
+            self.calibration, measured=replace(measured, covariance=measured.covariance * square)
+        )

@@ -1,0 +1,233 @@
+"""Signatures of candidate effects: how the rows of a whitened problem follow them, free of what nuisances explain.
+
+A candidate acts through channels, which are few (a reading of each leg, a shift of each attachment, a point): the
+channels are projected once, and a candidate is a design over them, a thin matrix per pose. Thousands of candidates
+then cost one small matrix each, and a search over simulated residuals one product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, whitened_columns
+from truing.estimation.diagnosis.whitening import Whitened
+
+# Directions in which a plausible effect stays below this many sigma carry no test.
+_INFORMATIVE = 0.3
+POINTS = "points"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some channels: what shared unknowns explain of them, their products, and those in the readings' rows."""
+
+    shared: NDArray  # (B, G, n)
+    gram: NDArray  # (B, n, n)
+    reading_gram: NDArray
+
+
+@dataclass(frozen=True)
+class Channels:
+    """All channels of a fit side by side, whitened; ``columns`` (B, M + H, C) are free of local unknowns.
+
+    ``shared`` (B, G, C) is what of them the shared unknowns explain, ``gram`` (B, C, C) their products pose by pose,
+    ``reading_gram`` the part of these in the rows of the readings' priors.
+    """
+
+    whitened: Whitened
+    places: dict[str, slice]
+    columns: NDArray
+    shared: NDArray
+    gram: NDArray
+    reading_gram: NDArray
+
+    def along(self, rows: NDArray) -> NDArray:
+        """Return the parts (D, B, C) of residuals (D, N) along the channels, to the precision of the residuals."""
+        columns, shared, basis = self._of_precision(rows.dtype)
+        poses, height, _ = columns.shape
+        own = rows[:, : poses * height].reshape(len(rows), poses, height)
+        part = np.matmul(own.transpose(1, 0, 2), columns)
+        explained = (rows @ basis) @ shared
+        return part.transpose(1, 0, 2) - explained.reshape(len(rows), poses, -1)
+
+    def _of_precision(self, kind: Any) -> tuple[NDArray, NDArray, NDArray]:
+        """Return columns, what is shared of them and its basis: draws need half the digits, and half the time."""
+        exact = self.columns, self._shared_wide, self.whitened.basis
+        return exact if kind == np.float64 else self._rough
+
+    @cached_property
+    def _rough(self) -> tuple[NDArray, NDArray, NDArray]:
+        return (
+            self.columns.astype(np.float32),
+            self._shared_wide.astype(np.float32),
+            self.whitened.basis.astype(np.float32),
+        )
+
+    @cached_property
+    def _shared_wide(self) -> NDArray:
+        return self.shared.transpose(1, 0, 2).reshape(self.shared.shape[1], -1)
+
+    def index(self, names: tuple[str, ...]) -> NDArray:
+        """Return where the named channels stand, in that order."""
+        return np.concatenate([np.arange(self.places[name].start, self.places[name].stop) for name in names])
+
+    def part(self, index: NDArray) -> _Part:
+        """Return what concerns the channels that an index names."""
+        key = index.tobytes()
+        if key not in self._parts:
+            grid = np.ix_(np.arange(len(self.columns)), index, index)
+            self._parts[key] = _Part(self.shared[:, :, index], self.gram[grid], self.reading_gram[grid])
+        return self._parts[key]
+
+    @cached_property
+    def _parts(self) -> dict[bytes, _Part]:
+        return {}
+
+
+def channels_of(
+    whitened: Whitened,
+    measured: MeasuredPoints,
+    frames: Frames,
+    motions: Mapping[str, NDArray],
+    reading_rows: slice,
+) -> Channels:
+    """Return a fit's channels from their motions (B, K, 3, C_i) of the points, m; the points themselves come last.
+
+    ``reading_rows`` tells which of a pose's local unknowns are readings.
+    """
+    wide = [whitened_columns(measured, frames, motion) for motion in motions.values()]
+    wide.append(_blocks(measured.whitener @ frames.R[:, None]))
+    names = (*motions, POINTS)
+    ends = np.cumsum([part.shape[-1] for part in wide])
+    places = {n: slice(int(end) - w.shape[-1], int(end)) for n, w, end in zip(names, wide, ends, strict=True)}
+    together = np.concatenate(wide, -1)
+    priors = np.zeros((len(together), whitened.problem.local_value.shape[1], together.shape[-1]))
+    columns = whitened.without_local(np.concatenate([together, priors], 1))
+    poses, height, _ = columns.shape
+    own = whitened.basis[: poses * height].reshape(poses, height, -1)
+    first = together.shape[1] + reading_rows.start
+    readings = columns[:, first : first + reading_rows.stop - reading_rows.start]
+    return Channels(
+        whitened,
+        places,
+        columns,
+        np.swapaxes(own, 1, 2) @ columns,
+        np.swapaxes(columns, 1, 2) @ columns,
+        np.swapaxes(readings, 1, 2) @ readings,
+    )
+
+
+def _blocks(blocks: NDArray) -> NDArray:
+    """Return the matrices (B, 3K, 3K) with blocks (B, K, 3, 3) on their diagonals."""
+    poses, count = blocks.shape[:2]
+    full = np.zeros((poses, count, 3, count, 3))
+    each = np.arange(count)
+    full[:, each, :, each] = blocks.transpose(1, 0, 2, 3)
+    return full.reshape(poses, 3 * count, 3 * count)
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A candidate's signature: independent directions, each a combination of its parameters.
+
+    ``strengths`` (r,) are the signal-to-noise ratios of a plausible effect along them, ``loadings`` (P, r) the
+    parameters' side, ``design`` maps the channels at ``index`` to the parameters (B * C, P); ``explained`` (G, P) is
+    what of the columns the shared unknowns explain, ``reading_share`` the share of the evidence that rests on the
+    readings.
+    """
+
+    index: NDArray
+    design: NDArray
+    explained: NDArray
+    gram: NDArray  # (P, P)
+    strengths: NDArray
+    loadings: NDArray
+    reading_share: float
+
+    @property
+    def rank(self) -> int:
+        """Return the number of directions in which the campaign sees the candidate."""
+        return len(self.strengths)
+
+    @property
+    def parameters(self) -> int:
+        """Return the number of parameters P."""
+        return len(self.gram)
+
+    @property
+    def unit_design(self) -> NDArray:
+        """Return the design (B * C, r) whose scores have unit variance where there is no effect."""
+        return self.design @ (self.loadings / self.strengths)
+
+    def rows(self, channels: Channels) -> NDArray:
+        """Return its directions as orthonormal rows (N, r) of the whitened problem, free of what nuisances explain."""
+        poses = len(channels.columns)
+        own = channels.columns[:, :, self.index] @ self.unit_design.reshape(poses, len(self.index), -1)
+        full = np.zeros((len(channels.whitened.rest), self.rank))
+        full[: own.shape[0] * own.shape[1]] = own.reshape(-1, self.rank)
+        return full - channels.whitened.basis @ (self.explained @ (self.loadings / self.strengths))
+
+    def fitted(self, along: NDArray) -> NDArray:
+        """Return the parameters (P,), in plausible scales, that fit scores along the unit design (r,) best."""
+        return np.asarray(self.loadings @ (along / self.strengths))
+
+
+_UNSEEN = Signature(
+    np.zeros(0, int), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), 0.0
+)
+
+
+def signature(channels: Channels, designs: Mapping[str, NDArray]) -> Signature:
+    """Return the signature of a candidate from its designs (B or 1, C_i, P) by channel, per plausible scale."""
+    poses = len(channels.columns)
+    names = tuple(name for name in channels.places if name in designs)
+    parts = [np.broadcast_to(designs[name], (poses, *designs[name].shape[1:])) for name in names]
+    if not parts:
+        return _UNSEEN
+    design = np.concatenate(parts, 1)
+    acting = np.any(design != 0.0, (0, 2))
+    design, index = design[:, acting], channels.index(names)[acting]
+    part = channels.part(index)
+    explained = np.tensordot(part.shared, design, axes=([0, 2], [0, 1]))
+    whole = _product(design, part.gram)
+    gram = whole - explained.T @ explained
+    values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+    kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(whole))
+    share = float(np.trace(_product(design, part.reading_gram)) / max(np.trace(whole), 1e-300))
+    return Signature(
+        index,
+        design.reshape(-1, design.shape[-1]),
+        explained,
+        gram,
+        np.sqrt(values[kept]),
+        vectors[:, kept],
+        min(max(share, 0.0), 1.0),
+    )
+
+
+def _product(design: NDArray, gram: NDArray) -> NDArray:
+    """Return sum over poses of design^T gram design, (P, P)."""
+    return np.tensordot(design, gram @ design, axes=([0, 1], [0, 1]))
+
+
+def joint(channels: Channels, first: Signature, second: Signature) -> tuple[NDArray, NDArray]:
+    """Return strengths (r,) and loadings (P1 + P2, r) of two candidates together, after nuisances."""
+    cross = _cross(channels, first, second) - first.explained.T @ second.explained
+    gram = np.block([[first.gram, cross], [cross.T, second.gram]])
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(gram))
+    return np.sqrt(values[kept]), vectors[:, kept]
+
+
+def _cross(channels: Channels, first: Signature, second: Signature) -> NDArray:
+    poses = len(channels.columns)
+    grid = np.ix_(np.arange(poses), first.index, second.index)
+    left = first.design.reshape(poses, -1, first.design.shape[-1])
+    right = second.design.reshape(poses, -1, second.design.shape[-1])
+    return np.tensordot(left, channels.gram[grid] @ right, axes=([0, 1], [0, 1]))

@@ -1,0 +1,1 @@
+"""Implicit models in which everything measured carries an error."""

@@ -1,0 +1,207 @@
+"""Descent of an eliminated implicit model to the maximum of its likelihood and prior, with given weights of poses.
+
+Levenberg-Marquardt. At every trial the deviations are first brought to where they belong, so that costs compare. Where
+a valley of the cost bends, a straight step leaves it; what the equations say there bends the step (the acceleration of
+Transtrum and Sethna, 2012, for a step of full length).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.errors_in_variables.elimination import Eliminated, Measured, project
+from truing.estimation.least_squares.solver import SolverStatus
+
+MAX_ITERATIONS = 500
+# Below this the cost is no judge any more, for its own rounding; what stalls here stands as well as numbers allow.
+NEAR = 1e-6
+# By how much the next step would still lower the cost: nothing moves by more than a hundred-thousandth of its sigma.
+_SETTLED = 1e-10
+# Squared change of the deviations that is none, and the share of a step's promise by which they may still change where
+# it is judged.
+_STILL, _JUDGED = 1e-12, 1e-3
+# Damping that rounding alone would need where nothing is known of some combination of values.
+_LEAST_DAMPING = 1e-13
+_FIRST_DAMPING = 1e-6
+_LARGEST_BEND = 0.75  # of the step's length (Transtrum and Sethna)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the values before: mean (P,), information (P, P), the inverse of their covariance.
+
+    A row and column of zeros says that nothing is known.
+    """
+
+    mean: NDArray
+    information: NDArray
+
+    def pull(self, values: NDArray) -> NDArray:
+        """Return half the gradient (P,) of the cost."""
+        return self.information @ (values - self.mean)
+
+    def cost(self, values: NDArray) -> float:
+        """Return the squared distance of values (P,) from the mean, in sigmas."""
+        return float((values - self.mean) @ self.pull(values))
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What is minimised: ``sum weight d' C^+ d`` over the poses, and the prior."""
+
+    measured: Measured
+    prior: Prior
+    weight: NDArray  # (B,)
+
+    def point(self, values: NDArray, pull: NDArray, allowed: float) -> Point:
+        """Return the objective at values (P,), the deviations settled to what is allowed, from a pull (B, n)."""
+        return self.standing(project(self.measured, values, pull, self.weight, allowed))
+
+    def standing(self, at: Eliminated) -> Point:
+        """Return the objective where a model was linearised."""
+        return Point(self, at, float(self.weight @ at.chi_square + self.prior.cost(at.values)))
+
+    def trial(self, start: Point, step: NDArray, promise: float) -> Point | None:
+        """Return the objective after a step, or None where it has no value that can be judged."""
+        allowed = max(_JUDGED * promise, _STILL)
+        try:
+            found = self.point(start.at.values + step, start.at.pull_after(step), allowed)
+        except np.linalg.LinAlgError:
+            return None
+        return found if np.isfinite(found.cost) and found.unsettled <= max(allowed, NEAR) else None
+
+
+@dataclass(frozen=True)
+class Point:
+    """The objective at some values."""
+
+    objective: Objective
+    at: Eliminated
+    cost: float
+
+    @property
+    def unsettled(self) -> float:
+        """Return the weighted squared change by which the deviations are not yet those of the values."""
+        return float(self.objective.weight @ self.at.unsettled)
+
+    @cached_property
+    def _rows(self) -> NDArray:
+        return (self.objective.weight[:, None, None] * self.at.jacobian).reshape(-1, len(self.at.values))
+
+    @cached_property
+    def _slope(self) -> NDArray:
+        return self._rows.T @ self.at.residual.ravel() + self.objective.prior.pull(self.at.values)
+
+    @cached_property
+    def _information(self) -> NDArray:
+        size = len(self.at.values)
+        return self._rows.T @ self.at.jacobian.reshape(-1, size) + self.objective.prior.information
+
+    @cached_property
+    def scale(self) -> NDArray:
+        """Return what makes columns of the normal equations (P,) of unit length."""
+        return column_scale(self._information)
+
+    @cached_property
+    def _curvature(self) -> NDArray:
+        return self._information / np.outer(self.scale, self.scale)
+
+    def step(self, damping: float) -> tuple[NDArray, float]:
+        """Return the damped step (P,) and by how much it promises to lower the cost."""
+        step = self._answer(self._slope, damping)
+        return step, float(-step @ (2 * self._slope + self._information @ step))
+
+    def settled(self) -> Point:
+        """Return the same with its deviations where they belong, as near as it matters."""
+        return self.objective.point(self.at.values, self.at.settled_pull, _STILL)
+
+    def bend(self, straight: Point, step: NDArray, damping: float) -> NDArray | None:
+        """Return by how much (P,) to bend a step, for what it met at its end; None where that is no small matter."""
+        change = straight.at.residual - self.at.residual - self.at.jacobian @ step
+        bend = self._answer(self._rows.T @ change.ravel(), damping)
+        small = np.linalg.norm(self.scale * bend) <= _LARGEST_BEND * np.linalg.norm(self.scale * step)
+        return bend if small else None
+
+    def _answer(self, slope: NDArray, damping: float) -> NDArray:
+        damped = self._curvature + max(damping, _LEAST_DAMPING) * np.eye(len(slope))
+        return -np.linalg.solve(damped, slope / self.scale) / self.scale
+
+
+@dataclass(frozen=True)
+class _Damping:
+    """What is added to a curvature of unit diagonal: nothing while steps do as they promise."""
+
+    value: float = 0.0
+    growth: float = 10.0
+
+    def lowered(self, gain: float) -> _Damping:
+        """Return the damping after a step that brought a share of what it promised."""
+        value = self.value * (0.1 if gain > 0.75 else 0.5 if gain > 0.25 else 2.0)
+        return _Damping(value if value > _FIRST_DAMPING / 100 else 0.0)
+
+    def raised(self) -> _Damping:
+        """Return the damping after a step that did not help, faster each time."""
+        return _Damping(max(self.value * self.growth, _FIRST_DAMPING), 2 * self.growth)
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where the descent ended."""
+
+    at: Eliminated
+    cost: float
+    iterations: int
+    status: SolverStatus
+
+
+def descend(objective: Objective, start: Eliminated) -> Descent:
+    """Return the least of an objective near where its model was linearised, the deviations settled there or not."""
+    point, damping, before = objective.standing(start), _Damping(), np.inf
+    if not np.isfinite(point.cost):
+        return Descent(point.at, point.cost, 0, SolverStatus.NOT_FINITE)
+    sure = False
+    for iteration in range(MAX_ITERATIONS):
+        step, promise = point.step(damping.value)
+        stands = _stands(promise, before if damping.value == 0.0 else np.inf)
+        trial = None if stands else _lower(point, step, promise, damping.value)
+        if trial is not None:
+            damping = damping.lowered((point.cost - trial.cost) / promise)
+            point, before, sure = trial, promise, trial.unsettled <= _STILL
+        elif not sure:
+            point, sure = point.settled(), True
+        elif stands:
+            return Descent(point.at, point.cost, iteration, _ended(point, damping))
+        else:
+            damping = damping.raised()
+    return Descent(point.at, point.cost, MAX_ITERATIONS, SolverStatus.ITERATION_LIMIT)
+
+
+def _ended(point: Point, damping: _Damping) -> SolverStatus:
+    """Return whether it is a minimum where no step promises anything, or only the damping that forbids all steps."""
+    least = damping.value == 0.0 or point.step(0.0)[1] < NEAR
+    return SolverStatus.CONVERGED if least else SolverStatus.STALLED
+
+
+def _stands(promise: float, before: float) -> bool:
+    """Return whether a step that promises so little, after one that promised so much, is not worth taking."""
+    return promise < _SETTLED or before / 2 < promise < NEAR
+
+
+def _lower(point: Point, step: NDArray, promise: float, damping: float) -> Point | None:
+    """Return a lower point at the end of a step, straight or bent, or None."""
+    straight = point.objective.trial(point, step, promise)
+    if straight is None or straight.cost < point.cost or (promise < NEAR and damping == 0.0):
+        return straight
+    bend = point.bend(straight, step, damping)
+    bent = None if bend is None else point.objective.trial(point, step + bend, promise)
+    return bent if bent is not None and bent.cost < point.cost else None
+
+
+def column_scale(information: NDArray) -> NDArray:
+    """Return what makes the diagonal of an information (P, P) one; one for values of which nothing is known."""
+    root = np.sqrt(np.diagonal(information))
+    return np.where(root > 0, root, 1.0)

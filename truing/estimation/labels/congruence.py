@@ -1,0 +1,361 @@
+"""Where a body can lie in a cloud of unlabelled points: every motion that explains enough of them.
+
+Three targets fix a motion, and three points can only be they if their distances agree. So triples of the smaller set
+are looked up among all pairs of the other, each hit gives a motion, and the motion is judged by how many
+targets it lays onto points. Motions are proper: a mirror image is no hit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.labels.constellation import GATE, Constellation
+from truing.estimation.rigid_poses.rigid import umeyama
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+# Probability with which a rival at least as good as the best may stay unseen.
+_UNSEEN = 1e-9
+_MAX_SEEDS = 3000
+# Motions judged in full per batch, the best on a sample of targets first: a grid of targets offers thousands.
+_MAX_JUDGED = 96
+_SAMPLE = 32
+_ROLL_WEIGHT = 1e-6
+_MAX_ELEMENTS = 4_000_000
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One motion of the survey into the cloud, and what it explains."""
+
+    match: NDArray  # (M,) point of each target, -1 where it lays none
+    R: NDArray  # (3, 3) R_measurement_survey
+    t: NDArray  # (3,) m
+    gain: NDArray  # (N,) log-odds by which each point speaks for it, against being there by accident; 0 elsewhere
+    rms: float  # m, of the consistent points
+
+    @property
+    def n_consistent(self) -> int:
+        """Number of points that lie where a target should."""
+        return int(np.count_nonzero(self.match >= 0))
+
+    @property
+    def score(self) -> float:
+        """Log-odds of all points together."""
+        return float(self.gain.sum())
+
+    @property
+    def assignment(self) -> NDArray:
+        """Target (N,) of each point, -1 where it has none."""
+        labels = np.full(len(self.gain), -1)
+        seen = self.match >= 0
+        labels[self.match[seen]] = np.flatnonzero(seen)
+        return labels
+
+
+def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses label differently, or the other explains a point that is out of the best one's reach.
+
+    Hypotheses that differ by a point at the edge of its gate are the same statement, and so are two motions that label
+    the same points alike.
+    """
+    mine, theirs = best.assignment, other.assignment
+    both = (best.match >= 0) & (other.match >= 0)
+    if np.any(both & (best.match != other.match)) or np.any((mine >= 0) & (theirs >= 0) & (mine != theirs)):
+        return True
+    seen = (other.match >= 0) & (best.match < 0)
+    apart = np.linalg.norm(survey.points[seen] @ best.R.T + best.t - cloud.points[other.match[seen]], axis=1)
+    return bool(np.any(apart > 2 * GATE * np.sqrt(cloud.variance[other.match[seen]] + survey.variance[seen])))
+
+
+def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24) -> list[Hypothesis]:
+    """Return up to ``keep`` motions, best first, that lay at least three targets of the survey onto points.
+
+    A motion as good as the best is missed with a probability below 1e-9, unless the search ran out of seeds.
+    """
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(cloud.points)
+    found: dict[bytes, Hypothesis] = {}
+    smaller = min(len(cloud), len(survey))
+    tried, best = 0, 0
+    for seeds in _seed_batches(cloud, survey):
+        tried += seeds[0]
+        for hypothesis in _judge(tree, cloud, survey, *_strongest(tree, cloud, survey, *seeds[1:])):
+            found.setdefault(hypothesis.match.tobytes(), hypothesis)
+            best = max(best, hypothesis.n_consistent)
+        if _chance_of_unseen(best, smaller, tried, 2 if survey.on_a_line else 3) < _UNSEEN:
+            break
+    ranked = sorted(found.values(), key=_rank)[:keep]
+    for hypothesis in [h for first in ranked[:1] for h in _exchanged_neighbours(cloud, survey, first)]:
+        if hypothesis.match.tobytes() not in found:
+            ranked.append(hypothesis)
+    return sorted(ranked, key=_rank)
+
+
+def _rank(hypothesis: Hypothesis) -> tuple[float, bytes]:
+    return -hypothesis.score, hypothesis.match.tobytes()
+
+
+def _chance_of_unseen(n_consistent: int, n_base: int, tried: int, order: int) -> float:
+    """Probability that none of the seeds tried lies within a set of n_consistent of the n_base."""
+    if n_consistent <= order:
+        return 1.0
+    return float((1.0 - comb(n_consistent - 1, order) / comb(n_base, order) * (1 - 1e-12)) ** tried)
+
+
+def _seed_batches(cloud: Constellation, survey: Constellation) -> Iterator[tuple[int, NDArray, NDArray]]:
+    """Yield how many seeds were looked up, and the targets (B, k) and points (B, k) of every hit."""
+    base, other = (survey, cloud) if len(survey) <= len(cloud) else (cloud, survey)
+    seeds = _seeds(base, 2 if survey.on_a_line else 3)
+    start, step = 0, 8
+    while start < len(seeds):
+        chosen = seeds[start : start + step]
+        row, hits = _congruent(base, other, chosen)
+        mine = chosen[row]
+        yield (len(chosen), mine, hits) if base is survey else (len(chosen), hits, mine)
+        start, step = start + step, min(2 * step, 256)
+
+
+def _seeds(base: Constellation, order: int) -> NDArray:
+    """Return seeds (S, order) of the base in an order that is the same at every call; the longest edge comes first."""
+    n = len(base)
+    rng = np.random.default_rng(0)
+    if comb(n, order) <= _MAX_SEEDS:
+        seeds = rng.permutation(np.array(list(combinations(range(n), order))))
+    else:
+        seeds = np.sort(np.argsort(rng.random((_MAX_SEEDS, n)), axis=1)[:, :order], axis=1)
+    if order == 2:
+        return seeds
+    longest_first = _turned(base.distances, seeds)
+    solid = _altitude(base.distances, longest_first) > 2 * GATE * np.sqrt(base.variance.max())
+    return longest_first[solid] if np.any(solid) else longest_first
+
+
+def _turned(D: NDArray, triples: NDArray) -> NDArray:
+    """Return the triples with their longest edge between the first two."""
+    turns = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
+    edge = np.stack([D[triples[:, a], triples[:, b]] for a, b, _ in turns], axis=1)
+    return np.take_along_axis(triples, turns[np.argmax(edge, axis=1)], axis=1)
+
+
+def _altitude(D: NDArray, triples: NDArray) -> NDArray:
+    """Return the height in m of triangles over their first edge, the longest (Heron)."""
+    c, a, b = (D[triples[:, i], triples[:, j]] for i, j in ((0, 1), (1, 2), (2, 0)))
+    s = (a + b + c) / 2
+    return 2 * np.sqrt(np.maximum(s * (s - a) * (s - b) * (s - c), 0.0)) / np.where(c > 0, c, 1.0)
+
+
+def _congruent(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray]:
+    """Return seed numbers (B,) and the points of the other set (B, k) whose distances agree with that seed's."""
+    row, i, j = _agreeing_pairs(base, other, seeds)
+    if seeds.shape[1] == 2 or len(row) == 0:
+        return row, np.stack([i, j], -1) if seeds.shape[1] == 2 else np.empty((0, 3), np.intp)
+    parts, step = [], max(1, _MAX_ELEMENTS // len(other))
+    for s in range(0, len(row), step):
+        at, k = _third_points(base, other, seeds[row[s : s + step]], i[s : s + step], j[s : s + step])
+        parts.append(np.stack([row[s : s + step][at], i[s : s + step][at], j[s : s + step][at], k], -1))
+    hits = np.concatenate(parts)
+    return hits[:, 0], hits[:, 1:]
+
+
+def _agreeing_pairs(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    length, first, second = other.pairs
+    a, b = seeds[:, 0], seeds[:, 1]
+    wanted, noise = base.distances[a, b], base.variance[a] + base.variance[b]
+    widest = GATE * np.sqrt(noise + 2 * other.variance.max())
+    low, high = np.searchsorted(length, wanted - widest), np.searchsorted(length, wanted + widest, side="right")
+    row = np.repeat(np.arange(len(seeds)), high - low)
+    pair = np.arange(len(row)) - np.repeat(np.cumsum(high - low) - high, high - low)
+    i, j = first[pair], second[pair]
+    gate = GATE * np.sqrt(noise[row] + other.variance[i] + other.variance[j])
+    near = np.abs(length[pair] - wanted[row]) <= gate
+    return row[near], i[near], j[near]
+
+
+def _third_points(
+    base: Constellation, other: Constellation, seeds: NDArray, i: NDArray, j: NDArray
+) -> tuple[NDArray, NDArray]:
+    fits = np.ones((len(i), len(other)), dtype=bool)
+    for known, corner in ((i, seeds[:, 0]), (j, seeds[:, 1])):
+        wanted = base.distances[corner, seeds[:, 2]]
+        noise = base.variance[corner] + base.variance[seeds[:, 2]] + other.variance[known]
+        gate = GATE * np.sqrt(noise[:, None] + other.variance)
+        fits &= np.abs(other.distances[known] - wanted[:, None]) <= gate
+    rows = np.arange(len(i))
+    fits[rows, i] = fits[rows, j] = False
+    at, third = np.nonzero(fits)
+    return at, third
+
+
+def _motions(
+    cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray, roll: NDArray | None = None
+) -> tuple[NDArray, NDArray]:
+    """Return R (B, 3, 3), t (B, 3) of targets (B, k) onto points (B, k), -1 being no point; a line's roll is held."""
+    seen = points >= 0
+    weight = np.where(seen, 1.0 / (cloud.variance[points] + survey.variance[targets]), 0.0)
+    source, target = survey.points[targets], cloud.points[points]
+    if survey.on_a_line:
+        source, target, weight = _with_roll(source, target, weight, roll)
+    fit = umeyama(source, target, weight)
+    return fit.R, fit.t
+
+
+def _with_roll(
+    source: NDArray, target: NDArray, weight: NDArray, roll: NDArray | None
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Append one pair of points beside the line, so light that it fixes the roll, which is free, and nothing else.
+
+    Where a rotation (B, 3, 3) is known already (``roll``) the pair keeps to it.
+    """
+    along_s, along_t = source[:, 1] - source[:, 0], target[:, 1] - target[:, 0]
+    beside_s = _perpendicular(along_s)
+    beside_t = _perpendicular(along_t) if roll is None else np.einsum("bij,bj->bi", roll, beside_s)
+    total = weight.sum(1, keepdims=True)
+    centres = (np.einsum("bn,bni->bi", weight, cloud) / total for cloud in (source, target))
+    extra = [centre + beside for centre, beside in zip(centres, (beside_s, beside_t), strict=True)]
+    return (
+        np.concatenate([source, extra[0][:, None]], 1),
+        np.concatenate([target, extra[1][:, None]], 1),
+        np.concatenate([weight, _ROLL_WEIGHT * total], 1),
+    )
+
+
+def _perpendicular(v: NDArray) -> NDArray:
+    """Return vectors (B, 3) of the length of v, at right angles to it."""
+    axis = np.eye(3)[np.argmin(np.abs(v), axis=1)]
+    side = np.cross(v, axis)
+    return side / np.linalg.norm(side, axis=1, keepdims=True) * np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def _strongest(
+    tree: cKDTree, cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return the seeds (targets, points) with their motions, at most _MAX_JUDGED, chosen by a sample of targets."""
+    if len(targets) == 0:
+        return targets, points, np.empty((0, 3, 3)), np.empty((0, 3))
+    R, t = _motions(cloud, survey, targets, points)
+    valid = np.isfinite(t).all(1)
+    targets, points, R, t = targets[valid], points[valid], R[valid], t[valid]
+    if len(targets) > _MAX_JUDGED:
+        sample = np.unique(np.linspace(0, len(survey) - 1, _SAMPLE).astype(int))
+        count = np.zeros(len(targets), int)
+        for s in range(0, len(targets), 2000):
+            part = slice(s, s + 2000)
+            seed = _seed_match(targets[part], points[part], len(survey))
+            match = _nearest(tree, cloud, survey, R[part], t[part], seed, sample)
+            count[part] = np.count_nonzero(match >= 0, axis=1)
+        best = np.sort(np.argsort(-count, kind="stable")[:_MAX_JUDGED])
+        targets, points, R, t = targets[best], points[best], R[best], t[best]
+    return targets, points, R, t
+
+
+def _seed_match(targets: NDArray, points: NDArray, n_survey: int) -> NDArray:
+    match = np.full((len(targets), n_survey), -1)
+    np.put_along_axis(match, targets, points, axis=1)
+    return match
+
+
+def _judge(
+    tree: cKDTree,
+    cloud: Constellation,
+    survey: Constellation,
+    targets: NDArray,
+    points: NDArray,
+    R: NDArray,
+    t: NDArray,
+) -> Iterator[Hypothesis]:
+    """Yield what each motion explains, after refits to all that it explains."""
+    match = _seed_match(targets, points, len(survey))
+    everything = np.arange(len(survey))
+    for _ in range(3):
+        if len(match) == 0:
+            return
+        match = _nearest(tree, cloud, survey, R, t, match, everything)
+        enough = np.count_nonzero(match >= 0, axis=1) >= 3
+        match, first = np.unique(match[enough], axis=0, return_index=True)
+        roll = R[enough][first]
+        R, t = _motions(cloud, survey, np.broadcast_to(everything, match.shape), match, roll)
+        fitted = np.isfinite(t).all(1)
+        match, R, t = match[fitted], R[fitted], t[fitted]
+    yield from (hypothesis_at(cloud, survey, m, r, s) for m, r, s in zip(match, R, t, strict=True))
+
+
+def _nearest(
+    tree: cKDTree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray, chosen: NDArray
+) -> NDArray:
+    """Return the point (B, m) of each chosen target under each motion, -1 where none is in its gate.
+
+    The gate is widened by what the motion itself, fitted to the current match, leaves uncertain at that target.
+    """
+    predicted = survey.points[chosen] @ np.swapaxes(R, 1, 2) + t[:, None]
+    gate = GATE * np.sqrt(cloud.variance.max() + survey.variance[chosen] + _pose_variance(cloud, survey, match, chosen))
+    distance, point = tree.query(predicted, distance_upper_bound=gate.max())
+    point = np.where(distance <= gate, point, -1)
+    return _one_to_one(point, np.where(distance <= gate, distance / gate, np.inf))
+
+
+def _pose_variance(cloud: Constellation, survey: Constellation, match: NDArray, chosen: NDArray) -> NDArray:
+    """Return the variance (B, m) in m^2 at the chosen targets of a motion fitted to the matched ones."""
+    w = np.where(match >= 0, 1.0 / (cloud.variance[match] + survey.variance), 0.0)
+    total = w.sum(1)
+    centre = w @ survey.points / total[:, None]
+    arm = survey.points - centre[:, None]
+    scatter, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", w, arm, arm))
+    inertia = scatter.sum(1, keepdims=True) - scatter
+    if survey.on_a_line:
+        inertia[:, 2] = np.inf
+    u2 = np.einsum("bni,bij->bnj", survey.points[chosen] - centre[:, None], axes) ** 2
+    across = u2.sum(-1, keepdims=True) - u2
+    return 1.0 / total[:, None] + np.sum(across / np.maximum(inertia, 1e-30)[:, None], axis=-1)
+
+
+def _one_to_one(point: NDArray, relative: NDArray) -> NDArray:
+    """Return the match (B, m) where a point that several targets claim is left to the nearest of them."""
+    b, m = np.nonzero(point >= 0)
+    order = np.lexsort((relative[b, m], point[b, m], b))
+    b, m = b[order], m[order]
+    claimed = point[b, m]
+    again = np.zeros(len(b), bool)
+    again[1:] = (b[1:] == b[:-1]) & (claimed[1:] == claimed[:-1])
+    single = point.copy()
+    single[b[again], m[again]] = -1
+    return single
+
+
+def hypothesis_at(cloud: Constellation, survey: Constellation, match: NDArray, R: NDArray, t: NDArray) -> Hypothesis:
+    """Return the hypothesis of one match (M,) under one motion, with its log-odds point by point."""
+    seen = np.flatnonzero(match >= 0)
+    square = np.sum((cloud.points[match[seen]] - survey.points[seen] @ R.T - t) ** 2, axis=1)
+    variance = cloud.variance[match[seen]] + survey.variance[seen]
+    room = np.log(np.maximum(cloud.extents, 2 * GATE * np.sqrt(variance.max()))).sum()
+    gain = np.zeros(len(cloud))
+    gain[match[seen]] = room - 1.5 * np.log(2 * np.pi * variance) - square / (2 * variance)
+    return Hypothesis(match, R, t, gain, float(np.sqrt(square.mean())))
+
+
+def _exchanged_neighbours(cloud: Constellation, survey: Constellation, best: Hypothesis) -> Iterator[Hypothesis]:
+    """Yield what is left of the best hypothesis when a point goes to a neighbouring target whose gate it is in too."""
+    predicted = survey.points @ best.R.T + best.t
+    labels = best.assignment
+    labelled = np.flatnonzero(labels >= 0)
+    apart = np.linalg.norm(cloud.points[labelled, None] - predicted, axis=-1)
+    gate = GATE * np.sqrt(cloud.variance[labelled, None] + survey.variance)
+    for row, other in zip(*np.nonzero(apart <= gate), strict=True):
+        point, own = labelled[row], labels[labelled[row]]
+        if other == own:
+            continue
+        match = best.match.copy()
+        displaced = match[other]
+        match[own], match[other] = -1, point
+        if displaced >= 0 and np.linalg.norm(cloud.points[displaced] - predicted[own]) <= gate[row, own]:
+            match[own] = displaced
+        yield hypothesis_at(cloud, survey, match, best.R, best.t)

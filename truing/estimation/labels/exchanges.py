@@ -1,0 +1,115 @@
+"""Labels that were exchanged: two points of a body in one pose that are right once each bears the other's label."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rigid_poses.rigid import umeyama
+
+# A point is at another's place if it misses that by less than this share of the distance between the two places.
+_SHARE = 0.1
+# It is also nearer to it than so many sigma: among many points that are metres off, some come near another's place.
+_NEAR = 40.0
+# Residuals of less than so many sigma are no reason to look for an exchange.
+_WORTH_LOOKING = 12.0
+# In a body of few targets no consensus survives an exchange: every exchange is tried, and must beat all others.
+_FEW, _FEWEST = 6, 3
+_BETTER_THAN_OTHERS = 5.0
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Two targets of a body, by index, whose labels are exchanged in a pose, by index."""
+
+    pose: int
+    first: int
+    second: int
+
+
+def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
+    """Return the exchanges among a body's targets.
+
+    residual (B, T, 3): measured less surveyed places along the body's axes, m, from a fit that gross errors do not
+    bend; NaN where there is none. points (B, T, 3) as measured, seen (B, T), shape (T, 3) the survey, sigma of a
+    point, m.
+    """
+    found = [] if len(shape) < _FEWEST else _at_each_others_place(residual, seen, shape, sigma)
+    rows = np.flatnonzero(_few(seen))
+    fit = umeyama(shape, points[rows], seen[rows].astype(float))
+    bad = rows[~fit.ok | (np.nan_to_num(fit.rms) > _WORTH_LOOKING * sigma)]
+    for pose in bad[~np.isin(bad, [exchange.pose for exchange in found])]:
+        exchange = _best_of_few(points[pose], seen[pose], shape, sigma, int(pose))
+        found += [] if exchange is None else [exchange]
+    return found
+
+
+def residuals_once_exchanged(
+    residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, found: list[Exchange]
+) -> tuple[NDArray, NDArray]:
+    """Return the residuals (B, T, 3) as they are once exchanged labels are put right, and in which poses (B,) by a fit
+    of its own: a body of few targets is fitted anew, since no fit of it could be right before. Arguments as above.
+    """
+    right, anew = residual.copy(), np.zeros(len(residual), bool)
+    for one in found:
+        pair, other = [one.first, one.second], [one.second, one.first]
+        right[one.pose, pair] = residual[one.pose, other] + shape[other] - shape[pair]
+        if seen[one.pose].sum() <= _FEW:
+            places = points[one.pose].copy()
+            places[pair] = points[one.pose, other]
+            right[one.pose] = np.where(seen[one.pose][:, None], _off(places, seen[one.pose], shape), np.nan)
+            anew[one.pose] = True
+    return right, anew
+
+
+def _off(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
+    """Return a pose's points (T, 3) less the survey, along the body's axes; by a fit without one of the points, where
+    that agrees far better than any other."""
+    weights = np.repeat(seen[None].astype(float), len(shape) + 1, 0)
+    weights[np.arange(len(shape)), np.arange(len(shape))] = 0.0
+    tried = np.flatnonzero((weights.sum(1) >= _FEWEST) & np.r_[seen, True])
+    fit = umeyama(shape, np.repeat(places[None], len(tried), 0), weights[tried])
+    rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
+    ranked = np.argsort(rms)
+    best = ranked[0] if len(rms) > 1 and _BETTER_THAN_OTHERS * rms[ranked[0]] < rms[ranked[1]] else -1
+    return np.asarray((places - fit.t[best]) @ fit.R[best] - shape)
+
+
+def _few(seen: NDArray) -> NDArray:
+    count = seen.sum(1)
+    return np.asarray((count >= _FEWEST) & (count <= _FEW))
+
+
+def _at_each_others_place(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
+    """Return pairs of which each lies where the other should be, of bodies whose other targets tell the pose."""
+    off = np.sqrt(np.sum(np.nan_to_num(residual) ** 2, -1))
+    found = []
+    for pose in np.flatnonzero((seen & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
+        suspects = np.flatnonzero(seen[pose] & (off[pose] > _WORTH_LOOKING * sigma))
+        for first, second in combinations(suspects, 2):
+            way = shape[second] - shape[first]
+            miss = np.array([residual[pose, first] - way, residual[pose, second] + way])
+            if np.sqrt(np.sum(miss**2, -1)).max() < min(_SHARE * np.sqrt(way @ way), _NEAR * sigma):
+                found.append(Exchange(int(pose), int(first), int(second)))
+    return found
+
+
+def _best_of_few(points: NDArray, seen: NDArray, shape: NDArray, sigma: float, pose: int) -> Exchange | None:
+    """Return the one exchange that lets a pose's few points (T, 3) agree with the survey, if there is one."""
+    present = np.flatnonzero(seen)
+    pairs = list(combinations(present, 2))
+    tried = np.repeat(points[None], len(pairs) + 1, 0)
+    for number, (first, second) in enumerate(pairs, 1):
+        tried[number, [first, second]] = points[[second, first]]
+    fit = umeyama(shape, tried, np.repeat(seen[None].astype(float), len(tried), 0))
+    rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
+    best = int(np.argmin(rms))
+    others = np.delete(rms, best).min()
+    if best == 0 or rms[0] < _WORTH_LOOKING * sigma or rms[best] * _BETTER_THAN_OTHERS > others:
+        return None
+    first, second = pairs[best - 1]
+    distance = np.sqrt(np.sum((shape[first] - shape[second]) ** 2))
+    return Exchange(pose, int(first), int(second)) if rms[best] < _SHARE * distance else None

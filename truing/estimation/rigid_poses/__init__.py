@@ -1,0 +1,1 @@
+"""Rigid motions between corresponding points: closed form, robust, by likelihood, of all poses at once."""

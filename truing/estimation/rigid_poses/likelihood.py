@@ -1,0 +1,169 @@
+"""The maximum-likelihood rigid motion for anisotropic, correlated noise of each point, on both clouds.
+
+``target_k = R xi_k + t + f_k``, ``source_k = xi_k + e_k``, with cov(f_k) and cov(e_k) any 3x3 covariances and xi_k the
+true points, eliminated exactly: minimise ``sum r' S^-1 r``, ``r = target - R source - t``,
+``S = cov_target + R cov_source R'`` (Matei and Meer, CVPR 1999, for the case of 3D points).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.covariance import apply_rotation, symmetric
+from truing.estimation.rigid_poses.rigid import (
+    FitStatus,
+    RigidFit,
+    check_correspondences,
+    masked_fit,
+    solve_weighted,
+)
+from truing.estimation.rotation import exp_so3, skew
+
+MAX_ITERATIONS = 60
+# Squared length of the last step in units of its own covariance: a millionth of a standard deviation.
+_SETTLED = 1e-12
+# Relative difference of a covariance from a multiple of the identity that is rounding.
+_ISOTROPIC = 1e-12
+
+
+def maximum_likelihood(
+    source: ArrayLike,
+    target: ArrayLike,
+    cov_source: ArrayLike,
+    cov_target: ArrayLike,
+    mask: ArrayLike | None = None,
+    start: RigidFit | None = None,
+) -> RigidFit:
+    """Return the maximum-likelihood motion ``target = R source + t`` with the covariance that accounts for both clouds.
+
+    source, target: (B, N, 3) or (N, 3) in m; cov_source in the source frame, cov_target in the target frame:
+    (3, 3), (N, 3, 3) or (B, N, 3, 3) in m^2, one of the two may be zero; mask: (B, N), False for a missing point.
+    ``start`` (its entries that are OK) replaces the isotropic closed form, with which an entry ends, without
+    iterating, where all its covariances are multiples of the identity. Raises ValueError as `umeyama`, and for a
+    noise that is not positive definite. Status NOT_CONVERGED where the iteration did not settle.
+    """
+    used = None if mask is None else np.asarray(mask, bool)
+    x, y, w = check_correspondences(source, target, used)
+    used = w > 0
+    C_x, C_y = _covariances(cov_source, cov_target, used)
+    variance = (np.trace(C_x, axis1=-2, axis2=-1) + np.trace(C_y, axis1=-2, axis2=-1)) / 3
+    sigma = np.sqrt(np.where(used, variance, 1.0))
+    closed = solve_weighted(x, y, used / sigma**2, sigma=sigma)
+    rows = np.flatnonzero(closed.ok & ~_all_isotropic(C_x, C_y, used))
+    if not rows.size:
+        return closed
+    R, t = _starting_motion(closed, start, rows)
+    solved = _damped_gauss_newton(x[rows], y[rows], C_x[rows], C_y[rows], used[rows], R, t)
+    return _merged(closed, rows, solved, x[rows], y[rows], used[rows])
+
+
+def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) -> tuple[NDArray, NDArray]:
+    """Return both covariances as (B, N, 3, 3), those of unused points set to the identity."""
+    out, smallest = [], np.zeros(used.shape)
+    for name, given in (("cov_source", cov_source), ("cov_target", cov_target)):
+        C = np.asarray(given, np.float64)
+        if C.shape[-2:] != (3, 3):
+            raise ValueError(f"{name}: found shape {C.shape}, expected (..., 3, 3)")
+        C = np.where(used[..., None, None], np.broadcast_to(C, (*used.shape, 3, 3)), np.eye(3))
+        if not np.allclose(C, np.swapaxes(C, -1, -2), rtol=1e-9, atol=0.0):
+            raise ValueError(f"{name}: found an asymmetric or non-finite matrix, expected covariances")
+        eigenvalues = np.linalg.eigvalsh(C)
+        if np.any(eigenvalues[..., 0] < -1e-9 * eigenvalues[..., 2]):
+            raise ValueError(f"{name}: found a negative variance, expected covariances")
+        smallest = smallest + np.maximum(eigenvalues[..., 0], 1e-15 * eigenvalues[..., 2])
+        out.append(C)
+    if np.any(smallest <= 0):
+        raise ValueError("cov_source, cov_target: found a point with noise on neither cloud, expected some")
+    return out[0], out[1]
+
+
+def _all_isotropic(C_x: NDArray, C_y: NDArray, used: NDArray) -> NDArray:
+    """Return for which entries (B,) all used covariances are multiples of the identity."""
+    different = np.zeros(used.shape)
+    for C in (C_x, C_y):
+        mean = np.trace(C, axis1=-2, axis2=-1)[..., None, None] / 3
+        different = np.maximum(different, np.max(np.abs(C - mean * np.eye(3)) - _ISOTROPIC * mean, axis=(-1, -2)))
+    return np.all((different <= 0) | ~used, axis=-1)
+
+
+def _starting_motion(closed: RigidFit, start: RigidFit | None, rows: NDArray) -> tuple[NDArray, NDArray]:
+    R, t = closed.R[rows], closed.t[rows]
+    if start is None:
+        return R, t
+    ok = start.ok[rows]
+    return np.where(ok[:, None, None], start.R[rows], R), np.where(ok[:, None], start.t[rows], t)
+
+
+def _damped_gauss_newton(
+    x: NDArray, y: NDArray, C_x: NDArray, C_y: NDArray, used: NDArray, R: NDArray, t: NDArray
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Return R, t, normal matrix (B, 6, 6), iterations (B,) and whether they settled (B,), by Levenberg-Marquardt."""
+    R, t = R.copy(), t.copy()
+    H, g, cost = _normal_equations(x, y, C_x, C_y, used, R, t)
+    damping, steps = np.zeros(len(R)), np.zeros(len(R), np.int64)
+    settled = np.zeros(len(R), bool)
+    for _ in range(MAX_ITERATIONS):
+        a = np.flatnonzero(~settled)
+        if not a.size:
+            break
+        step = -np.linalg.solve(_damped(H[a], damping[a]), g[a, :, None])[..., 0]
+        R_new, t_new = exp_so3(step[:, 3:]) @ R[a], t[a] + step[:, :3]
+        H_new, g_new, cost_new = _normal_equations(x[a], y[a], C_x[a], C_y[a], used[a], R_new, t_new)
+        small = np.einsum("bi,bij,bj->b", step, H[a], step) < _SETTLED
+        better = (cost_new <= cost[a]) | small
+        b = a[better]
+        R[b], t[b], H[b], g[b], cost[b] = (v[better] for v in (R_new, t_new, H_new, g_new, cost_new))
+        damping[a] = np.where(better, damping[a] / 10, np.maximum(10 * damping[a], 1e-3))
+        damping[damping < 1e-6] = 0.0
+        steps[a] += 1
+        settled[a] = small
+    return R, t, H, steps, settled
+
+
+def _damped(H: NDArray, damping: NDArray) -> NDArray:
+    diagonal = np.einsum("bii->bi", H)
+    return H + damping[:, None, None] * diagonal[:, :, None] * np.eye(6)
+
+
+def _normal_equations(
+    x: NDArray, y: NDArray, C_x: NDArray, C_y: NDArray, used: NDArray, R: NDArray, t: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the normal matrix (B, 6, 6), the exact gradient (B, 6) and the cost (B,), ``sum r' S^-1 r / 2``.
+
+    The derivative of S with R enters through the estimated true points ``xi = x + cov_source R' S^-1 r``: the
+    gradient is ``sum J' S^-1 r`` with ``J = [-I, [R xi]x]``, without approximation.
+    """
+    Rt = np.swapaxes(R, -1, -2)[:, None]
+    turned = R[:, None] @ C_x @ Rt
+    r = np.where(used[..., None], y - x @ Rt[:, 0] - t[:, None], 0.0)
+    W = np.linalg.inv(symmetric(C_y + turned)) * used[..., None, None]
+    force = apply_rotation(W, r)
+    J = np.zeros((*r.shape, 6))
+    J[..., :3] = -np.eye(3)
+    J[..., 3:] = skew(x @ Rt[:, 0] + apply_rotation(turned, force))
+    H = np.einsum("bnki,bnkl,bnlj->bij", J, W, J, optimize=True)
+    return symmetric(H), np.einsum("bnki,bnk->bi", J, force), np.einsum("bni,bni->b", r, force) / 2
+
+
+def _merged(
+    closed: RigidFit,
+    rows: NDArray,
+    solved: tuple[NDArray, NDArray, NDArray, NDArray, NDArray],
+    x: NDArray,
+    y: NDArray,
+    used: NDArray,
+) -> RigidFit:
+    """Return the closed-form fits with the iterated ones put in their rows."""
+    R, t, H, steps, settled = solved
+    out = [np.array(a) for a in (closed.R, closed.t, closed.covariance, closed.rms)]
+    distance = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
+    rms = np.sqrt(np.sum(used * distance, axis=-1) / used.sum(-1))
+    for whole, part in zip(out, (R, t, symmetric(np.linalg.inv(H)), rms), strict=True):
+        whole[rows] = part
+    status, iterations = closed.status.copy(), closed.iterations.copy()
+    status[rows[~settled]] = str(FitStatus.NOT_CONVERGED)
+    iterations[rows] = steps
+    return masked_fit(
+        out[0], out[1], closed.scale, out[2], closed.scale_sigma, out[3], closed.n_used, status, iterations
+    )

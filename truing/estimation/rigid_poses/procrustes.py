@@ -1,0 +1,296 @@
+"""Generalised Procrustes with covariances: the poses of a body and its shape from all poses at once.
+
+``y_bk = R_b (xi_k + u_bk) + t_b + f_bk`` with cov(f) any 3x3 and u the deformation of target k, of unknown variance
+tau_k^2 per coordinate. The survey, where there is one, is an observation of the shape like any other and counts once;
+where there is none, inner constraints leave the shape where its first approximation lay (Baarda's S-transformation;
+Goodall, J. R. Stat. Soc. B 53 (1991) 285).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.covariance import apply_rotation, symmetric
+from truing.estimation.rigid_poses.common_shape import common_shape
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, masked_fit, umeyama
+from truing.estimation.rotation import exp_so3, skew
+
+MAX_ITERATIONS = 50
+MAX_VARIANCE_ROUNDS = 100
+_SETTLED = 1e-10
+# Relative change of a target's standard deviation, noise included, that costs no efficiency worth a round.
+_VARIANCE_SETTLED = 1e-2
+
+
+@dataclass(frozen=True)
+class ProcrustesFit:
+    """Poses of B measurements and the shape of N targets; targets and poses that nothing determines are NaN."""
+
+    poses: RigidFit
+    shape: NDArray  # (N, 3) m, body frame
+    shape_covariance: NDArray  # (3N, 3N) m^2, zero for targets that nothing determines
+    deformation: NDArray  # (N,) m, standard deviation tau of each target's own movement, per coordinate
+    status: FitStatus
+    iterations: int
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What is observed: y (B, N, 3) with cov (B, N, 3, 3) where seen (B, N), and the survey's weight (N, 3, 3)."""
+
+    y: NDArray
+    cov: NDArray
+    seen: NDArray
+    survey: NDArray
+    survey_cov: NDArray
+    surveyed: NDArray
+
+    def weights(self, tau: NDArray) -> tuple[NDArray, NDArray]:
+        """Return inverse covariances (B, N, 3, 3) and (N, 3, 3), zero where nothing is observed."""
+        extra = (tau**2)[:, None, None] * np.eye(3)
+        out = []
+        for C, used in ((self.cov, self.seen), (self.survey_cov, self.surveyed)):
+            regular = np.where(used[..., None, None], C + extra, np.eye(3))
+            out.append(np.linalg.inv(symmetric(regular)) * used[..., None, None])
+        return out[0], out[1]
+
+
+@dataclass(frozen=True)
+class _State:
+    R: NDArray
+    t: NDArray
+    shape: NDArray
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations with the poses eliminated: poses (B, 6, 6), coupling (B, 6, 3N), gradients, reduced (3N, 3N)."""
+
+    pose: NDArray
+    carried: NDArray  # pose^-1 coupling
+    pose_gradient: NDArray
+    shape_gradient: NDArray
+    reduced: NDArray
+
+
+def generalised_procrustes(
+    points: NDArray,
+    cov: NDArray,
+    mask: NDArray,
+    survey: NDArray | None = None,
+    survey_cov: NDArray | None = None,
+    *,
+    shape: NDArray | None = None,
+    deforming: bool = True,
+) -> ProcrustesFit:
+    """Return the joint least-squares estimate of poses and shape, with the covariance of both.
+
+    points (B, N, 3) in m, cov (B, N, 3, 3) in m^2, mask (B, N); survey (N, 3) with survey_cov (N, 3, 3), NaN rows for
+    targets without. Without survey the frame is that of ``shape`` (N, 3), a first approximation, NaN rows for targets
+    to be left out; by default that of `common_shape`. ``deforming``: estimate the variance of each target's own
+    movement, which takes weight from targets that deform. Gross errors are to be masked beforehand.
+    Raises ValueError for shapes that do not match.
+    """
+    problem, state, posed, known = _prepare(points, cov, mask, survey, survey_cov, shape)
+    if not posed.any():
+        return _nothing(problem, posed)
+    free = not problem.surveyed.any()
+    tau = np.zeros(problem.y.shape[1])
+    noise = np.sqrt(np.trace(problem.cov[problem.seen].mean(axis=0)) / 3)
+    total = 0
+    for _ in range(MAX_VARIANCE_ROUNDS):
+        state, normal, covariance, steps, settled = _solve(problem, state, tau, known, free)
+        total += steps
+        renewed = _deformation(problem, state, normal, covariance) if deforming else tau
+        done = bool(np.all(np.abs(renewed - tau) < _VARIANCE_SETTLED * np.hypot(noise, np.maximum(tau, renewed))))
+        if done or not settled:
+            break
+        tau = renewed
+    status = FitStatus.OK if settled and done else FitStatus.NOT_CONVERGED
+    return _result(problem, state, normal, covariance, tau, posed, known, status, total)
+
+
+def _prepare(
+    points: NDArray,
+    cov: NDArray,
+    mask: NDArray,
+    survey: NDArray | None,
+    survey_cov: NDArray | None,
+    shape: NDArray | None,
+) -> tuple[_Problem, _State, NDArray, NDArray]:
+    """Return the problem reduced to what hangs together, a start, and which poses (B,) and targets (N,) take part."""
+    mask = np.asarray(mask, bool)
+    count = mask.shape[1]
+    if points.shape != (*mask.shape, 3) or cov.shape != (*mask.shape, 3, 3):
+        raise ValueError(f"found points {points.shape}, cov {cov.shape} for mask {mask.shape}, expected (B, N, ...)")
+    if survey is None or survey_cov is None:
+        surveyed = np.zeros(count, bool)
+        survey, survey_cov = np.zeros((count, 3)), np.zeros((count, 3, 3))
+        shape = common_shape(points, mask, _typical_sigma(cov, mask)) if shape is None else shape
+        known = np.isfinite(shape).all(axis=-1)
+        shape = np.where(known[:, None], shape, 0.0)
+    else:
+        surveyed = np.isfinite(survey).all(axis=-1)
+        survey, survey_cov = np.nan_to_num(survey), np.nan_to_num(survey_cov)
+        shape, known = _extended(survey, surveyed, points, mask)
+    mask = mask & known & _connected(mask & known, surveyed)[:, None]
+    fit = umeyama(shape, np.where(mask[..., None], points, 0.0), mask)
+    seen = mask & fit.ok[:, None]
+    known = known & (seen.any(axis=0) | surveyed)
+    R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))
+    state = _State(R, np.where(fit.ok[:, None], fit.t, 0.0), shape)
+    y, C = np.where(seen[..., None], points, 0.0), np.where(seen[..., None, None], cov, np.eye(3))
+    return _Problem(y, C, seen, survey, survey_cov, surveyed), state, fit.ok, known
+
+
+def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
+    """Return the poses (B,) that hang together by three common targets each, from the survey or the richest pose on."""
+    reached = surveyed if surveyed.any() else seen[int(np.argmax(seen.sum(axis=1)))]
+    while True:
+        poses = (seen & reached).sum(axis=1) >= 3
+        grown = reached | (seen & poses[:, None]).any(axis=0)
+        if np.array_equal(grown, reached):
+            return poses
+        reached = grown
+
+
+def _typical_sigma(cov: NDArray, mask: NDArray) -> float:
+    return float(np.sqrt(np.median(np.trace(cov[mask], axis1=-2, axis2=-1)) / 3)) if mask.any() else 0.0
+
+
+def _extended(survey: NDArray, surveyed: NDArray, points: NDArray, mask: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the survey with the targets that only the poses have seen, and which targets are known."""
+    fit = umeyama(survey, np.where(mask[..., None], points, 0.0), (mask & surveyed).astype(np.float64))
+    seen = mask & fit.ok[:, None]
+    added = seen.any(axis=0) & ~surveyed
+    shape = survey.copy()
+    if added.any():
+        back = np.where(seen[..., None], (points - fit.t[:, None]) @ fit.R, np.nan)
+        shape[added] = np.nanmedian(back[:, added], axis=0)
+    return shape, surveyed | added
+
+
+def _solve(
+    problem: _Problem, state: _State, tau: NDArray, known: NDArray, free: bool
+) -> tuple[_State, _Normal, NDArray, int, bool]:
+    """Return the Gauss-Newton solution for given tau, its normal equations and the shape's covariance (3N, 3N)."""
+    W, W_survey = problem.weights(tau)
+    unknown = np.repeat(~known, 3)
+    for step in range(1, MAX_ITERATIONS + 1):
+        normal = _normal(problem, state, W, W_survey)
+        covariance = _shape_covariance(normal.reduced, state.shape, known, unknown, free)
+        drive = normal.shape_gradient - np.einsum("bi,bij->j", normal.pose_gradient, normal.carried)
+        d_shape = -covariance @ drive
+        pose_step = np.linalg.solve(normal.pose, normal.pose_gradient[..., None])[..., 0]
+        d_pose = -pose_step - normal.carried @ d_shape
+        length = np.einsum("bi,bij,bj->", pose_step, normal.pose, pose_step) + drive @ covariance @ drive
+        state = _State(exp_so3(d_pose[:, 3:]) @ state.R, state.t + d_pose[:, :3], state.shape + d_shape.reshape(-1, 3))
+        if length < _SETTLED:
+            return state, normal, covariance, step, True
+    return state, normal, covariance, MAX_ITERATIONS, False
+
+
+def _normal(problem: _Problem, state: _State, W: NDArray, W_survey: NDArray) -> _Normal:
+    R, posed = state.R, problem.seen.any(axis=1)
+    arm = state.shape @ np.swapaxes(R, -1, -2)
+    r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
+    J = np.concatenate([np.broadcast_to(-np.eye(3), (*arm.shape, 3)), skew(arm)], axis=-1)
+    JW = np.swapaxes(J, -1, -2) @ W
+    pose = np.sum(JW @ J, axis=1) + np.where(posed, 0.0, 1.0)[:, None, None] * np.eye(6)
+    coupling = np.swapaxes(-JW @ R[:, None], 1, 2).reshape(len(R), 6, -1)
+    Rt = np.swapaxes(R, -1, -2)[:, None]
+    own = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
+    carried = np.linalg.solve(pose, coupling)
+    reduced = _block_diagonal(own) - np.tensordot(coupling, carried, axes=([0, 1], [0, 1]))
+    off_survey = np.where(problem.surveyed[:, None], state.shape - problem.survey, 0.0)
+    pull = -np.sum(apply_rotation(Rt, apply_rotation(W, r)), axis=0) + apply_rotation(W_survey, off_survey)
+    return _Normal(pose, carried, np.sum(apply_rotation(JW, r), axis=1), pull.ravel(), symmetric(reduced))
+
+
+def _block_diagonal(blocks: NDArray) -> NDArray:
+    count = len(blocks)
+    out = np.zeros((count, 3, count, 3))
+    index = np.arange(count)
+    out[index, :, index, :] = blocks
+    return out.reshape(3 * count, 3 * count)
+
+
+def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown: NDArray, free: bool) -> NDArray:
+    """Return the inverse (3N, 3N) of the reduced normal matrix, by inner constraints where the datum is free."""
+    typical = np.trace(reduced) / max(3 * known.sum(), 1)
+    regular = reduced + np.diag(np.where(unknown, typical, 0.0))
+    inner = np.zeros((len(reduced), len(reduced)))
+    if free:
+        G = np.concatenate([np.broadcast_to(np.eye(3), (len(shape), 3, 3)), -skew(shape)], axis=-1)
+        G = np.where(unknown[:, None], 0.0, G.reshape(-1, 6))
+        basis = np.linalg.svd(G / np.linalg.norm(G, axis=0), full_matrices=False)[0]
+        inner = basis @ basis.T
+    inverse = np.linalg.inv(regular + typical * inner) - inner / typical
+    return symmetric(np.where(unknown[:, None] | unknown, 0.0, inverse))
+
+
+def _deformation(problem: _Problem, state: _State, normal: _Normal, covariance: NDArray) -> NDArray:
+    """Return tau (N,): what each target scatters beyond its noise, the fit's own share of residuals allowed for."""
+    arm = state.shape @ np.swapaxes(state.R, -1, -2)
+    r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
+    noise = np.trace(problem.cov, axis1=-2, axis2=-1)
+    excess = np.sum(r**2, axis=-1) - noise + _fitted_share(state, normal, covariance, arm)
+    count = np.maximum(3 * problem.seen.sum(axis=0), 1)
+    return np.sqrt(np.maximum(np.sum(excess * problem.seen, axis=0) / count, 0.0))
+
+
+def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDArray) -> NDArray:
+    """Return the trace (B, N), in m^2, of the covariance of the fitted points: what the fit takes from residuals.
+
+    With poses ``dp = -X dxi + e``, cov(e) = pose^-1 independent of the shape's dxi, the fitted point moves by
+    ``J e - (J X + R E_k) dxi``.
+    """
+    J = np.concatenate([np.broadcast_to(-np.eye(3), (*arm.shape, 3)), skew(arm)], axis=-1)
+    through_poses = normal.carried @ covariance
+    own = np.linalg.inv(normal.pose) + through_poses @ np.swapaxes(normal.carried, -1, -2)
+    crossed = through_poses.reshape(len(arm), 6, -1, 3)
+    pose_share = np.einsum("bnij,bjk,bnik->bn", J, own, J, optimize=True)
+    both = np.einsum("bij,bknj,bnik->bn", state.R, crossed, J, optimize=True)
+    return pose_share + np.diagonal(covariance).reshape(-1, 3).sum(-1) + 2 * both
+
+
+def _result(
+    problem: _Problem,
+    state: _State,
+    normal: _Normal,
+    covariance: NDArray,
+    tau: NDArray,
+    posed: NDArray,
+    known: NDArray,
+    status: FitStatus,
+    iterations: int,
+) -> ProcrustesFit:
+    pose_covariance = np.linalg.inv(normal.pose) + normal.carried @ covariance @ np.swapaxes(normal.carried, -1, -2)
+    distance = np.sum((problem.y - state.shape @ np.swapaxes(state.R, -1, -2) - state.t[:, None]) ** 2, axis=-1)
+    count = problem.seen.sum(axis=1)
+    rms = np.sqrt(np.sum(distance * problem.seen, axis=1) / np.maximum(count, 1))
+    each = np.where(posed, str(status), str(FitStatus.TOO_FEW_POINTS))
+    one, steps = np.ones(len(posed)), np.full(len(posed), iterations)
+    poses = masked_fit(state.R, state.t, one, symmetric(pose_covariance), 0 * one, rms, count, each, steps)
+    shape = np.where(known[:, None], state.shape, np.nan)
+    return ProcrustesFit(poses, shape, covariance, np.where(known, tau, np.nan), status, iterations)
+
+
+def _nothing(problem: _Problem, posed: NDArray) -> ProcrustesFit:
+    """Return the result where no pose shares three targets with any other."""
+    count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
+    status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))
+    empty = np.full((len(posed), 6, 6), np.nan)
+    one = np.ones(len(posed))
+    poses = masked_fit(empty[:, :3, :3], empty[:, 0, :3], one, empty, one, one, count, status)
+    return ProcrustesFit(
+        poses,
+        np.full((targets, 3), np.nan),
+        np.zeros((3 * targets, 3 * targets)),
+        np.full(targets, np.nan),
+        FitStatus.TOO_FEW_POINTS,
+        0,
+    )

@@ -1,0 +1,247 @@
+"""The rigid motion between corresponding points in closed form, for whole batches of poses.
+
+``target = scale R source + t``: source is the body's survey, target what was measured, both in m. A point
+that is missing in an entry of the batch has weight 0 there, and may then be NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.covariance import weighted_fit_covariance
+
+# A spread below this share of the distance from the origin is rounding, not shape.
+_ROUNDING = 1e-13
+# Spread across a line below 1e-6 of that along it counts as none; singular values go with its square.
+_SINGULAR = 1e-12
+# From so many points on, compiled code wins although it has to be loaded first (0.4 s).
+_WORTH_COMPILED_CODE = 1_000_000
+
+
+class FitStatus(StrEnum):
+    """How a fit ended; anything but OK comes without numbers, and ``remedy`` says what to do about it."""
+
+    OK = "ok"
+    TOO_FEW_POINTS = "too-few-points"
+    COINCIDENT = "coincident"
+    COLLINEAR = "collinear"
+    AMBIGUOUS = "ambiguous"
+    NOT_CONVERGED = "not-converged"
+    NO_CONSENSUS = "no-consensus"
+
+    @property
+    def remedy(self) -> str:
+        """One sentence for the person who reads the status."""
+        return _REMEDIES[self]
+
+
+_REMEDIES = {
+    FitStatus.OK: "Nothing to do.",
+    FitStatus.TOO_FEW_POINTS: "A pose needs three points of the body: measure more targets, check names.",
+    FitStatus.COINCIDENT: "All points are one and the same: check the coordinates and their mapping.",
+    FitStatus.COLLINEAR: "All points lie on one line and leave its roll free: add a target off it.",
+    FitStatus.AMBIGUOUS: "Several attitudes fit equally well: check for mirrored axes and labels.",
+    FitStatus.NOT_CONVERGED: "The iteration did not settle: check for gross errors, or start closer.",
+    FitStatus.NO_CONSENSUS: "Too few points agree on one motion: check labels, and that it is rigid.",
+}
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """A batch of B rigid motions ``target = scale R source + t``; m and rad.
+
+    Where ``status`` is not OK the entry's numbers are masked with NaN: the status is the statement, and what
+    forgets to look at it cannot carry a wrong number on. ``n_used`` and ``status`` always hold.
+    """
+
+    R: NDArray  # (B, 3, 3) R_target_source
+    t: NDArray  # (B, 3) m, position of the source frame's origin in the target frame
+    scale: NDArray  # (B,) 1 where no scale was asked for
+    covariance: NDArray  # (B, 6, 6) of (t, theta), R <- exp(theta) R, in the target frame; m and rad
+    scale_sigma: NDArray  # (B,) standard deviation of scale, 0 where none was asked for
+    rms: NDArray  # (B,) m, root of the weighted mean squared distance (all three coordinates)
+    n_used: NDArray  # (B,) number of points with a weight
+    status: NDArray  # (B,) of FitStatus values (str)
+    iterations: NDArray  # (B,) 0 for a closed form
+
+    @property
+    def ok(self) -> NDArray:
+        """Return which entries (B,) hold numbers."""
+        return self.status == FitStatus.OK
+
+    def apply(self, source: NDArray) -> NDArray:
+        """Return points source ((B,) N, 3) in the target frame, (B, N, 3) in m."""
+        moved = np.asarray(source) @ np.swapaxes(self.R, -1, -2)
+        return self.scale[:, None, None] * moved + self.t[:, None]
+
+    def residuals(self, source: NDArray, target: NDArray) -> NDArray:
+        """Return measured minus fitted points in the source (body) frame, (B, N, 3) in m."""
+        return (target - self.t[:, None]) @ self.R / self.scale[:, None, None] - source
+
+
+def join_fits(fits: Sequence[RigidFit]) -> RigidFit:
+    """Return the entries of several fits as one batch, in their order; one fit or more."""
+    return RigidFit(*(np.concatenate([getattr(fit, f.name) for fit in fits]) for f in fields(RigidFit)))
+
+
+def umeyama(
+    source: ArrayLike,
+    target: ArrayLike,
+    weight: ArrayLike | None = None,
+    *,
+    with_scale: bool = False,
+    sigma: ArrayLike | None = None,
+) -> RigidFit:
+    """Return the weighted least-squares rigid motion, never a reflection.
+
+    source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a
+    missing point. ``sigma``, in m, is the standard deviation per coordinate of target - R source (scalar,
+    (B, 1) or (B, N)): that of the measured cloud, or ``hypot(sigma_source, sigma_target)`` where both have noise.
+    Weights need not be 1/sigma^2; the covariance is that of the estimator as weighted. Without sigma the
+    residuals' scatter takes its place, the weights being read as relative 1/variance.
+    Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
+    Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
+    """
+    points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
+    if points >= _WORTH_COMPILED_CODE and not with_scale:
+        from truing.estimation.rigid_poses.batched_kernel import solve
+
+        return solve(source, target, weight, sigma=sigma)
+    x, y, w = check_correspondences(source, target, weight)
+    return solve_weighted(x, y, w, with_scale=with_scale, sigma=sigma)
+
+
+def solve_weighted(
+    x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False, sigma: ArrayLike | None = None
+) -> RigidFit:
+    """Return what `umeyama` does, for clouds that `check_correspondences` has passed."""
+    total = np.maximum(w.sum(-1), np.finfo(float).tiny)
+    centre_x, centre_y = weighted_centroid(x, w, total), weighted_centroid(y, w, total)
+    q, p = x - centre_x[:, None], y - centre_y[:, None]
+    U, s, Vt = np.linalg.svd(np.swapaxes(w[..., None] * p, -1, -2) @ q)
+    handed = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    status = _status(x, y, w, q, p, s, handed)
+    R = (U * np.stack([np.ones_like(handed), np.ones_like(handed), handed], -1)[:, None]) @ Vt
+    spread = weighted_square(q, w)
+    turned = s[:, 0] + s[:, 1] + handed * s[:, 2]
+    scale = turned / np.where(spread > 0, spread, 1.0) if with_scale else np.ones(len(R))
+    t = centre_y - scale[:, None] * np.einsum("bij,bj->bi", R, centre_x)
+    return _assemble(x, y, w, R, t, scale, status, with_scale, sigma)
+
+
+def check_correspondences(
+    source: ArrayLike, target: ArrayLike, weight: ArrayLike | None
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return source, target (B, N, 3) and weight (B, N) as float64, points without weight set to 0.
+
+    Raises ValueError naming what was found and what was expected.
+    """
+    x, y = np.asarray(source, np.float64), np.asarray(target, np.float64)
+    for name, cloud in (("source", x), ("target", y)):
+        if cloud.ndim not in (2, 3) or cloud.shape[-1] != 3:
+            raise ValueError(f"{name}: found shape {cloud.shape}, expected (N, 3) or (B, N, 3)")
+    if x.shape[-2] != y.shape[-2]:
+        raise ValueError(f"found {x.shape[-2]} source and {y.shape[-2]} target points, expected pairs")
+    w = np.ones(x.shape[-2]) if weight is None else np.asarray(weight, np.float64)
+    if not np.all(np.isfinite(w)) or np.any(w < 0):
+        raise ValueError("weight: found a negative or non-finite value, expected 0 (missing) or more")
+    shape = np.broadcast_shapes(x.shape[:-1], y.shape[:-1], w.shape)
+    shape = shape if len(shape) == 2 else (1, *shape)
+    x, y, w = np.broadcast_to(x, (*shape, 3)), np.broadcast_to(y, (*shape, 3)), np.broadcast_to(w, shape)
+    return _masked(x, w, "source"), _masked(y, w, "target"), w
+
+
+def _masked(cloud: NDArray, w: NDArray, name: str) -> NDArray:
+    finite = np.isfinite(cloud).all(-1)
+    if not np.all(finite | (w == 0)):
+        raise ValueError(f"{name}: found a non-finite point, expected weight 0 for every missing point")
+    return cloud if finite.all() else np.where(finite[..., None], cloud, 0.0)
+
+
+def weighted_centroid(points: NDArray, w: NDArray, total: NDArray) -> NDArray:
+    """Return the centroids (B, 3) of points (B, N, 3) for weights w (B, N) of sum total (B,)."""
+    return (w[:, None] @ points)[:, 0] / total[:, None]
+
+
+def weighted_square(points: NDArray, w: NDArray) -> NDArray:
+    """Return ``sum w |p|^2`` (B,) of points (B, N, 3) for weights w (B, N)."""
+    return (w[:, None] @ np.sum(points * points, axis=-1)[..., None])[:, 0, 0]
+
+
+def _status(x: NDArray, y: NDArray, w: NDArray, q: NDArray, p: NDArray, s: NDArray, handed: NDArray) -> NDArray:
+    """Return a status (B,) from the clouds, the centred clouds and the singular values s of their product."""
+    gap, on_line = s[:, 1] + handed * s[:, 2], s[:, 1] <= _SINGULAR * s[:, 0]
+    conditions = [
+        np.count_nonzero(w, axis=-1) < 3,
+        _coincident(x, w, q) | _coincident(y, w, p),
+        on_line,
+        gap <= _SINGULAR * s[:, 0],
+    ]
+    choices = [FitStatus.TOO_FEW_POINTS, FitStatus.COINCIDENT, FitStatus.COLLINEAR, FitStatus.AMBIGUOUS]
+    return np.select(conditions, [str(c) for c in choices], str(FitStatus.OK))
+
+
+def _coincident(points: NDArray, w: NDArray, centred: NDArray) -> NDArray:
+    return weighted_square(centred, w) <= _ROUNDING**2 * weighted_square(points, w)
+
+
+def _assemble(
+    x: NDArray,
+    y: NDArray,
+    w: NDArray,
+    R: NDArray,
+    t: NDArray,
+    scale: NDArray,
+    status: NDArray,
+    with_scale: bool,
+    sigma: ArrayLike | None,
+) -> RigidFit:
+    arm = scale[:, None, None] * (x @ np.swapaxes(R, -1, -2))
+    misfit = weighted_square(y - arm - t[:, None], w)
+    used, ok = np.count_nonzero(w, axis=-1), status == FitStatus.OK
+    if sigma is None:
+        freedom = np.maximum(3 * used - 6 - with_scale, 1)
+        noise = (misfit / freedom)[:, None] / np.where(w > 0, w, 1.0)
+    else:
+        noise = np.broadcast_to(np.asarray(sigma, np.float64) ** 2, w.shape)
+    covariance = weighted_fit_covariance(arm, w, noise, ok, with_scale)
+    scale_sigma = scale * np.sqrt(covariance[:, 6, 6]) if with_scale else np.zeros(len(R))
+    rms = np.sqrt(misfit / np.maximum(w.sum(-1), np.finfo(float).tiny))
+    return masked_fit(R, t, scale, covariance[:, :6, :6], scale_sigma, rms, used, status)
+
+
+def masked_fit(
+    R: NDArray,
+    t: NDArray,
+    scale: NDArray,
+    covariance: NDArray,
+    scale_sigma: NDArray,
+    rms: NDArray,
+    n_used: NDArray,
+    status: NDArray,
+    iterations: NDArray | None = None,
+) -> RigidFit:
+    """Return the fit with the numbers of every entry whose status is not OK masked with NaN."""
+    ok = status == FitStatus.OK
+    iterations = np.zeros(len(R), np.int64) if iterations is None else iterations
+    return RigidFit(
+        mask_entries(R, ok),
+        mask_entries(t, ok),
+        mask_entries(scale, ok),
+        mask_entries(covariance, ok),
+        mask_entries(scale_sigma, ok),
+        mask_entries(rms, ok),
+        n_used,
+        status,
+        iterations,
+    )
+
+
+def mask_entries(values: NDArray, ok: NDArray) -> NDArray:
+    """Return values (B, ...) with NaN in the entries that are not ok (B,)."""
+    return np.where(ok.reshape(-1, *(1,) * (values.ndim - 1)), values, np.nan)

@@ -1,0 +1,345 @@
+"""Which points of a pose agree on one rigid motion: deterministic, whatever the gross errors look like.
+
+Three steps, each only for the poses that the one before left open. (1) Trim all points to a set that a fit
+explains; a set of more than half is the largest there is. (2) Pairs of points whose distance is the same
+in both clouds form a graph; anchors grown in it from one seed point after another propose sets, until no seed is left
+with enough neighbours to belong to a larger set. (3) Where a proposed set does not survive its fit (errors across
+a plane leave distances unchanged), the motions of all its triples compete. Every set ends as a fixpoint: exactly
+the points whose studentised residual passes a chi-square test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.rigid_poses.rigid import FitStatus, check_correspondences, solve_weighted
+
+# Probability that a pose without gross errors loses any of its points.
+FALSE_ALARM = 1e-4
+# So many points must agree, or all but one of fewer: three of many agree by chance too easily.
+FEWEST = 4
+# Standard deviations that the distance within a pair may change by: one true pair in two million is lost.
+PAIR_LIMIT = 5.0
+ANCHORS = 4
+# Share of a point's noise that its residual keeps where it alone holds the pose in some direction.
+FLOOR = 1e-6
+_FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it ends
+_TRIPLE_BLOCK = 23  # points whose triples compete: 1771
+_PAIRS_AT_ONCE, _TRIPLES_AT_ONCE = 400_000, 400_000
+# From so many on, compiled code wins although it has to be loaded first (0.4 s).
+_MANY_POINTS, _MANY_PAIRS = 500_000, 4_000_000
+
+
+@dataclass(frozen=True)
+class Clouds:
+    """A batch of poses under search: x, y (B, N, 3) in m, seen (B, N), sigma (B, N) in m, limit (B,) of chi-square."""
+
+    x: NDArray
+    y: NDArray
+    seen: NDArray
+    sigma: NDArray
+    limit: NDArray
+
+    def __getitem__(self, rows: NDArray | slice) -> Clouds:
+        return Clouds(self.x[rows], self.y[rows], self.seen[rows], self.sigma[rows], self.limit[rows])
+
+
+@dataclass(frozen=True)
+class Tools:
+    """The steps that cost time: each as NumPy has it, or compiled."""
+
+    statuses: Callable[[Clouds], NDArray]
+    squared_residuals: Callable[[Clouds, NDArray], tuple[NDArray, NDArray]]
+    same_distances: Callable[[Clouds], NDArray]
+    grow: Callable[[NDArray, NDArray, NDArray], NDArray]
+
+
+def consensus(
+    source: ArrayLike, target: ArrayLike, mask: ArrayLike | None, sigma: ArrayLike
+) -> tuple[NDArray, NDArray]:
+    """Return which points (B, N) agree on one rigid motion, and a status (B,) of FitStatus values.
+
+    source, target: (B, N, 3) or (N, 3) in m; mask (B, N) or (N,): False for a missing point, which may be NaN;
+    sigma in m, scalar, (N,), (B, 1) or (B, N): standard deviation per coordinate of ``target - R source``, the
+    noise of both clouds together (where it depends on direction: that along the worst).
+
+    OK: the points are the largest set that agrees, and at least 4, or 3 of 3 or 4; gross errors may outnumber them.
+    AMBIGUOUS: two motions are followed by equally many, none is kept. NO_CONSENSUS: fewer agree; kept are the two
+    or three that do, if they are the only ones. The order of points, the frames and the unit of length do not
+    matter. Memory goes with N^2 for one pose at a time, where fewer than half agree. Raises ValueError as `umeyama`,
+    and for a sigma that is not positive.
+    """
+    x, y, w = check_correspondences(source, target, None if mask is None else np.asarray(mask, bool))
+    seen = w > 0
+    spread = np.where(seen, np.broadcast_to(np.asarray(sigma, np.float64), seen.shape), 1.0)
+    if not np.all((spread > 0) & np.isfinite(spread)):
+        raise ValueError("sigma: found a value that is not positive, expected a standard deviation in m")
+    clouds = Clouds(x, y, seen, spread, _chi_square_limit(seen))
+    kept, status = _whole(clouds, _tools(seen.size >= _MANY_POINTS))
+    rows = np.flatnonzero(status == FitStatus.NO_CONSENSUS)
+    tools = _tools(len(rows) * seen.shape[1] ** 2 >= _MANY_PAIRS)
+    step = max(1, _PAIRS_AT_ONCE // seen.shape[1] ** 2)
+    for first in range(0, len(rows), step):
+        part = rows[first : first + step]
+        kept[part], status[part] = _search(clouds[part], tools)
+    return kept, status
+
+
+def _tools(many: bool) -> Tools:
+    if not many:
+        return Tools(statuses, squared_residuals, same_distances, grow)
+    from truing.estimation.rigid_poses import robust_kernel
+
+    kernel = robust_kernel
+    return Tools(kernel.statuses, kernel.squared_residuals, kernel.same_distances, kernel.grow)
+
+
+def _chi_square_limit(seen: NDArray) -> NDArray:
+    """Return the limits (B,) of squared residuals that all points of a pose pass but once in 1/FALSE_ALARM poses."""
+    from scipy.special import chdtri
+
+    return chdtri(3, FALSE_ALARM / np.maximum(seen.sum(-1), 1))
+
+
+def _whole(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
+    """Return the sets (B, N) and statuses (B,) where trimming all points leaves a majority; else NO_CONSENSUS."""
+    points = clouds.seen.sum(-1)
+    # two sets of more than (n + 4) / 2 of n points share four, and with them the motion
+    fewest = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
+    kept, _ = _settle(clouds, clouds.seen, fewest, tools)
+    rest = np.flatnonzero(~kept.any(-1))
+    status = np.full(len(kept), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
+    status[rest] = tools.statuses(clouds[rest])
+    open_rows = rest[np.isin(status[rest], (FitStatus.OK, FitStatus.AMBIGUOUS))]
+    status[open_rows] = FitStatus.NO_CONSENSUS
+    return kept, status
+
+
+def statuses(clouds: Clouds) -> NDArray:
+    """Return the statuses (B,) of plain fits to all points, which tell what no choice of points could mend."""
+    return solve_weighted(clouds.x, clouds.y, clouds.seen / clouds.sigma**2).status
+
+
+def _settle(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
+    """Return the fixpoints (B, N) that members lead to, none where fewer than fewest (B,) remain, and their cost.
+
+    Only the worst go at first (down to a quarter of the largest squared residual): they bend all the others.
+    """
+    members, cost = members.copy(), np.zeros(len(members))
+    rows = np.arange(len(members))
+    for turn in range(_FREE_ROUNDS + members.shape[1]):
+        part, old = clouds[rows], members[rows]
+        studentised, plain = tools.squared_residuals(part, old)
+        worst = np.max(studentised, axis=-1, where=old, initial=0.0)
+        bar = np.maximum(part.limit, worst / 4)
+        new = part.seen & np.isfinite(studentised) & (studentised <= np.where(old, bar[:, None], part.limit[:, None]))
+        free = (worst <= part.limit) & (turn < _FREE_ROUNDS)
+        new &= old | free[:, None]
+        new &= (new.sum(-1) >= fewest[rows])[:, None]
+        members[rows], cost[rows] = new, np.sum(plain, axis=-1, where=new)
+        rows = rows[np.any(new != old, axis=-1) & new.any(-1)]
+        if len(rows) == 0:
+            break
+    return members, cost
+
+
+def squared_residuals(clouds: Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the squared residuals (B, N) of the fit to members, studentised and plain, in units of sigma.
+
+    The fit's own error takes from the residual of a member and adds to that of any other point, so that both say how
+    far the point is from what all others predict. Infinite where the members leave the pose free.
+    """
+    weight = members / clouds.sigma**2
+    fit = solve_weighted(clouds.x, clouds.y, weight)
+    ok = fit.ok[:, None]
+    R, total = np.where(ok[..., None], fit.R, np.eye(3)), np.where(fit.ok, weight.sum(-1), 1.0)
+    centre = np.einsum("bn,bni->bi", weight, clouds.x) / total[:, None]
+    q = clouds.x - centre[:, None]
+    r = np.where(ok[..., None], clouds.y @ R - (fit.t[:, None] @ R), 0.0) - clouds.x
+    S = np.einsum("bni,bn,bnj->bij", q, weight, q)
+    information = np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S
+    A = np.linalg.inv(np.where(ok[..., None], information, np.eye(3))) * ok[..., None]
+    plain = np.einsum("bni,bni->bn", r, r) / clouds.sigma**2
+    student = _mahalanobis(q, A, fit.ok / total, r, clouds.sigma**2, np.where(members, -1.0, 1.0))
+    return np.where(ok, student, np.inf), np.where(ok, plain, np.inf)
+
+
+def _mahalanobis(q: NDArray, A: NDArray, first: NDArray, r: NDArray, noise: NDArray, sign: NDArray) -> NDArray:
+    """Return ``r^T (noise + sign (first + [q]x A [q]x^T))^-1 r`` (B, N), by Cramer's rule on components (B, N)."""
+    x, y, z = np.moveaxis(q, -1, 0)
+    a, b, c, d, e, f = (A[:, i, j, None] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    own = noise * (1 + FLOOR) + sign * first[:, None]
+    m00 = own + sign * (d * z * z - 2 * e * y * z + f * y * y)
+    m11 = own + sign * (a * z * z - 2 * c * x * z + f * x * x)
+    m22 = own + sign * (a * y * y - 2 * b * x * y + d * x * x)
+    m01 = sign * (c * y * z + e * x * z - b * z * z - f * x * y)
+    m02 = sign * (b * y * z + e * x * y - c * y * y - d * x * z)
+    m12 = sign * (b * x * z + c * x * y - a * y * z - e * x * x)
+    k00, k01, k02 = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
+    k11, k12, k22 = m00 * m22 - m02 * m02, m01 * m02 - m00 * m12, m00 * m11 - m01 * m01
+    u, v, w = np.moveaxis(r, -1, 0)
+    square = k00 * u * u + k11 * v * v + k22 * w * w + 2 * (k01 * u * v + k02 * u * w + k12 * v * w)
+    return square / (m00 * k00 + m01 * k01 + m02 * k02)
+
+
+@dataclass
+class _Best:
+    """The best set of every pose so far: the largest, then the one whose fit scatters as the noise should."""
+
+    kept: NDArray  # (B, N)
+    size: NDArray  # (B,)
+    regular: NDArray  # (B,) whether the scatter of the fit is no larger than noise makes it
+    rival: NDArray  # (B,) whether another set is as good
+
+    def offer(self, rows: NDArray, found: NDArray, cost: NDArray) -> None:
+        """Take in found sets (b, N) of rows (b,), with the sums of squared residuals of their fits."""
+        from scipy.special import chdtri
+
+        size = found.sum(-1)
+        regular = cost <= chdtri(np.maximum(3 * size - 6, 1), FALSE_ALARM)
+        rank, best = 2 * size + regular, 2 * self.size[rows] + self.regular[rows]
+        shared = np.count_nonzero(found & self.kept[rows], axis=-1)
+        other = (shared < 3) | (2 * shared < size)
+        self.rival[rows[(rank == best) & other & (size > 0)]] = True
+        better = rank > best
+        won = rows[better]
+        self.kept[won], self.size[won], self.regular[won] = found[better], size[better], regular[better]
+        self.rival[won] = False
+
+
+def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
+    """Return the largest sets (B, N) that agree, and statuses (B,)."""
+    graph, seeds, count = tools.same_distances(clouds), clouds.seen.copy(), len(clouds.seen)
+    best = _Best(np.zeros_like(seeds), np.zeros(count, int), np.zeros(count, bool), np.zeros(count, bool))
+    degree = graph.sum(-1)
+    enough = np.clip(clouds.seen.sum(-1) - 1, 3, FEWEST)
+    while True:
+        fewest = np.maximum(best.size, enough)
+        worth = seeds & (degree >= fewest[:, None] - 1)
+        rows = np.flatnonzero(worth.any(-1))
+        if len(rows) == 0:
+            break
+        seed = np.where(worth[rows], degree[rows], -1.0).argmax(-1)
+        proposed = tools.grow(graph[rows], seed, best.kept[rows])
+        found, cost = _settle(clouds[rows], proposed, fewest[rows], tools)
+        seeds[rows] &= ~found
+        seeds[rows, seed] = False
+        best.offer(rows, found, cost)
+        split = np.flatnonzero(_unsettled(proposed, found, fewest[rows]))
+        if len(split):
+            part, members = rows[split], proposed[split]
+            found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
+            best.offer(part, found, cost)
+            # whatever shares three points with the members would have been found: at most two of its seeds go
+            seeds[part] &= ~np.where(np.any(found, axis=-1, keepdims=True), found, members)
+            graph[part] *= ~found[:, :, None] & ~found[:, None]
+            degree[part] = graph[part].sum(-1)
+    few = np.flatnonzero(~best.kept.any(-1))
+    best.kept[few] = _only_few(clouds[few], tools)
+    won = np.where(best.rival, str(FitStatus.AMBIGUOUS), str(FitStatus.OK))
+    return best.kept & ~best.rival[:, None], np.where(best.size > 0, won, str(FitStatus.NO_CONSENSUS))
+
+
+def same_distances(clouds: Clouds) -> NDArray:
+    """Return the graph (B, N, N) of pairs as far apart in one cloud as in the other, 0 where they are not.
+
+    An edge weighs 1 and a little more the better it agrees, so that no choice hangs on the order of points.
+    """
+    a, b = _squared_distances(clouds.x, clouds.seen), _squared_distances(clouds.y, clouds.seen)
+    change = np.square(a - b) / np.maximum(a + b + 2 * np.sqrt(a * b), np.finfo(float).tiny)  # (root a - root b)^2
+    variance = np.square(PAIR_LIMIT * clouds.sigma)
+    share = (1 - change / (variance[:, :, None] + variance[:, None])).astype(np.float32)
+    graph = np.where(share > 0, 1 + np.float32(0.5 / clouds.seen.shape[1]) * share, np.float32(0))
+    graph *= clouds.seen[:, :, None] & clouds.seen[:, None]
+    index = np.arange(clouds.seen.shape[1])
+    graph[:, index, index] = 0.0
+    return graph
+
+
+def _squared_distances(points: NDArray, seen: NDArray) -> NDArray:
+    """Return the squared distances (B, N, N) between points (B, N, 3), from their products about their centre."""
+    centre = np.einsum("bn,bni->bi", seen, points) / np.maximum(seen.sum(-1), 1)[:, None]
+    p = points - centre[:, None]
+    square = np.einsum("bni,bni->bn", p, p)
+    return np.maximum(square[:, :, None] + square[:, None] - 2 * (p @ np.swapaxes(p, 1, 2)), 0.0)
+
+
+def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
+    """Return sets (B, N): anchors, beginning with the seed (B,), and every point joined to all of them.
+
+    Points taken (B, N) by the best set so far come last: another motion shares two of them at most.
+    """
+    rows = np.arange(len(seed))
+    anchors = np.zeros(graph.shape[:2], bool)
+    anchors[rows, seed] = True
+    joined, worth = graph[rows, seed] > 0, np.where(taken, 1 / (2 * graph.shape[1]), 1.0)
+    for _ in range(ANCHORS - 1):
+        votes = (1 + (graph @ joined[..., None].astype(graph.dtype))[..., 0]) * joined * worth
+        pick, some = votes.argmax(-1), joined.any(-1)
+        anchors[rows, pick] |= some
+        joined &= (graph[rows, pick] > 0) | ~some[:, None]
+    return anchors | joined
+
+
+def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
+    """Return where a larger set than found (B, N) could hide in the proposed one, with another motion."""
+    members, left = proposed.sum(-1), found.sum(-1)
+    return (members >= fewest) & (left < members) & (2 * left < members + FEWEST)
+
+
+def _among_triples(
+    clouds: Clouds, members: NDArray, degree: NDArray, fewest: NDArray, tools: Tools
+) -> tuple[NDArray, NDArray]:
+    """Return the largest sets (B, N) that the motions of triples of members (B, N) lead to, and their costs (B,)."""
+    order = np.argsort(np.where(members, -degree, np.inf), axis=-1, kind="stable")
+    most = int(members.sum(-1).max())
+    blocks = -(-most // _TRIPLE_BLOCK)
+    found, cost = np.zeros_like(members), np.full(len(members), np.inf)
+    for k in range(blocks):
+        start = _near_best_triple(clouds, members, order[:, k:most:blocks])
+        settled, spent = _settle(clouds, start, fewest, tools)
+        more, size = settled.sum(-1), found.sum(-1)
+        better = (more > size) | (more == size) & (spent < cost)
+        found[better], cost[better] = settled[better], spent[better]
+    return found, cost
+
+
+def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArray:
+    """Return the points (B, N) near the motion of that triple of members in a block (B, K) which brings most near."""
+    triples = np.array(list(combinations(range(block.shape[1]), 3)), int).reshape(-1, 3)
+    out = np.zeros_like(members)
+    step = max(1, _TRIPLES_AT_ONCE // max(1, len(triples) * members.shape[1]))
+    for first in range(0, len(members) if len(triples) else 0, step):
+        rows = slice(first, first + step)
+        out[rows] = _near_one_of(clouds[rows], members[rows], block[rows][:, triples])
+    return out
+
+
+def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
+    """Return the points (B, N) near the motion of the best triple (B, T, 3) of members, none where there is none."""
+    rows = np.arange(len(members))
+    index = (rows[:, None, None], triples)
+    x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
+    fit = solve_weighted(x.reshape(-1, 3, 3), y.reshape(-1, 3, 3), w.reshape(-1, 3).astype(float))
+    R, t = fit.R.reshape(*triples.shape, 3), fit.t.reshape(*triples.shape)
+    moved = clouds.x[:, None] @ np.swapaxes(R, -1, -2) + t[:, :, None]
+    square = np.sum((clouds.y[:, None] - moved) ** 2, axis=-1) / np.square(clouds.sigma)[:, None]
+    near = 4 * clouds.limit[:, None, None]  # a triple's own error comes on top
+    cost = np.sum(np.minimum(square, near), axis=-1, where=clouds.seen[:, None])
+    best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
+    return clouds.seen & (square[rows, best] <= near[:, 0])
+
+
+def _only_few(clouds: Clouds, tools: Tools) -> NDArray:
+    """Return the three points (B, N) of the only triangle of equal distances, or the two of the only pair."""
+    edge = (tools.same_distances(clouds) > 0).astype(float)
+    corner = (edge @ edge) * edge
+    triangles = corner.sum((-1, -2)) / 6
+    pairs = edge.sum((-1, -2)) / 2
+    one = np.where((triangles == 1)[:, None], corner.any(-1), edge.any(-1))
+    return one & ((triangles == 1) | (triangles == 0) & (pairs == 1))[:, None]

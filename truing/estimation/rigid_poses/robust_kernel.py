@@ -1,0 +1,188 @@
+"""The three costly steps of `truing.estimation.rigid_poses.robust`, compiled: same answers, for large batches.
+
+Residuals come from the lanes of `truing.estimation.rigid_poses.batched_kernel`; poses that those cannot prove go to the
+plain form. Importing this module imports numba; compiled code is kept in numba's cache on disk.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation import lane_arithmetic
+from truing.estimation.lane_arithmetic import (
+    IDENTITY,
+    LANES,
+    apply,
+    cofactors,
+    combine,
+    compiled,
+    dot,
+    get3,
+    get6,
+    get9,
+    inner,
+    mix,
+    point3,
+    rows_times,
+    skew,
+    times,
+    transpose,
+)
+from truing.estimation.rigid_poses import batched_kernel, robust
+from truing.estimation.rigid_poses.batched_kernel import (
+    CLEAR,
+    FIELDS,
+    ROTATION,
+    ROWS,
+    SOURCE_CENTRE,
+    TARGET_CENTRE,
+    TURN_INVERSE,
+    WEIGHT,
+    accumulate_moments,
+    load_block,
+    solve_rotations,
+)
+
+_SOURCES = (lane_arithmetic.__file__, batched_kernel.__file__, robust.__file__, __file__)
+
+
+def statuses(clouds: robust.Clouds) -> NDArray:
+    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+    return batched_kernel.solve(clouds.x, clouds.y, clouds.seen / clouds.sigma**2, threads=1).status
+
+
+def squared_residuals(clouds: robust.Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
+    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+    student, plain, clear = np.empty(members.shape), np.empty(members.shape), np.empty(len(members), bool)
+    residuals_of_poses(clouds.x, clouds.y, clouds.seen, clouds.sigma, members, student, plain, clear)
+    rest = np.flatnonzero(~clear)
+    if len(rest):
+        student[rest], plain[rest] = robust.squared_residuals(clouds[rest], members[rest])
+    return student, plain
+
+
+def same_distances(clouds: robust.Clouds) -> NDArray:
+    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+    graph = np.empty((*clouds.seen.shape, clouds.seen.shape[1]), np.float32)
+    edges_of_poses(clouds.x, clouds.y, clouds.seen, np.square(robust.PAIR_LIMIT * clouds.sigma), graph)
+    return graph
+
+
+def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
+    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+    members = np.zeros(graph.shape[:2], bool)
+    sets_of_poses(graph, seed, taken, robust.ANCHORS, members)
+    return members
+
+
+@inner
+def load_members(sigma: NDArray, members: NDArray, first: int, points: NDArray) -> None:
+    """Replace the weights in all lanes by those of the members, and put the variances beside them."""
+    for j in range(LANES):
+        b = min(first + j, len(members) - 1)
+        for n in range(len(points)):
+            variance = sigma[b, n] * sigma[b, n]
+            points[n, 6 * LANES + j] = 1.0 / variance if members[b, n] else 0.0
+            points[n, 7 * LANES + j] = variance
+
+
+@inner
+def measure(points: NDArray, n: int, lane: NDArray) -> None:
+    """Replace the first two fields of a point by its squared residuals, studentised and plain, in all lanes."""
+    for j in range(LANES):
+        q = mix(1.0, point3(points, n, 0, j), -1.0, get3(lane, SOURCE_CENTRE, j))
+        c = mix(1.0, point3(points, n, 3, j), -1.0, get3(lane, TARGET_CENTRE, j))
+        r = mix(1.0, apply(transpose(get9(lane, ROTATION, j)), c), -1.0, q)
+        variance, sign = points[n, 7 * LANES + j], -1.0 if points[n, 6 * LANES + j] > 0.0 else 1.0
+        turn = rows_times(times(skew(q), get6(lane, TURN_INVERSE, j)), skew(q))
+        own = variance * (1.0 + robust.FLOOR) + sign / lane[WEIGHT * LANES + j]
+        M = combine(sign, turn, own, IDENTITY)
+        K = cofactors(M)
+        points[n, j] = dot(r, apply(K, r)) / dot(M[0], K[0])
+        points[n, LANES + j] = dot(r, r) / variance
+
+
+@compiled(*_SOURCES)
+def residuals_of_poses(
+    x: NDArray,
+    y: NDArray,
+    seen: NDArray,
+    sigma: NDArray,
+    members: NDArray,
+    student: NDArray,
+    plain: NDArray,
+    clear: NDArray,
+) -> None:
+    """Fill squared residuals (B, N) of the fit to members (B, N), and which poses (B,) have a proven fit."""
+    points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
+    none = np.empty((0, 1))
+    for first in range(0, len(members), LANES):
+        load_block(x, y, seen, none, first, len(members), points, lane)
+        load_members(sigma, members, first, points)
+        accumulate_moments(points, lane)
+        solve_rotations(lane)
+        for n in range(len(points)):
+            measure(points, n, lane)
+        for j in range(min(LANES, len(members) - first)):
+            clear[first + j] = lane[CLEAR * LANES + j] > 0.0
+            for n in range(len(points)):
+                student[first + j, n] = points[n, j]
+                plain[first + j, n] = points[n, LANES + j]
+
+
+@inner
+def edges_of_point(p: NDArray, seen: NDArray, variance: NDArray, i: int, count: int, out: NDArray) -> None:
+    """Fill the edges of one point; p holds the coordinates of both clouds as six rows of count numbers."""
+    for j in range(count):
+        u, v, w = p[j] - p[i], p[count + j] - p[count + i], p[2 * count + j] - p[2 * count + i]
+        a = u * u + v * v + w * w
+        u, v, w = (
+            p[3 * count + j] - p[3 * count + i],
+            p[4 * count + j] - p[4 * count + i],
+            p[5 * count + j] - p[5 * count + i],
+        )
+        b = u * u + v * v + w * w
+        total = a + b + 2.0 * np.sqrt(a * b)
+        change = (a - b) * (a - b) / (total if total > 0.0 else 1.0)
+        share = np.float32(1.0 - change / (variance[i] + variance[j]))
+        edge = np.float32(1.0) + np.float32(0.5 / count) * share
+        out[j] = edge if (share > np.float32(0.0)) & seen[i] & seen[j] & (i != j) else np.float32(0.0)
+
+
+@compiled(*_SOURCES)
+def edges_of_poses(x: NDArray, y: NDArray, seen: NDArray, variance: NDArray, graph: NDArray) -> None:
+    """Fill the graphs (B, N, N) of points whose distance is the same in both clouds."""
+    count = x.shape[1]
+    p = np.empty(6 * count)
+    for b in range(len(x)):
+        for i in range(3):
+            for n in range(count):
+                p[i * count + n], p[(3 + i) * count + n] = x[b, n, i], y[b, n, i]
+        for i in range(count):
+            edges_of_point(p, seen[b], variance[b], i, count, graph[b, i])
+
+
+@compiled(*_SOURCES)
+def sets_of_poses(graph: NDArray, seed: NDArray, taken: NDArray, anchors: int, members: NDArray) -> None:
+    """Fill the sets (B, N) of anchors grown from the seeds (B,), and of all points joined to every anchor."""
+    count = graph.shape[1]
+    joined, votes = np.empty(count, np.bool_), np.empty(count, np.float32)
+    for b in range(len(graph)):
+        pick = seed[b]
+        joined[:] = True
+        for step in range(anchors):
+            members[b, pick] = True
+            for i in range(count):
+                joined[i] &= graph[b, pick, i] > 0
+            votes[:] = np.float32(1.0)
+            if not joined.any() or step == anchors - 1:
+                break
+            for j in range(count):
+                if joined[j]:
+                    for i in range(count):
+                        votes[i] += graph[b, j, i]
+            for i in range(count):
+                votes[i] *= (1.0 / (2 * count) if taken[b, i] else 1.0) if joined[i] else 0.0
+            pick = votes.argmax()
+        members[b] |= joined

@@ -1,0 +1,236 @@
+"""The default pose: a consensus of points that no gross error can bend, then maximum likelihood on all that agree."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.covariance import apply_rotation, symmetric
+from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, residual_scale
+from truing.estimation.rigid_poses.likelihood import maximum_likelihood
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits, mask_entries
+from truing.estimation.rigid_poses.robust import consensus
+from truing.estimation.rotation import skew
+
+# Probability that a pose without gross errors loses any of its points.
+FALSE_ALARM = 1e-4
+_ROUNDS = 10
+_WORTH_ANOTHER_ROUND = 1.2
+_FEWEST_POSES = 6
+_POSES_AT_ONCE = 5000
+# Share of poses that gross errors may leave without agreement, and the noise ratios tried where there are more.
+_WITHOUT_AGREEMENT = 0.02
+_WIDER = 1.5 ** np.arange(1, 7)
+# Median of the absolute value of a standard normal number.
+_MEDIAN_ABSOLUTE = 0.6744897501960817
+
+
+def robust_pose(
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    *,
+    keep: NDArray | None = None,
+    noise_ratio: float = 1.0,
+    false_alarm: float = FALSE_ALARM,
+) -> tuple[RigidFit, NDArray]:
+    """Return the maximum-likelihood motion of the points that agree on one, and which they are (B, N).
+
+    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2,
+    mask (B, N). A point is kept while its studentised residual passes a chi-square test, in which declared noise
+    counts ``noise_ratio`` times; where ``keep`` (B, N) says so it enters the last fit all the same. Status as of
+    `consensus` where no set of points agrees; the points that do agree are reported even then. Raises ValueError
+    as `maximum_likelihood`.
+    """
+    mask = np.asarray(mask, bool)
+    given = (source, target, cov_source, cov_target)
+    sigma = noise_ratio * _largest_sigma(cov_source, cov_target, mask)
+    kept, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
+    agreed = status == FitStatus.OK
+    limit = noise_ratio**2 * _chi_square_limit(false_alarm, mask)
+    fit = maximum_likelihood(*given, kept & agreed[:, None])
+    for _ in range(_ROUNDS):
+        passes = squared_residuals(fit, *given, kept) <= limit[:, None]
+        renewed = np.where(fit.ok[:, None], mask & passes, kept)
+        if np.array_equal(renewed, kept):
+            break
+        kept = renewed
+        fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
+    if keep is not None and keep.any():
+        kept = kept | keep & mask & agreed[:, None]
+        fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
+    return _without_agreement(fit, agreed, status), kept
+
+
+def squared_residuals(
+    fit: RigidFit,
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    kept: NDArray,
+) -> NDArray:
+    """Return the squared studentised residuals (B, N), chi-square with 3 degrees where only noise is at work.
+
+    The fit's own error adds to the residual of a point that was left out, and takes from that of one kept.
+    Zero in entries without a pose.
+    """
+    ok = fit.ok
+    R = np.where(ok[:, None, None], fit.R, np.eye(3))
+    arm = source @ np.swapaxes(R, -1, -2)
+    r = np.where(ok[:, None, None], target - arm - fit.t[:, None], 0.0)
+    noise = cov_target + R[:, None] @ cov_source @ np.swapaxes(R, -1, -2)[:, None]
+    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
+    pose = J @ np.where(ok[:, None, None], fit.covariance, 0.0)[:, None] @ np.swapaxes(J, -1, -2)
+    spread = symmetric(noise + np.where(kept, -1.0, 1.0)[..., None, None] * pose)
+    floor = 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
+    floor = np.where(floor > 0, floor, 1.0)[..., None, None] * np.eye(3)
+    return np.einsum("bni,bni->bn", r, apply_rotation(np.linalg.inv(spread + floor), r))
+
+
+def robust_poses(
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    *,
+    keep: NDArray | None = None,
+) -> tuple[RigidFit, NDArray, float]:
+    """Return what `robust_pose` does for one body over many poses, and how many times its noise the body scatters.
+
+    source (N, 3), target (B, N, 3), covariances and masks as there. Noise that was declared too low, or a body that
+    is not quite rigid, is not a gross error: where the poses together scatter more than declared, points are judged
+    by that scatter. The covariances stay those of the declared noise.
+    """
+    sigma = _largest_sigma(cov_source, cov_target, mask)
+    given = (source, target, cov_source, cov_target, mask, np.zeros_like(mask) if keep is None else keep)
+    ratio = 1.0
+    for _ in range(_ROUNDS):
+        fit, kept = _in_blocks(*given, ratio)
+        renewed = _noise_ratio(fit, kept, source, target, sigma, mask)
+        if renewed < _WORTH_ANOTHER_ROUND * ratio:
+            break
+        ratio = renewed
+    wider = _ratio_that_most_poses_need(fit, *given, ratio)
+    return (fit, kept, ratio) if wider == ratio else (*_in_blocks(*given, wider), wider)
+
+
+def _in_blocks(
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    keep: NDArray,
+    ratio: float,
+) -> tuple[RigidFit, NDArray]:
+    """Return `robust_pose` of so many poses at a time that their intermediate matrices stay small."""
+    parts = []
+    for first in range(0, max(len(mask), 1), _POSES_AT_ONCE):
+        b = slice(first, first + _POSES_AT_ONCE)
+        here = (source, target[b], cov_source, cov_target[b], mask[b])
+        parts.append(robust_pose(*here, keep=keep[b], noise_ratio=ratio))
+    return join_fits([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _ratio_that_most_poses_need(
+    fit: RigidFit,
+    source: NDArray,
+    target: NDArray,
+    cov_source: NDArray,
+    cov_target: NDArray,
+    mask: NDArray,
+    keep: NDArray,
+    ratio: float,
+) -> float:
+    """Return a larger noise ratio where that, and no more than that, lets nearly all poses have an agreement.
+
+    Bodies that flex scatter with longer tails than noise does, which three or four targets cannot tell from gross
+    errors, pose by pose; gross errors stay gross, so that no moderate ratio helps and the given one stays.
+    """
+    without = np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)])
+    allowed = max(1.0, _WITHOUT_AGREEMENT * (mask.sum(-1) >= 3).sum())
+    if without.sum() <= allowed:
+        return ratio
+    for wider in ratio * _WIDER:
+        again, _ = _in_blocks(
+            source, target[without], cov_source, cov_target[without], mask[without], keep[without], wider
+        )
+        if np.sum(~again.ok) <= allowed:
+            return float(wider)
+    return ratio
+
+
+def _noise_ratio(
+    fit: RigidFit, kept: NDArray, source: NDArray, target: NDArray, sigma: NDArray, mask: NDArray
+) -> float:
+    """Return the scatter in units of sigma (B, N), at least 1, from the poses in which most points agree.
+
+    Where most poses have no agreement at all, from the distances between points.
+    """
+    usable = mask.sum(-1) >= 3
+    if not usable.any():
+        return 1.0
+    majority = fit.ok & (2 * kept.sum(-1) > mask.sum(-1))
+    if 2 * np.sum(fit.ok & usable) < usable.sum():
+        return max(sigma_from_distances(source, target, mask) / float(np.median(sigma[mask])), 1.0)
+    if not majority.any():
+        return 1.0
+    distance = np.linalg.norm(target - fit.apply(source), axis=-1)
+    return float(max(np.median(residual_scale(distance / sigma, mask)[majority]), 1.0))
+
+
+def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
+    """Return tau (N,), in m: what each target scatters over the poses beyond its noise, by its median residual.
+
+    source (N, 3), target (B, N, 3), cov_target (B, N, 3, 3), mask (B, N). The standard deviation of a target that
+    moves along one line, so that none is taken for steadier than it is. Zero where too few poses tell.
+    """
+    seen = mask & fit.ok[:, None]
+    length = np.linalg.norm(target - fit.apply(source), axis=-1)
+    variance = np.trace(cov_target, axis1=-2, axis2=-1) / 3
+    tau = np.zeros(mask.shape[1])
+    for k in np.flatnonzero(seen.sum(axis=0) >= _FEWEST_POSES):
+        rows = seen[:, k]
+        noise = np.median(variance[rows, k]) * MEDIAN_LENGTH**2
+        tau[k] = np.sqrt(max(np.median(length[rows, k]) ** 2 - noise, 0.0)) / _MEDIAN_ABSOLUTE
+    return tau
+
+
+def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> float:
+    """Return the standard deviation per coordinate, in m, that changes of the distances between points tell.
+
+    source (N, 3), target (B, N, 3), mask (B, N); noise of both clouds together, where none was declared. The median
+    over all pairs: a quarter of the points may be wrong. Zero where there are no pairs.
+    """
+    i, j = np.triu_indices(source.shape[-2], 1)
+    change = np.linalg.norm(target[:, i] - target[:, j], axis=-1) - np.linalg.norm(source[i] - source[j], axis=-1)
+    both = mask[:, i] & mask[:, j]
+    return float(np.median(np.abs(change[both])) / _MEDIAN_ABSOLUTE / np.sqrt(2)) if both.any() else 0.0
+
+
+def _largest_sigma(cov_source: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
+    """Return the standard deviations (B, N) along the worst direction, both clouds together."""
+    total = np.zeros(mask.shape)
+    for C in (cov_source, cov_target):
+        C = np.where(mask[..., None, None], C, np.eye(3))
+        total = total + np.linalg.eigvalsh(C)[..., -1]
+    return np.sqrt(total)
+
+
+def _chi_square_limit(false_alarm: float, mask: NDArray) -> NDArray:
+    from scipy.special import chdtri
+
+    return chdtri(3, false_alarm / np.maximum(mask.sum(-1), 1))
+
+
+def _without_agreement(fit: RigidFit, agreed: NDArray, status: NDArray) -> RigidFit:
+    """Return the fit with the consensus's status, and no numbers, where points did not agree."""
+    names = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
+    masked = {name: mask_entries(getattr(fit, name), agreed) for name in names}
+    return dataclasses.replace(fit, status=np.where(agreed, fit.status, status), **masked)

@@ -1,0 +1,1 @@
+"""Poses of dense scans, without targets or labels."""

@@ -1,0 +1,213 @@
+"""The last step of a registration: least squares of a scan's heights over the reference surface, and its covariance.
+
+Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids for tangent planes. The noise of both
+clouds is independent from point to point; what smoothing the reference does to it is propagated exactly, so that
+neighbouring heights, which share neighbours, count for what they tell and no more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, skew
+from truing.estimation.scans.local_surface import Heights, Patches, fit_patches, heights_over, workers_for
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+_GATE = 4.5
+# Settled once a step is below this share of its own standard deviation.
+_SETTLED = 0.1
+# Heights that scatter more than this, relative to their noise, are still on their way: the gate opens with them.
+_ON_THE_WAY = 1.5
+# A direction is unobservable where it tells no more than this multiple of what the normals' errors feign.
+_FEIGNED = 4.0
+# Errors of normals that are not noise, rad: what paraboloids leave of a smooth surface's shape.
+_SHAPE_ERROR = 1e-3
+_BLOCKS_PER_SIDE = 6
+_FEWEST = 12
+_FULL_STEPS = 6
+# Variances of patches, averaged over a neighbourhood, differ by chance by less than this factor.
+_CLEARLY = 2.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Reference (M, 3) with its tree, scan (N, 3), both about their centroids; m. Noise along the normals in m."""
+
+    reference: NDArray
+    tree: cKDTree
+    scan: NDArray
+    sigma_reference: float
+    sigma_scan: float
+
+    @property
+    def size(self) -> float:
+        """Diagonal in m of the reference's box."""
+        return float(np.linalg.norm(np.ptp(self.reference, axis=0)))
+
+
+@dataclass(frozen=True)
+class SurfaceFit:
+    """Where least squares ended: the motion of the reference into the scan's frame, and what it says of itself."""
+
+    R: NDArray  # (3, 3) R_measurement_reference
+    t: NDArray  # (3,) m
+    covariance: NDArray | None  # (6, 6) of (t, theta), R <- exp(theta) R, in the scan's frame; None where free
+    free: NDArray  # (d, 6) motions (t, theta) that the surface does not resist
+    used: NDArray  # (N,) which scan points lie over a smooth part of the reference, and near enough to enter
+    cost: NDArray  # (N,) squared height over its noise, not above that at the gate; beside the surface, that
+    judged: NDArray  # (N,) whether the cost says anything: over the surface or beside it
+    rms: float  # m, of their heights
+    scatter: float  # robust, of the heights over the surface, relative to what the noise explains
+    noise_ratio: float  # the same with neighbouring errors added up; covariance is scaled by it where it is above 1
+    converged: bool
+    steps: int
+
+
+@dataclass(frozen=True)
+class _View:
+    heights: Heights
+    patches: Patches
+    which: NDArray  # (N,) patch below each scan point
+    J: NDArray  # (N, 6) minus the derivative of the heights with respect to (t, theta)
+    used: NDArray  # (N,)
+    cost: NDArray  # (N,)
+    scatter: float
+
+
+def fit_surface(scene: Scene, R: NDArray, t: NDArray, max_steps: int = 40) -> SurfaceFit:
+    """Return the motion nearest to a start R (3, 3), t (3,) that makes the scan's heights over the reference least."""
+    view, converged, steps = _see(scene, R, t), False, 0
+    while steps < max_steps and not converged and np.count_nonzero(view.used) >= _FEWEST:
+        told, motions = _motions(scene, view, t)
+        height = view.heights.height[view.used]
+        along = np.where(told > _FEIGNED, motions @ (view.J[view.used].T @ height) / told, 0.0)
+        # Points that change their patch at every step keep it circling: ever shorter steps end in the middle.
+        along *= min(1.0, _FULL_STEPS / (steps + 1))
+        converged = bool(told @ along**2 <= 6 * _SETTLED**2 * np.mean(height**2))
+        delta = along @ motions
+        R, t, steps = exp_so3(delta[3:]) @ R, t + delta[:3], steps + 1
+        view = _see(scene, R, t)
+    return _summed_up(scene, R, t, view, converged, steps)
+
+
+def _see(scene: Scene, R: NDArray, t: NDArray) -> _View:
+    inside = (scene.scan - t) @ R
+    _, nearest = scene.tree.query(inside, workers=workers_for(len(inside)))
+    anchors, which = np.unique(nearest, return_inverse=True)
+    patches = fit_patches(scene.reference, scene.tree, anchors)
+    heights = heights_over(patches, which, inside, scene.sigma_scan)
+    normal = heights.normal @ R.T
+    relative = np.abs(heights.height) / _noise(scene, heights)
+    scatter = float(np.median(relative[heights.over])) / 0.6745 if np.any(heights.over) else np.inf
+    gate = _GATE * (scatter if scatter > _ON_THE_WAY else 1.0)
+    J = np.concatenate([normal, np.cross(scene.scan - t, normal)], axis=1)
+    cost = np.where(heights.beside, _GATE, np.minimum(relative, _GATE)) ** 2
+    return _View(heights, patches, which, J, heights.over & (relative <= gate), cost, scatter)
+
+
+def _noise(scene: Scene, heights: Heights) -> NDArray:
+    """Return the standard deviation (N,) in m of each height."""
+    return np.sqrt(scene.sigma_scan**2 + scene.sigma_reference**2 * np.sum(heights.share**2, -1))
+
+
+def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: bool, steps: int) -> SurfaceFit:
+    used, heights = view.used, view.heights
+    height = heights.height[used]
+    rms = float(np.sqrt(np.mean(height**2))) if np.any(used) else 0.0
+    told, motions = _motions(scene, view, t) if np.count_nonzero(used) >= _FEWEST else (np.zeros(6), np.eye(6))
+    free, covariance, ratio = motions[told <= _FEIGNED], None, 1.0
+    if len(free) == 0:
+        J, middle = view.J[used], _middle(scene, view)
+        inverse = np.linalg.inv(J.T @ J)
+        ratio = _noise_ratio(scene.scan[used], J, height, middle)
+        covariance = max(ratio, 1.0) ** 2 * inverse @ middle @ inverse
+    return SurfaceFit(
+        R,
+        t,
+        covariance,
+        free,
+        used,
+        view.cost,
+        heights.over | heights.beside,
+        rms,
+        view.scatter,
+        ratio,
+        converged,
+        steps,
+    )
+
+
+def _middle(scene: Scene, view: _View) -> NDArray:
+    """Return the covariance (6, 6) of J^T heights: the scan's own noise, and the reference's through its smoothing.
+
+    A neighbour's error is the same vector in every height it enters, seen along that height's normal.
+    """
+    from scipy.sparse import csr_array
+
+    J, share = view.J[view.used], view.heights.share[view.used]
+    neighbours = view.patches.neighbours[view.which[view.used]]
+    rough = _roughness(scene, view, neighbours)
+    rows = np.arange(0, share.size + 1, share.shape[1])
+    mixing = csr_array((share.ravel(), neighbours.ravel(), rows), shape=(len(J), len(scene.reference)))
+    pulled = (mixing.T @ (J[:, :, None] * J[:, None, :3]).reshape(len(J), 18)).reshape(-1, 6, 3)
+    theirs = scene.sigma_reference**2 + rough
+    return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", theirs, pulled, pulled, optimize=True)
+
+
+def _roughness(scene: Scene, view: _View, neighbours: NDArray) -> NDArray:
+    """Return the variance (M,) in m^2 by which the surface clearly departs from paraboloids beyond its noise.
+
+    It is shape and not noise, but a scan that samples other places meets it as if it were noise of the reference.
+    """
+    variance = np.repeat(view.patches.variance[view.which[view.used]], neighbours.shape[1])
+    count = np.bincount(neighbours.ravel(), minlength=len(scene.reference))
+    local = np.bincount(neighbours.ravel(), variance, len(scene.reference)) / np.maximum(count, 1)
+    noise = scene.sigma_reference**2
+    return np.where(local > _CLEARLY * noise, local - noise, 0.0)
+
+
+def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) -> float:
+    """Return how much larger J^T heights is than its noise explains, errors of one region adding up; 1 if not certain.
+
+    Sums over regions of a sixth of the scan are compared with their covariance; below four standard deviations of the
+    comparison the noise is taken at its word.
+    """
+    cell = np.floor((scan - scan.min(0)) / (np.ptp(scan, axis=0).max() / _BLOCKS_PER_SIDE)).astype(int)
+    _, block = np.unique(cell @ [1, 100, 10_000], return_inverse=True)
+    sums = np.stack([np.bincount(block, J[:, i] * height) for i in range(6)], -1)
+    inverse = np.linalg.inv(middle)
+    size = np.bincount(block, np.einsum("ni,ij,nj->n", J, inverse, J))
+    size = size / size.sum()
+    found = float(np.einsum("bi,ij,bj->", sums, inverse, sums)) / 6 / (1 - np.sum(size**2))
+    return float(np.sqrt(found)) if found > 1 + 4 * np.sqrt(np.sum(size**2) / 3) else 1.0
+
+
+def _motions(scene: Scene, view: _View, t: NDArray) -> tuple[NDArray, NDArray]:
+    """Return information (6,) and motions (6, 6), rows (t, theta), that do not interfere, weakest first.
+
+    A motion's information is in multiples of what the errors of the normals feign: one that slides along the surface
+    has about 1. Gelfand et al., 3DIM (2003) 260, with the normals' errors as the yardstick.
+    """
+    points = scene.scan[view.used]
+    centre = points.mean(0)
+    arm = points - centre
+    # Rotations in units in which they move the typical point by as much as a translation does.
+    scale = np.r_[np.ones(3), np.full(3, 1 / np.sqrt(np.mean(np.sum(arm**2, -1))))]
+    normal = view.J[view.used, :3]
+    J = np.concatenate([normal, np.cross(arm, normal)], axis=1) * scale
+    move = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], axis=2) * scale
+    across = (move - normal[:, :, None] * J[:, None]).reshape(-1, 6)
+    tilt = view.heights.slope_variance[view.used] * scene.sigma_reference**2 + _SHAPE_ERROR**2
+    feigned = across.T @ (np.repeat(tilt, 3)[:, None] * across)
+    feigned += 1e-9 * np.trace(feigned) * np.eye(6)
+    half = np.linalg.inv(np.linalg.cholesky(feigned))
+    told, directions = np.linalg.eigh(half @ J.T @ J @ half.T)
+    motions = directions.T @ half * scale
+    motions[:, :3] -= np.cross(motions[:, 3:], centre - t)
+    return told, motions

@@ -1,0 +1,1 @@
+"""The section of the calibrations and requirements: figures, tables, words."""

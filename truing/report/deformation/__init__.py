@@ -1,0 +1,1 @@
+"""The section of the deformation: picture, figures, models."""

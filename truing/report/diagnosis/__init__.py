@@ -1,0 +1,1 @@
+"""The section of the diagnosis, and how a finding is said."""

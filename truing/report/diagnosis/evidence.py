@@ -1,0 +1,256 @@
+"""The evidence of the diagnosis: how much the data speak for each candidate cause, and against every rival."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, Judged, cause_words
+from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.numbers import count, p_value, plain, rough, sign
+from truing.report.page import Listing, Section
+from truing.report.parameter_names import UNBROKEN
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+_VERDICTS = {
+    FOUND: ("found", BLUE),
+    RIVAL: ("explains the data as well", ORANGE),
+    REJECTED: ("rejected", GREY),
+}
+# Candidates that a figure shows; the table has them all.
+_SHOWN = 16
+_RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
+_ROW, _AROUND = 30, 190
+# In parts of the axis: between two ticks, and beside the longest bar for its words.
+_APART, _ROOM = 0.09, 0.32
+# Decades of odds that may get a tick, on an axis that grows with their logarithm.
+_DECADES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000, 100000)
+
+
+def evidence(rows: list[Judged]) -> Section:
+    """How strongly the data speak for each candidate, with rivals of what was found marked."""
+    causes = [row for row in rows if not row.is_noise]
+    title = (
+        "Evidence against every rival" if any(row.verdict == FOUND for row in causes) else "Evidence, cause by cause"
+    )
+    return Section("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
+
+
+def _figures(causes: list[Judged]) -> list[tuple[object, str]]:
+    known = [row for row in causes if row.evidence is not None]
+    if known:
+        return [(odds_figure(known), f"To the left the data speak against it. {_shown(causes)}")]
+    known = [row for row in causes if row.probability is not None]
+    return [(probability_figure(known), _shown(causes))] if known else []
+
+
+def _lead(rows: list[Judged]) -> str:
+    """Who comes next to what was found, and whether that depends on which sizes were called plausible."""
+    rivals = [row for row in rows if row.verdict == RIVAL]
+    found = [row for row in rows if row.verdict == FOUND]
+    if not found:
+        return "No candidate beats chance by more than the rate of false alarms allows."
+    said = f"{count(len(rivals), 'candidate')} within a factor {EQUAL_ODDS:g} of what was found" if rivals else ""
+    said = said or f"No candidate comes within a factor {EQUAL_ODDS:g} of what was found"
+    said += _next_best(rows, found)
+    judged = [row for row in found if row.holds]
+    changed = [row.name for row in judged if row.holds != "holds"]
+    if changed:
+        return f"{said}. With plausible scales tripled the ranking changes: {', '.join(changed)}."
+    return f"{said}. The ranking holds with plausible scales tripled." if judged else f"{said}."
+
+
+def _next_best(rows: list[Judged], found: list[Judged]) -> str:
+    """How far behind the best of the rejected is, which the first round held against what was found first."""
+    first = found[0].evidence
+    behind = [row for row in rows if row.verdict == REJECTED and row.evidence is not None]
+    if first is None or not behind:
+        return ""
+    best = max(behind, key=lambda row: row.evidence or 0.0)
+    gap = first - (best.evidence or 0.0)
+    if gap < math.log(EQUAL_ODDS):
+        return ""
+    return f"; the nearest of the rejected ({_kind(best)}) is {_times(gap)} times less probable than {found[0].name}"
+
+
+def _times(gap: float) -> str:
+    """``350``, or ``10^75``, of a natural logarithm."""
+    decades = gap / math.log(10.0)
+    return rough(10.0**decades) if decades < 4.0 else f"10{''.join(_RAISED[int(d)] for d in f'{decades:.0f}')}"
+
+
+def _shown(rows: list[Judged]) -> str:
+    if len(rows) > _SHOWN:
+        return f"The {_SHOWN} candidates with most evidence; the table has all {len(rows)}."
+    return "Every cause that was judged is shown, at its best subject."
+
+
+def _position(evidence: float) -> float:
+    """Where odds stand on the axis: even odds at 0, and farther out by the logarithm of their decades."""
+    decades = evidence / math.log(10.0)
+    return math.copysign(math.log10(1.0 + abs(decades)), decades)
+
+
+def _best(rows: list[Judged]) -> list[Judged]:
+    """What the figure shows, found ones whatever their evidence, by evidence."""
+    order = sorted(rows, key=lambda row: (row.verdict != FOUND, -(row.evidence or 0.0)))
+    return sorted(order[:_SHOWN], key=lambda row: -(row.evidence or 0.0))
+
+
+def odds_figure(rows: list[Judged]) -> go.Figure:
+    """Odds of the model with each candidate over the model without it."""
+    shown = _best(rows)
+    figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
+    positions = np.array([_position(row.evidence or 0.0) for row in shown])
+    subtitle = "To the right of the line: the data speak for it, with these odds. Hatched: depends on plausible scales"
+    _finish(figure, "Odds of the model with each cause over the model without it", subtitle, len(shown))
+    figure.update_xaxes(title_text="odds for it (powers of ten, compressed)", **_axis(positions))
+    figure.add_vline(x=0.0, line={"color": GREY, "width": 1})
+    return figure
+
+
+def _axis(positions: np.ndarray) -> dict[str, object]:
+    """Ticks at round odds that a phone has room for; room at the right end for the words of the longest bar."""
+    low, high = min(0.0, float(positions.min())), max(0.3, float(positions.max()))
+    reach = high - low
+    kept: list[int] = [0]
+    for decades in (*_DECADES, *(-d for d in _DECADES)):
+        place = _position(decades * math.log(10.0))
+        apart = min(abs(place - _position(d * math.log(10.0))) for d in kept)
+        if low - 0.05 <= place <= high + 0.05 and apart > _APART * reach:
+            kept.append(decades)
+    return {
+        "tickvals": [_position(d * math.log(10.0)) for d in sorted(kept)],
+        "ticktext": [_power(d) for d in sorted(kept)],
+        "tickangle": 0,
+        "range": [low - 0.02 * reach, high + _ROOM * reach],
+        "zeroline": False,
+    }
+
+
+def _power(decades: int) -> str:
+    return "even" if not decades else f"10<sup>{decades}</sup>"
+
+
+def _odds(row: Judged) -> str:
+    """``10^12 to 1``, or against it."""
+    decades = (row.evidence or 0.0) / math.log(10.0)
+    size = abs(decades)
+    if size < 0.02:
+        return "even odds"
+    if size < 3.0:
+        told = rough(10.0**size)
+        return f"{told} to 1" if decades >= 0.0 else f"{told} to 1 against"
+    power = f"10<sup>{size:,.0f}</sup>"
+    return f"{power} to 1" if decades > 0.0 else f"{power} to 1 against"
+
+
+def probability_figure(rows: list[Judged]) -> go.Figure:
+    """Probability of each candidate, where its evidence was not kept."""
+    shown = sorted(rows, key=lambda row: -(row.probability or 0.0))[:_SHOWN]
+    figure = _bars(shown, [row.probability or 0.0 for row in shown], [plain(row.probability) for row in shown])
+    subtitle = "Among the candidates of its step, given the data"
+    _finish(figure, "Probability of each candidate cause", subtitle, len(shown))
+    figure.update_xaxes(title_text="probability", range=[0.0, 1.12])
+    return figure
+
+
+def _bars(rows: list[Judged], values: list[float], words: list[str]) -> go.Figure:
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for verdict, (name, colour) in _VERDICTS.items():
+        own = [k for k, row in enumerate(rows) if row.verdict == verdict]
+        if not own:
+            continue
+        figure.add_trace(
+            go.Bar(
+                y=[_place(rows, k) for k in own],
+                x=[values[k] for k in own],
+                name=name,
+                orientation="h",
+                customdata=[words[k] for k in own],
+                marker={
+                    "color": colour,
+                    "pattern": {"shape": ["/" if rows[k].holds == "changes" else "" for k in own]},
+                },
+                hovertemplate="%{y}: %{customdata}<extra></extra>",
+            )
+        )
+    order = [_place(rows, k) for k in range(len(rows))]
+    figure.add_trace(
+        go.Scatter(
+            y=order,
+            x=[max(0.0, value) for value in values],
+            text=[f" {said}" for said in words],
+            mode="text",
+            textposition="middle right",
+            cliponaxis=False,
+            hoverinfo="skip",
+            showlegend=False,
+        )
+    )
+    figure.update_yaxes(categoryorder="array", categoryarray=order)
+    return figure
+
+
+def _place(rows: list[Judged], k: int) -> str:
+    """The candidate's name on the axis; equal names are kept apart by their rank."""
+    names = [_kind(row) for row in rows]
+    name = label(_short(names[k]))
+    return f"{name} " if names.count(names[k]) == 1 else f"{name} (rank {rows[k].rank}) "
+
+
+def _kind(row: Judged) -> str:
+    """A candidate by name; of a rejected cause the evidence is that of its best subject in the first round."""
+    return cause_words(row.cause) if row.verdict == REJECTED else row.name
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 46 else f"{name[:28]}…{name[-17:]}"
+
+
+def _finish(figure: go.Figure, title: str, subtitle: str, count_of_rows: int) -> None:
+    style(figure, title, subtitle, _AROUND + _ROW * count_of_rows)
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    figure.update_layout(
+        barmode="overlay",
+        margin={"t": 100},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0, "itemclick": False},
+    )
+
+
+_HEADS = (
+    *("rank", "cause", "verdict", "p", "signal / noise", "log10 odds", "probability", "scales × 3"),
+    *("rms", "held-out rms", "unit"),
+)
+
+
+def _then(pair: tuple[float | None, float | None]) -> str:
+    return f"{plain(pair[0])} → {plain(pair[1])}".replace(" ", UNBROKEN)
+
+
+def _candidates(rows: list[Judged]) -> Listing:
+    cells = tuple(
+        (
+            str(row.rank),
+            row.name,
+            row.verdict,
+            p_value(row.p_value).replace(" ", UNBROKEN),
+            plain(row.signal_to_noise),
+            "–" if row.evidence is None else f"{row.evidence / math.log(10.0):+.1f}",
+            plain(row.probability),
+            row.holds or "–",
+            _then(row.rms),
+            _then(row.held_out),
+            sign(row.unit),
+        )
+        for row in rows
+    )
+    marks = tuple("fail" if row.verdict == FOUND else "warn" if row.verdict == RIVAL else "none" for row in rows)
+    title = f"All {len(rows)} candidates; rms before and after each is accepted"
+    return Listing(_HEADS, cells, marks, title, len(cells) > 12, "diagnosis.parquet")

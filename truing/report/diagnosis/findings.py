@@ -1,0 +1,171 @@
+"""How a finding of the diagnosis is said: one sentence of what, where, how large, how sure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from truing.report.diagnosis.effect_units import plain_size, told_size
+from truing.report.numbers import plain, with_uncertainty
+
+# What is said of a cause that an accepted one includes.
+CONTAINED = "which is part of what is accepted"
+_MOVES = "It moves what was measured by up to "
+# How many parameters a sentence names before it says how many more there are.
+_NAMED = 6
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a sentence is made of; lengths in um.
+
+    ``parameters`` as in the column of that name. ``subject`` as the tables name it; ``says`` may name it already.
+    ``largest``: how far the effect moves anything that was measured, at most.
+    """
+
+    verdict: str
+    says: str
+    parameters: Mapping[str, Mapping[str, Any]]
+    p_value: float
+    candidates: int
+    rms_before: float | None
+    rms_after: float | None
+    held_out: tuple[float | None, float | None]
+    floor: float
+    reason: str  # indistinguishable: key of the cause from which; rejected: "held-out" or "contained"
+    detectable: str  # size that would have been seen, in words; empty where none is known
+    unnamed: bool  # whether no cause of the catalogue explains it
+    remark: str  # what limits the statement; empty where nothing does
+    subject: str = ""
+    odds: float | None = None  # indistinguishable: of the other over this one
+    largest: float | None = None
+
+
+def explanation(facts: Facts) -> str:
+    """Return what the diagnosis has to say of one candidate cause."""
+    said = {"found": _found, "indistinguishable": _indistinguishable, "rejected": _rejected}[facts.verdict](facts)
+    return " ".join(f"{said} {facts.remark}".split())
+
+
+def detectable_words(parameter: str, size: float | None, unit: str) -> str:
+    """Return a size that would have been seen, in words: ``gain_3 of 0.021 %``; empty where there is none."""
+    return "" if size is None or size != size else f"{parameter} of {plain_size(parameter, size, unit)}"
+
+
+def subject_words(subject: str) -> str:
+    """Return a subject as a sentence names it: ``legs 1 and 4`` of ``leg1 leg4``, ``target P07``."""
+    parts = subject.split()
+    legs = [part.removeprefix("leg") for part in parts]
+    if parts and all(part.startswith("leg") and part[3:].isdigit() for part in parts):
+        return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_and(legs)}"
+    if parts[:1] == ["targets"]:
+        return f"targets {_and(parts[1:])}"
+    return subject
+
+
+def _and(names: Sequence[str]) -> str:
+    return names[-1] if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _what(facts: Facts) -> str:
+    """Return what nature does, with its subject where the cause does not name it itself."""
+    where = subject_words(facts.subject)
+    names = [re.escape(name) for name in re.findall(r"\S+", facts.subject.replace("leg", "")) if name != "targets"]
+    named = all(re.search(rf"(?<!\w){name}(?!\w)", facts.says) for name in names)
+    return facts.says if named else f"{facts.says} ({where})"
+
+
+def _found(facts: Facts) -> str:
+    unnamed = ", and no cause of the catalogue explains it" if facts.unnamed else ""
+    return (
+        f"The data show that {_what(facts)}{unnamed}{_sizes(facts)}.{_reach(facts)} {_improvement(facts)} "
+        f"By chance this happens with a probability of at most {facts.p_value:.2g}, "
+        f"all {facts.candidates} candidates counted."
+    )
+
+
+def _indistinguishable(facts: Facts) -> str:
+    odds = f" (odds of {facts.odds:.2g} to 1 against this one)" if facts.odds is not None else ""
+    other = facts.reason.partition(" ")[0]
+    return (
+        f"It may be that {_what(facts)}{_sizes(facts)}; that explains the data as well as {other} does{odds}, and this "
+        f"campaign cannot separate the two. {_improvement(facts)}"
+    )
+
+
+def _rejected(facts: Facts) -> str:
+    if facts.reason == "held-out":
+        return (
+            f"The data do not bear out that {_what(facts)}; it fits the calibration poses but predicts the held-out "
+            f"ones worse. "
+            f"{_improvement(facts)}"
+        )
+    if facts.reason == "contained":
+        sizes = _sizes(facts)
+        alone = f"; alone{sizes}" if sizes else ""
+        return f"The data show that {_what(facts)}, {CONTAINED} and explains less{alone}."
+    shown = (
+        f"The data do not show that {_what(facts)} (p = {facts.p_value:.2g}, all {facts.candidates} candidates counted)"
+    )
+    if facts.detectable:
+        return f"{shown}; {facts.detectable} would have been found with 80 % probability."
+    return f"{shown}; this campaign could not have shown it at any plausible size."
+
+
+def _reach(facts: Facts) -> str:
+    if facts.largest is None:
+        return ""
+    return f" {_MOVES}{plain(facts.largest)} um."
+
+
+def reach_of(said: str) -> float | None:
+    """Return how far an effect moves anything that was measured, in um, of its explanation; None where it is untold."""
+    found = re.search(rf"{_MOVES}([\d.e+]+) um", said)
+    return float(found[1]) if found else None
+
+
+def _improvement(facts: Facts) -> str:
+    if facts.rms_before is None or facts.rms_after is None:
+        return ""
+    said = f"Predictions from the readings miss by {facts.rms_after:.2f} um rms with it, {facts.rms_before:.2f} without"
+    before, after = facts.held_out
+    if before is not None and after is not None:
+        said += f" (held-out poses: {after:.2f} and {before:.2f} um)"
+    return f"{said}; noise alone leaves {facts.floor:.2f} um."
+
+
+def _sizes(facts: Facts) -> str:
+    """Return the parameters behind a colon, the most significant first where there are many."""
+    ordered = list(facts.parameters.items())
+    if len(ordered) > _NAMED:
+        ordered.sort(key=lambda item: -_significance(item[1]))
+    named = [_size(name, value) for name, value in ordered[:_NAMED]]
+    more = len(ordered) - len(named)
+    return f": {', '.join(named)}" + (f" and {more} smaller" if more else "") if named else ""
+
+
+def _significance(value: Mapping[str, Any]) -> float:
+    sigma = value.get("sigma")
+    return abs(float(value["value"] or 0.0)) / float(sigma) if sigma else 0.0
+
+
+def _size(name: str, value: Mapping[str, Any]) -> str:
+    return f"{name} = {told_size(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
+
+
+def noise_explanation(ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = ()) -> str:
+    """Return what is to be said of noise that is larger than declared, or in places; rms and floor in um."""
+    missed = f" Predictions miss by {rms:.2f} um rms where it would leave {floor:.2f} um." if rms is not None else ""
+    size = with_uncertainty(ratio, sigma)
+    if follows:
+        return (
+            f"The noise is not the same everywhere: it follows {_and(follows)}, and is up to {size} times as large as "
+            f"the declared noise. What was measured there counts the less, before any effect was looked for.{missed}"
+        )
+    return (
+        f"What is left is {size} times as large as the declared noise, more than can be "
+        f"put down to how well that is known: the instrument is noisier than declared, or something moves the points "
+        f"that nothing in the catalogue explains.{missed}"
+    )

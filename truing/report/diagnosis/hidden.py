@@ -1,0 +1,103 @@
+"""What could have stayed hidden: the smallest size of every cause that the campaign would have shown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from truing.report.diagnosis.effect_units import plain_size
+from truing.report.diagnosis.findings import CONTAINED, subject_words
+from truing.report.diagnosis.judged import Judged, cause_words
+from truing.report.numbers import count, printed
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, cell, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_TITLE = "What could have stayed hidden"
+_NEVER, _HELD = "not at any plausible size", "part of what was found"
+
+
+def hidden(rows: list[Judged], tables: Tables) -> Section:
+    """Smallest detectable sizes, cause by cause, and every subject below."""
+    table = filled(tables, "detectable")
+    if table is None:
+        why = "How large an effect must be to be found was not computed in this run."
+        told = _in_words(rows)
+        return Section("hidden", _TITLE, why, listings=(told,) if told.rows else (), state="not evaluated")
+    table = table.assign(subject=table["subject"].map(cell), told=_told(table))
+    held = {row.cause for row in rows if CONTAINED in row.explanation}
+    table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
+    return Section("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
+
+
+def _told(table: pd.DataFrame) -> list[str]:
+    return [
+        printed(plain_size(str(name), float(size), cell(unit))) if size == size else _NEVER
+        for name, size, unit in zip(table["parameter"], table["size"], table["unit"], strict=True)
+    ]
+
+
+def _lead(table: pd.DataFrame) -> str:
+    power = float(table["power"].median())
+    said = f"An effect of the size told here would have been found with a probability of {100 * power:.0f} %; smaller "
+    said += "ones may be there all the same."
+    never = [cause for cause, own in table.groupby("cause", sort=False) if (own["told"] == _NEVER).all()]
+    if never:
+        said += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
+    return said
+
+
+def _by_cause(table: pd.DataFrame, rows: list[Judged]) -> Listing:
+    """A row per cause and kind of parameter, from its best subject to its worst."""
+    verdicts = {row.cause: row.verdict for row in reversed(rows)}
+    cells = tuple(
+        (cause_words(str(cause)), str(parameter), _concerns(own), *_from_to(own), verdicts.get(str(cause), "–"))
+        for (cause, parameter), own in _kinds(table)
+    )
+    heads = ("cause", "parameter", "concerns", "found from", "wherever it is", "here")
+    caption = "The smallest size that would have been found: at the subject that shows it best, and wherever it is"
+    marks = tuple("fail" if row[-1] == "found" else "none" for row in cells)
+    return Listing(heads, cells, marks, caption, held_by="detectable.parquet")
+
+
+def _kinds(table: pd.DataFrame) -> list[tuple[tuple[object, object], pd.DataFrame]]:
+    from truing.report.diagnosis.effect_units import stem
+
+    kinds = [stem(str(name)) for name in table["parameter"]]
+    grouped = table.assign(kind=kinds).groupby(["cause", "kind", "unit"], sort=False, dropna=False)
+    return [((cause, kind), own) for (cause, kind, _), own in grouped]
+
+
+def _concerns(own: pd.DataFrame) -> str:
+    subjects = list(dict.fromkeys(own["subject"]))
+    if len(subjects) == 1:
+        return subject_words(subjects[0]) or "the whole"
+    single = [str(subject) for subject in subjects if subject]
+    kinds = {subject.split()[0].rstrip("0123456789") for subject in single}
+    noun = kinds.pop() if len(kinds) == 1 else "subject"
+    said = count(len(single), noun if not noun.endswith("s") else "subject")
+    return said if len(single) == len(subjects) else f"the whole, {said}"
+
+
+def _from_to(own: pd.DataFrame) -> tuple[str, str]:
+    known = own.dropna(subset="size")
+    if not len(known):
+        return str(own["told"].iloc[0]), str(own["told"].iloc[0])
+    best, worst = known.loc[known["size"].idxmin(), "told"], known.loc[known["size"].idxmax(), "told"]
+    return str(best), str(worst) if len(known) == len(own) else _NEVER
+
+
+def _all(table: pd.DataFrame) -> Listing:
+    rows = tuple(
+        (cause_words(r.cause), subject_words(r.subject), r.parameter, r.told, f"{100 * r.power:.0f} %")
+        for r in table.itertuples()
+    )
+    heads = ("cause", "subject", "parameter", "found from", "with probability")
+    return Listing(heads, rows, (), "Every cause and subject", True, "detectable.parquet")
+
+
+def _in_words(rows: list[Judged]) -> Listing:
+    """What the explanations of the rejected say of it, where there is no table."""
+    told = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict == "rejected")
+    return Listing(("cause", "what the data say"), told, (), "What was not found", True, "diagnosis.parquet")

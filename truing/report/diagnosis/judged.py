@@ -1,0 +1,161 @@
+"""The rows of the diagnosis as the page reads them: every candidate cause, what was decided on it, its sizes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from truing.report.diagnosis.effect_units import stem
+from truing.report.diagnosis.findings import subject_words
+from truing.report.tables import Tables, cell, filled
+
+FOUND, RIVAL, REJECTED = "found", "indistinguishable", "rejected"
+# Odds below which two causes count as explaining the data equally well.
+EQUAL_ODDS = 20.0
+_COLUMNS = {"temperature_c": "the temperature", "time_s": "time", "approach": "the direction of approach"}
+
+
+@dataclass(frozen=True)
+class Size:
+    """A parameter of a cause: value, one sigma (None for text and counts) and unit, as the table tells them."""
+
+    name: str
+    value: Any
+    sigma: float | None
+    unit: str
+
+    @property
+    def number(self) -> float | None:
+        """The value where it is a number."""
+        plain = isinstance(self.value, (int, float)) and not isinstance(self.value, bool)
+        return float(self.value) if plain and math.isfinite(self.value) else None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One candidate cause; rms in ``unit``, None for what was not evaluated."""
+
+    rank: int
+    cause: str
+    verdict: str
+    subject: str
+    sizes: tuple[Size, ...]
+    follows: tuple[str, ...]
+    rms: tuple[float | None, float | None]
+    held_out: tuple[float | None, float | None]
+    floor: float | None
+    unit: str
+    explanation: str
+    then: str
+    p_value: float | None
+    probability: float | None
+    evidence: float | None  # natural logarithm of the odds over the model without it
+    signal_to_noise: float | None
+    holds: str
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether it says that the noise is not as declared, rather than what moves the mean."""
+        return any(size.name == "noise_ratio" for size in self.sizes)
+
+    @property
+    def name(self) -> str:
+        """The cause with its subject: ``actuator gain, leg 3``."""
+        kind = cause_words(self.cause)
+        if self.is_noise:
+            kind = "noise not as declared"
+        elif self.cause == "unexplained" and self.follows:
+            kind = f"unexplained, follows {columns_words(self.follows)}"
+        return f"{kind}, {subject_words(self.subject)}" if self.subject else kind
+
+    def size(self, name: str) -> Size | None:
+        """The parameter of that name."""
+        return next((size for size in self.sizes if size.name == name), None)
+
+    def sizes_of(self, kind: str) -> tuple[Size, ...]:
+        """The parameters of a kind, one per leg where each leg has its own."""
+        return tuple(size for size in self.sizes if stem(size.name) == kind and size.number is not None)
+
+
+def judged(tables: Tables) -> list[Judged]:
+    """All candidates by rank; none where the diagnosis was not evaluated."""
+    table = filled(tables, "diagnosis")
+    if table is None:
+        return []
+    return [_judged(row) for row in table.sort_values("rank").to_dict("records")]
+
+
+def found_of(rows: list[Judged]) -> list[Judged]:
+    """What was found, in the order of acceptance."""
+    return [row for row in rows if row.verdict == FOUND]
+
+
+def cause_words(cause: str) -> str:
+    """A cause as words: ``actuator gain``."""
+    return cause.replace("-", " ")
+
+
+def columns_words(columns: tuple[str, ...]) -> str:
+    """Columns that something follows, as a sentence names them: ``actuator 2 and the temperature``."""
+    drives = [found[1] for c in columns if (found := re.fullmatch(r"rho(\d+)_mm", c))]
+    others = [_COLUMNS.get(c, c) for c in columns if not re.fullmatch(r"rho\d+_mm", c)]
+    if len(drives) > 2:
+        return " and ".join(["the actuators", *others])
+    told = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
+    return " and ".join([*told, *others])
+
+
+def _judged(row: Mapping[Any, Any]) -> Judged:
+    return Judged(
+        rank=int(row["rank"]),
+        cause=str(row["cause"]),
+        verdict=str(row["verdict"]),
+        subject=cell(row["subject"]).strip(),
+        sizes=_sizes(cell(row["parameters"])),
+        follows=tuple(cell(row["follows"]).split()),
+        rms=(_number(row["rms_before"]), _number(row["rms_after"])),
+        held_out=(_number(row["heldout_rms_before"]), _number(row["heldout_rms_after"])),
+        floor=_number(row["noise_floor"]),
+        unit=cell(row["unit"]),
+        explanation=cell(row["explanation"]),
+        then=cell(row["next_measurement"]),
+        p_value=_number(row["p_value"]),
+        probability=_number(row["probability"]),
+        evidence=_number(row.get("log_evidence")),
+        signal_to_noise=_number(row.get("signal_to_noise")),
+        holds=cell(row.get("scale_holds")),
+    )
+
+
+def _sizes(parameters: str) -> tuple[Size, ...]:
+    told = json.loads(parameters) if parameters else {}
+    return tuple(
+        Size(name, facts.get("value"), _number(facts.get("sigma")), cell(facts.get("unit")))
+        for name, facts in told.items()
+    )
+
+
+def _number(value: Any) -> float | None:
+    """A finite number, or None."""
+    known = isinstance(value, (int, float)) and math.isfinite(value)
+    return float(value) if known else None
+
+
+def whole_gain(found: list[Judged], held_out: bool) -> tuple[float, float] | None:
+    """Rms before anything is accepted and after everything is; None where it was not evaluated, or in mixed units."""
+    effects = [row for row in found if not row.is_noise]
+    if not effects or len({row.unit for row in effects}) > 1:
+        return None
+    pairs = [row.held_out if held_out else row.rms for row in effects]
+    before, after = pairs[0][0], pairs[-1][1]
+    return None if before is None or after is None else (before, after)
+
+
+def share_removed(before: float, after: float, floor: float) -> float | None:
+    """The share of what is beyond the noise that is gone, 1 - (after^2 - floor^2) / (before^2 - floor^2), at most 1."""
+    excess = before**2 - floor**2
+    return min(1.0, 1.0 - (after**2 - floor**2) / excess) if excess > 0.0 else None

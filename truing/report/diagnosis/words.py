@@ -1,0 +1,174 @@
+"""What the head of the page says of the diagnosis: what is wrong, what it could be as well, what to do next."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from truing.report.diagnosis.effect_units import plain_size
+from truing.report.diagnosis.headline import clause, gain
+from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
+from truing.report.numbers import count, printed, rough
+from truing.report.parameter_names import UNBROKEN
+from truing.report.reasons import why_no_diagnosis
+from truing.report.tables import Tables, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Verdict = tuple[str, str]
+# Findings that the first line tells, and causes whose smallest detectable size it tells.
+_TOLD, _SIZES = 3, 3
+_COUNTED = {2: "Two", 3: "Three"}
+# What a reader asks for first, of causes that stayed hidden.
+_ASKED = (
+    "platform-deformation-linear",
+    "actuator-backlash",
+    "actuator-gain",
+    "leg-drift",
+    "thermal-expansion",
+    "body-drift",
+    "target-moved",
+)
+# Against noise: errors of at most so many times the noise floor are called at it.
+AT_THE_FLOOR = 1.1
+
+
+def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
+    """The lines of the head that tell the diagnosis, the one to act on first."""
+    rows = judged(tables)
+    if not rows:
+        return [("none", f"Diagnosis not evaluated: {why_no_diagnosis(tables)}")]
+    found = found_of(rows)
+    told = [_first(found, rows, tables), *_rivals(found, rows, tables), *_next(found, tables)]
+    return [line for line in told if line[1]]
+
+
+def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
+    """The line that a busy person acts on."""
+    effects = [row for row in found if not row.is_noise]
+    noise = [row for row in found if row.is_noise]
+    if not found:
+        return ("pass", _agreement(rows, tables))
+    if not effects:
+        left = "; beyond that the simulation agrees with the measurement: no cause moves it."
+        return ("warn", clause(noise[0], tables) + left)
+    brings = gain(found)
+    said = _listed([clause(row, tables) for row in [*effects, *noise][:_TOLD]], len(found))
+    more = len(found) - _TOLD
+    said += f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
+    modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
+    return ("found", f"{said}; {modelling} {brings}." if brings else f"{said}.")
+
+
+def _listed(clauses: list[str], several: int) -> str:
+    """One clause as it is; several numbered."""
+    if len(clauses) == 1:
+        return clauses[0]
+    numbered = "; ".join(f"({k}) {lower(said)}" for k, said in enumerate(clauses, 1))
+    return f"{_COUNTED.get(several, several)} things are wrong: {numbered}"
+
+
+def _agreement(rows: list[Judged], tables: Tables) -> str:
+    said = (
+        f"The simulation agrees with the data to within its noise: none of {count(len(rows), 'candidate')} was found."
+    )
+    sizes = hidden_sizes(filled(tables, "detectable"))
+    if not sizes:
+        return said
+    return printed(f"{said} From these sizes on one would have been (80 %): {', '.join(sizes)}.")
+
+
+def hidden_sizes(table: pd.DataFrame | None) -> list[str]:
+    """The smallest detectable size of the causes that are asked for first: ``actuator gain 0.021 %``.
+
+    Where it differs from subject to subject, the largest, so that the sentence holds for each.
+    """
+    if table is None or not table["size"].notna().any():
+        return []
+    known = table.dropna(subset="size")
+    worst = known.loc[known.groupby("cause", sort=False)["size"].idxmax()].set_index("cause")
+    order = [*(cause for cause in _ASKED if cause in worst.index), *(c for c in worst.index if c not in _ASKED)]
+    chosen = [(cause, worst.loc[cause]) for cause in order[:_SIZES]]
+    return [f"{cause_words(c)} {plain_size(str(r['parameter']), float(r['size']), str(r['unit']))}" for c, r in chosen]
+
+
+def _rivals(found: list[Judged], rows: list[Judged], tables: Tables) -> list[Verdict]:
+    """What the data cannot tell from what was found."""
+    rivals = [row for row in rows if row.verdict == RIVAL]
+    if not rivals or not found:
+        return []
+    said = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
+    more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
+    which = "It" if len(found) == 1 else "Part of it"
+    words = f"{which} could as well be that {', or that '.join(said)}{more}: this campaign cannot tell."
+    return [("warn", words)]
+
+
+def lower(sentence: str) -> str:
+    """A sentence as it goes on behind a colon."""
+    return sentence[:1].lower() + sentence[1:]
+
+
+def _next(found: list[Judged], tables: Tables) -> list[Verdict]:
+    """What to do next, in the words of the first finding: to tell it from its rivals where it has any."""
+    asked = sorted((row.then for row in found if row.then), key=_usefulness)
+    if not asked:
+        return []
+    if filled(tables, "next_poses") is None or not asked[0].startswith("To "):
+        return [("next", f"Next: {lower(printed(asked[0]))}")]
+    return [("next", f"Next: {lower(without_readings(asked[0]))} They stand under What to measure next.")]
+
+
+def _usefulness(then: str) -> int:
+    """What tells rivals apart comes first, and what no number of poses brings comes last."""
+    return 0 if then.startswith("To tell") else 2 if "however often" in then else 1
+
+
+def without_readings(then: str) -> str:
+    """What to measure, without the readings that a table holds."""
+    return printed(re.sub(r" \(rho [^()]*\)", "", then))
+
+
+def certainty(row: Judged) -> str:
+    """How sure a finding is: chance, signal over noise, probability among the candidates, and what it predicts."""
+    told = []
+    if row.p_value is not None:
+        told.append(f"chance alone would show as much in {_share(row.p_value)} campaigns")
+    if row.signal_to_noise is not None:
+        told.append(f"signal-to-noise {rough(row.signal_to_noise)}")
+    if row.probability is not None and not row.is_noise:
+        told.append(f"probability among the candidates {_probability(row.probability)}")
+    if row.holds:
+        told.append(f"with plausible scales tripled the ranking {row.holds}")
+    return "; ".join(told)
+
+
+def _share(p: float) -> str:
+    return f"at most {100.0 * p:.2g}{UNBROKEN}% of" if p >= 1e-5 else "less than one of 100,000"
+
+
+def _probability(p: float) -> str:
+    return (
+        f"above 99.9{UNBROKEN}%"
+        if p > 0.999
+        else f"below 0.1{UNBROKEN}%"
+        if p < 0.001
+        else f"{100.0 * p:.3g}{UNBROKEN}%"
+    )
+
+
+def counted(rows: list[Judged]) -> str:
+    """How many candidates were judged, and what became of them."""
+    rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
+    found = sum(not row.is_noise for row in found_of(rows))
+    causes = [row for row in rows if not row.is_noise]
+    judged_words = f"{count(len(causes), 'candidate cause')} judged"
+    if not found:
+        noise = "" if len(causes) == len(rows) else ", which is not as declared"
+        return f"{judged_words}, none found: the simulation agrees with the data to within its noise{noise}."
+    other = f", {rivals} as good and not to be told from it" if rivals else ""
+    return (
+        f"{judged_words}: {found} found and accepted into the extended model (model.toml){other}, {out} rejected. "
+        f"Each is held against the others by all that was measured, with every other parameter left free."
+    )

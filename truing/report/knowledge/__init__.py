@@ -1,0 +1,1 @@
+"""What the data can know of the parameters, and what swallows what."""
