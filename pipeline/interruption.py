@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 
 from pipeline.problems import Interrupted
@@ -14,12 +15,12 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Let the first SIGINT or SIGTERM raise Interrupted, and a second one end the process at once."""
+def interruptible(again: signal.Handlers = signal.SIG_DFL) -> Iterator[None]:
+    """Let the first SIGINT or SIGTERM raise Interrupted; a second one ends the process at once, or as ``again`` says."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may receive signals
         return
-    before = {number: signal.signal(number, _interrupt) for number in _SIGNALS}
+    before = {number: signal.signal(number, partial(_interrupt, again)) for number in _SIGNALS}
     try:
         yield
     finally:
@@ -27,7 +28,7 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def _interrupt(again: signal.Handlers, number: int, frame: FrameType | None) -> None:
     for each in _SIGNALS:
-        signal.signal(each, signal.SIG_DFL)
+        signal.signal(each, again)
     raise Interrupted(signal.Signals(number).name)

@@ -114,7 +114,8 @@ def _end(children: list[Any]) -> None:
 def _in_good_order(work: Callable[[Any], Any], piece: Any) -> Any:
     """The result of a piece; asked to end, a worker leaves nothing half made, and vanishes as if it had been killed."""
     try:
-        with interruptible():
+        # A pool that misses one worker asks the others to end, which were asked already and are tidying.
+        with interruptible(again=signal.SIG_IGN):
             return work(piece)
     except (Interrupted, KeyboardInterrupt):
         os._exit(1)

@@ -43,11 +43,12 @@ def end_own_worker(piece: tuple[str, int, int]) -> int:
 
 
 def wait_for_the_end(piece: tuple[str, int]) -> int:
-    """Says that it works and does not end by itself; what is still to be tidied is tidied."""
+    """Says that it works and does not end by itself; what is still to be tidied is tidied, which takes a moment."""
     folder, number = piece
     try:
         (Path(folder) / f"begun-{number}-{os.getpid()}").touch()
         time.sleep(120)
     finally:
+        time.sleep(0.3)
         (Path(folder) / f"tidied-{number}").touch()
     return number
