@@ -8,10 +8,10 @@ from importlib.metadata import EntryPoint, EntryPoints
 import numpy as np
 import pytest
 
-from tests.simulation.telescope import readings, telescope
+from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
 from truing.simulation import causes
-from truing.simulation.cause import Cause, Effect, Parameter, Step
+from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
 from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.chain import State, simulate
 from truing.simulation.legs import Change
@@ -84,3 +84,37 @@ def test_a_form_that_nobody_declared_claims_nothing_beyond_the_range_of_what_it_
     own = Unexplained(columns=("time_s",), centres=(50.0,), half_ranges=(50.0,), degree=3)
     assert own.covers({"time_s": np.array([0.0, 100.0, 101.0, -1.0])}, 4).tolist() == [True, True, False, False]
     assert own.covers({}, 2).all()
+
+
+def _scene(poses: int) -> Scene:
+    """A campaign that offers something to every cause of a telescope."""
+    rng = np.random.default_rng(3)
+    scene = sample_model(rng, poses).scene
+    bodies = [
+        ("base", "platform", f"leg{leg + 1}")[body]
+        for body, leg in zip(scene.targets.body, scene.targets.leg, strict=True)
+    ]
+    columns = {name: rng.normal(size=poses) for name in ("temperature_c", "humidity")}
+    actuators = {name: rng.choice([-1.0, 1.0], (poses, 6)) for name in ("approach", "last step", "memory")}
+    return replace(
+        scene,
+        targets=replace(scene.targets, names=tuple(f"T{n}" for n in range(len(bodies))), bodies=tuple(bodies)),
+        covariates={**scene.covariates, "order": np.arange(float(poses)), **columns, **actuators},
+        span_s=(0.0, 3600.0),
+        flexure_length_m=0.01,
+    )
+
+
+@pytest.mark.parametrize("cause", causes.catalogue().values(), ids=lambda cause: cause.id)
+def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: Cause) -> None:
+    scene = _scene(12)
+    members = [own.member(0, shape) for own in cause.profiles(scene) for shape in range(len(own.values))]
+    for candidate in [*cause.candidates(scene), *members]:
+        values = np.zeros(len(candidate.parameters(6)))
+        assert candidate.covers(scene.covariates, 12).tolist() == [True] * 12
+        assert len(candidate.told(values, np.eye(len(values)), 6)) >= len(values)
+        assert candidate.with_settings(**candidate.settings()) == candidate
+        assert isinstance(candidate.follows(6), tuple)
+        assert isinstance(candidate.needs(6), tuple)
+        assert candidate.says
+        assert candidate.confirm

@@ -84,7 +84,8 @@ class Unexplained(Cause):
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the poses (B,) within the range of what it follows, beyond which its form says nothing."""
         inside = np.ones(poses, bool)
-        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
+        # All drives at once have a range and name no column: their poses are all within reach.
+        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=bool(self.columns)):
             if (values := covariates.get(column)) is not None and values.ndim == 1:
                 inside &= np.abs(values - centre) <= half * (1.0 + _EDGE)
         return inside
