@@ -16,7 +16,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def interruptible(again: signal.Handlers = signal.SIG_DFL) -> Iterator[None]:
-    """Let the first SIGINT or SIGTERM raise Interrupted; a second one ends the process at once, or as ``again`` says."""
+    """Let the first SIGINT or SIGTERM raise Interrupted; a second one ends the process, or does what ``again`` says."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may receive signals
         return

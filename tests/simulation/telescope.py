@@ -63,4 +63,5 @@ def sample_model(rng: np.random.Generator, poses: int, causes: tuple[Any, ...] =
     geometry = {name: sigma for name, sigma in GEOMETRY.items() if kind == "6-pus" or name != "u"}
     known = Known(geometry, shape, survey, 1e-6, np.arange(6), seats, rng.normal(0.0, 0.05, (6, 3)))
     time = np.linspace(0.0, 3600.0, poses)
-    return PointModel(telescope(kind), targets, known, Conditions(readings(rng, poses), {"time_s": time}), causes)
+    conditions = Conditions(readings(rng, poses), {"time_s": time})
+    return PointModel(telescope(kind), targets, known, conditions, causes=causes)

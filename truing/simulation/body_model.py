@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import Cause, Effect, Scene, Step
+from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.chain import Met, Passage, State, moved_by_shape
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.legs import Closure, Legs
 from truing.simulation.point_model import Prediction
 from truing.simulation.recording import Recording, designs
@@ -74,16 +75,19 @@ class KnownBodies:
 
 
 @dataclass(frozen=True)
-class BodyModel:
+class BodyModel(EffectsModel):
     """Bodies with their targets; a function of the unknowns for a set of effects."""
 
     targets: Targets
     known: KnownBodies
     conditions: BodyConditions
-    causes: tuple[Cause, ...] = ()
 
     nominal = _NO_LEGS
-    leg_count = 0
+
+    @property
+    def leg_count(self) -> int:
+        """Return the number of legs: none."""
+        return 0
 
     @cached_property
     def bodies(self) -> NDArray:
@@ -97,11 +101,6 @@ class BodyModel:
         sizes |= {cause.key: len(cause.parameters(0)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
-
-    @property
-    def shared_size(self) -> int:
-        """Return the number of shared unknowns G."""
-        return max(part.stop for part in self.layout.values())
 
     @cached_property
     def _local(self) -> dict[int, slice]:
@@ -152,26 +151,6 @@ class BodyModel:
         modes = replace(self.known.survey, modes=self.known.survey.modes * factors)
         return replace(self, known=replace(self.known, survey=modes, jitter=self.known.jitter * readings))
 
-    def widened(self, shared: NDArray, model: BodyModel) -> NDArray:
-        """Return shared unknowns of this model as those of another, zero where this one has none."""
-        wide = np.zeros(model.shared_size)
-        if len(shared):
-            for name in self.layout.keys() & model.layout.keys():
-                wide[model.layout[name]] = shared[self.layout[name]]
-        return wide
-
-    def effect_sigma(self, cause: Cause) -> NDArray:
-        """Return the prior sigma (P,) that a cause's parameters are fitted with."""
-        return cause.reach * np.array([parameter.scale for parameter in cause.parameters(0)])
-
-    def effects(self, shared: NDArray) -> tuple[Effect, ...]:
-        """Return the effects with the values that shared unknowns (G,) stand for."""
-        return tuple(Effect(cause, shared[self.layout[cause.key]] * self.effect_sigma(cause)) for cause in self.causes)
-
-    def points(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return the predicted points (B, K, 3), m, in the model's frame."""
-        return self._recording(shared, local).state.points
-
     def predict(self, shared: NDArray, local: NDArray) -> Prediction:
         """Return points and all derivatives at shared (G,) and local (B, H) unknowns."""
         recording = self._recording(shared, local)
@@ -201,16 +180,10 @@ class BodyModel:
         recording = self._recording(shared, local)
 
         def found(cause: Cause) -> dict[str, NDArray]:
-            scale = np.array([parameter.scale for parameter in cause.parameters(0)])
-            told = designs(recording, cause, scale)
+            told = designs(recording, cause, self.effect_scale(cause))
             return {name: design for name, design in told.items() if name == "points"}
 
         return found
-
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
-        recording = self._recording(shared, local)
-        return recording.recorded(recording.state.turn)
 
     @property
     def _shared_known(self) -> NDArray:
@@ -311,11 +284,3 @@ class BodyModel:
             if cause.step is Step.STRUCTURE and len(effect.values):
                 slope = cause.change(recording.at(cause), effect.values).fields.get("moved", 0.0)
                 by_shared[..., self.layout[cause.key]] = recording.state.turn @ (slope * self.effect_sigma(cause))
-
-    def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill in the derivatives by the parameters of instruments' effects."""
-        for effect in self.effects(shared):
-            cause = effect.cause
-            if cause.step is Step.INSTRUMENT and len(effect.values):
-                slope = cause.change(recording.at(cause), effect.values).fields["points"] * self.effect_sigma(cause)
-                by_shared[..., self.layout[cause.key]] = recording.recorded(slope, cause)

@@ -191,7 +191,7 @@ def _model(document: dict[str, Any], nominal: Legs, causes: tuple[Cause, ...]) -
     geometry = {name: float(sigma) for name, sigma in prior.items() if sigma > 0}
     known = bare_known(geometry, places, targets, nominal.count, about["reading_sigma_mm"] * 1e-3)
     known = replace(known, open_geometry=opened, reference_temperature_c=about["reference_temperature_c"])
-    return PointModel(nominal, targets, known, Conditions(nominal.rho0[None]), causes)
+    return PointModel(nominal, targets, known, Conditions(nominal.rho0[None]), causes=causes)
 
 
 def _cause(effect: dict[str, Any]) -> Cause:

@@ -57,10 +57,6 @@ class PointModel(Unknowns):
         """Return the chain's state for shared (G,) and local (B, H) unknowns, before instruments."""
         return self._passage(shared, local).state
 
-    def points(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return the predicted points (B, K, 3), m, base frame."""
-        return self._recording(shared, local).state.points
-
     def predict(self, shared: NDArray, local: NDArray) -> Prediction:
         """Return points and all derivatives at shared (G,) and local (B, H) unknowns."""
         recording = self._recording(shared, local)
@@ -99,12 +95,7 @@ class PointModel(Unknowns):
         Targets that it moves are told on the channel ``points``, n = 3 K, whose motions are the identity.
         """
         recording = self._recording(shared, local)
-        return lambda cause: designs(recording, cause, self._scale(cause))
-
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
-        recording = self._recording(shared, local)
-        return recording.recorded(recording.state.turn)
+        return lambda cause: designs(recording, cause, self.effect_scale(cause))
 
     def pose_derivatives(self, shared: NDArray, local: NDArray) -> tuple[NDArray, NDArray]:
         """Return the platform's twist per shared (B, 6, G) and per local (B, 6, H) unknown."""
@@ -157,14 +148,6 @@ class PointModel(Unknowns):
             count = self.nominal.count
             shift = np.eye(count)[None] * self.known.reading_sigma
             yield None, Change({"indicated": shift, "rho": shift}, count), None
-
-    def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill in the derivatives by the parameters of instruments' effects."""
-        for effect in self.effects(shared):
-            cause = effect.cause
-            if cause.step is Step.INSTRUMENT and len(effect.values):
-                slope = cause.change(recording.at(cause), effect.values).fields["points"] * self.effect_sigma(cause)
-                by_shared[..., self.layout[cause.key]] = recording.recorded(slope, cause)
 
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.cause import Cause, Effect
+from truing.simulation.cause import Cause
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.kinematics import Forward, forward, leg_vectors, unit
 from truing.simulation.legs import Change, Legs
 from truing.simulation.survey import ShapeUnknowns
@@ -66,14 +67,13 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Unknowns:
+class Unknowns(EffectsModel):
     """The unknowns of a mechanism with its targets and readings, for a set of effects."""
 
     nominal: Legs
     targets: Targets
     known: Known
     conditions: Conditions
-    causes: tuple[Cause, ...] = ()
 
     @cached_property
     def home(self) -> Forward:
@@ -95,11 +95,6 @@ class Unknowns:
         sizes |= {cause.key: len(cause.parameters(count)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
-
-    @property
-    def shared_size(self) -> int:
-        """Return the number of shared unknowns G."""
-        return max(part.stop for part in self.layout.values())
 
     @property
     def local_size(self) -> int:
@@ -129,14 +124,6 @@ class Unknowns:
             self, known=replace(self.known, survey=scaled, reading_sigma=self.known.reading_sigma * readings)
         )
 
-    def widened(self, shared: NDArray, model: Unknowns) -> NDArray:
-        """Return shared unknowns of this model as those of another, zero where this one has none."""
-        wide = np.zeros(model.shared_size)
-        if len(shared):
-            for name in self.layout.keys() & model.layout.keys():
-                wide[model.layout[name]] = self._part(shared, name)
-        return wide
-
     def with_causes(self, causes: Sequence[Cause]) -> Self:
         """Return the model with these effects among its unknowns, and those that an earlier campaign found."""
         given = () if self.known.earlier is None else self.known.earlier.causes
@@ -161,10 +148,6 @@ class Unknowns:
             moved["u"] = unit(self._tilted(shared))
         return legs.replace(**moved)
 
-    def effects(self, shared: NDArray) -> tuple[Effect, ...]:
-        """Return the effects with the values that shared unknowns (G,) stand for."""
-        return tuple(Effect(cause, self._part(shared, cause.key) * self.effect_sigma(cause)) for cause in self.causes)
-
     def shape(self, shared: NDArray) -> NDArray:
         """Return where targets sit (K, 3), along the axes of the bodies' surveys, from the bodies' origins."""
         shape = self.known.shape + self.known.survey.modes @ self._part(shared, "shape")
@@ -188,13 +171,6 @@ class Unknowns:
         for cause in self.causes:
             shared[self.layout[cause.key]] = effects[cause.key] / self.effect_sigma(cause)
         return shared
-
-    def effect_sigma(self, cause: Cause) -> NDArray:
-        """Return the prior sigma (P,) that a cause's parameters are fitted with."""
-        return cause.reach * self._scale(cause)
-
-    def _scale(self, cause: Cause) -> NDArray:
-        return np.array([parameter.scale for parameter in cause.parameters(self.nominal.count)])
 
     @property
     def _shared_known(self) -> NDArray:
