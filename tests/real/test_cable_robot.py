@@ -12,7 +12,7 @@ from tests.real import cable_facts
 from tests.real.cable_robot import CABLES, CableProblem, Run, geometry
 from tests.real.pulley_cable import PulleyCable
 from tests.tolerance import assert_between, assert_close
-from truing.simulation import mechanisms
+from truing.simulation import installed, mechanisms
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import closure_rows, solve_rows
 from truing.simulation.legs import Change, Legs
@@ -96,7 +96,7 @@ def test_four_legs_give_readings_from_poses_and_no_poses_from_readings():
 
 def test_an_installed_package_brings_the_closure(monkeypatch):
     point = SimpleNamespace(load=lambda: PulleyCable)
-    monkeypatch.setattr(mechanisms, "entry_points", lambda group: [point] if group == "truing.closures" else [])
+    monkeypatch.setattr(installed, "entry_points", lambda group: [point] if group == "truing.closures" else [])
     legs = cables()
     found = mechanisms.mechanism("pulley-cable", legs.a, legs.b, legs.u, legs.l, legs.rho0)
     assert isinstance(found.closure, PulleyCable)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
-from truing.simulation import causes
+from truing.simulation import causes, installed
 from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
 from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.chain import State, simulate
@@ -40,7 +40,7 @@ class LegsTooLong(Cause):
 
 def _installed(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     points = EntryPoints(EntryPoint(name, f"{__name__}:LegsTooLong", causes.ENTRY_POINTS) for name in names)
-    monkeypatch.setattr(causes, "entry_points", lambda group: points.select(group=group))
+    monkeypatch.setattr(installed, "entry_points", lambda group: points.select(group=group))
 
 
 def test_a_cause_of_another_package_joins_the_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tests.simulation.telescope import KAPPA, K, readings, telescope, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation import mechanisms
+from truing.simulation import installed
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import forward, inverse
 from truing.simulation.legs import Change, Legs
@@ -176,7 +176,7 @@ def test_a_pulley_of_a_lab_closes_as_any_other_leg() -> None:
 
 def _installed(monkeypatch: pytest.MonkeyPatch, closure: str) -> None:
     point = EntryPoint(name="lab", value=closure, group="truing.closures")
-    monkeypatch.setattr(mechanisms, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(installed, "entry_points", lambda group: [point] if group == point.group else [])
 
 
 def test_a_closure_of_an_installed_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truing.simulation.installed import with_installed
 from truing.simulation.legs import Closure, Legs
 from truing.simulation.six_pus import SixPus
 from truing.simulation.ups import Ups
@@ -21,12 +20,7 @@ def closures() -> dict[str, Closure]:
 
     Raises ValueError where two closures have the same name.
     """
-    found: dict[str, Closure] = {}
-    for closure in (*OWN_CLOSURES, *(point.load()() for point in sorted(entry_points(group=ENTRY_POINTS)))):
-        if closure.name in found:
-            raise ValueError(f"closure {closure.name}: found in two places, expected one")
-        found[closure.name] = closure
-    return found
+    return with_installed(OWN_CLOSURES, ENTRY_POINTS, "closure", lambda closure: closure.name)
 
 
 def mechanism(

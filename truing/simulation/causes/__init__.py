@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 from truing.simulation.cause import Cause
 from truing.simulation.causes.base_deformation import BaseDeformation
 from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
@@ -19,6 +17,7 @@ from truing.simulation.causes.platform_deformation import (
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.causes.warmth import LegThermal, ThermalExpansion
+from truing.simulation.installed import with_installed
 
 OWN_CAUSES: tuple[Cause, ...] = (
     LinearPlatformDeformation(),
@@ -58,12 +57,7 @@ def catalogue() -> dict[str, Cause]:
 
     Raises ValueError where two causes have the same id.
     """
-    found: dict[str, Cause] = {}
-    for cause in (*OWN_CAUSES, *(point.load()() for point in sorted(entry_points(group=ENTRY_POINTS)))):
-        if cause.id in found:
-            raise ValueError(f"cause {cause.id}: found in two places, expected one")
-        found[cause.id] = cause
-    return found
+    return with_installed(OWN_CAUSES, ENTRY_POINTS, "cause", lambda cause: cause.id)
 
 
 def catalogue_of_bodies() -> dict[str, Cause]:

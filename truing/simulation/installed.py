@@ -1,0 +1,22 @@
+"""What this project knows of a kind, and what installed packages add to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from importlib.metadata import entry_points
+from typing import TypeVar
+
+Known = TypeVar("Known")
+
+
+def with_installed(own: Iterable[Known], group: str, kind: str, name: Callable[[Known], str]) -> dict[str, Known]:
+    """Return our own of a kind by name, then one of every class that installed packages name under a group.
+
+    Raises ValueError where two have the same name.
+    """
+    found: dict[str, Known] = {}
+    for one in (*own, *(point.load()() for point in sorted(entry_points(group=group)))):
+        if name(one) in found:
+            raise ValueError(f"{kind} {name(one)}: found in two places, expected one")
+        found[name(one)] = one
+    return found
