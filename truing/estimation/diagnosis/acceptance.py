@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.candidate_round import NAMED, Round, score_round
+from truing.estimation.diagnosis.candidate_round import Round, score_round
 from truing.estimation.diagnosis.candidate_search import Candidate, Search
+from truing.estimation.diagnosis.choice import Choice, choose
 from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, Stand
 from truing.estimation.diagnosis.noise_following import NoiseFollowing
 from truing.estimation.diagnosis.noise_level import NoiseLevel, noise_level
@@ -30,8 +31,6 @@ from truing.estimation.diagnosis.verdicts import (
     fitted,
 )
 
-# Rivals within this factor of the best in evidence cannot be told from it.
-RIVAL_FACTOR = 20.0
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
 # that is larger than declared, and of noise that follows something.
 _CAUSES, _NOISE, _FOLLOWING = 0.45, 0.05, 0.1
@@ -82,12 +81,17 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class _Accepted:
-    """A cause that was accepted: the candidate, the round in which it was chosen, and the model with it."""
+    """A cause that was accepted: what was chosen, the round in which it was, and the model with it."""
 
-    candidate: Candidate
+    chosen: Choice
     round: Round
     cause: Any  # in the form that was fitted
     after: Stand
+
+    @property
+    def candidate(self) -> Candidate:
+        """Return the candidate that was accepted."""
+        return self.chosen.candidate
 
 
 @dataclass(frozen=True)
@@ -180,12 +184,12 @@ class Acceptance:
         worse: list[Verdict] = []
         while len(found) < _MOST_ROUNDS:
             current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
-            if (chosen := self._choose(current, refused)) is None:
+            if (chosen := choose(current, refused, self._settings.level)) is None:
                 break
-            cause = chosen.cause.refined()
+            cause = chosen.candidate.cause.refined()
             after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
             if _predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
-                worse.append(first_order(current, chosen, REJECTED, self._fitter.held_out, "held-out"))
+                worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
                 continue
             rounds[-1] = current.closed()
             found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
@@ -198,34 +202,6 @@ class Acceptance:
         if held is None:
             return np.ones(len(after.measured.seen), bool)
         return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
-
-    def _choose(self, current: Round, refused: set[str]) -> Candidate | None:
-        """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
-        parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
-        stronger of them."""
-        rivals = [c for c in self._equals(current) if c.kind not in refused]
-        pair = current.best_pair if rivals else None
-        if pair is not None and self._is_real(current, pair[0]) and pair[0].kind not in refused:
-            return pair[0]
-        unnamed = max((current.posterior(c) for c in rivals if not c.cause.catalogued), default=-np.inf)
-        least = unnamed - NAMED
-        named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
-        return min(named or rivals, key=lambda c: (*_complexity(c), -current.posterior(c)), default=None)
-
-    def _is_real(self, current: Round, candidate: Candidate) -> bool:
-        """Return whether chance is ruled out, and the data speak for the cause rather than for none.
-
-        The second is no matter of course: many parameters may be far from zero together, and of no plausible size in
-        any direction.
-        """
-        speaks = current.scores[candidate.key].log_evidence > 0.0
-        return speaks and current.p_value(candidate) <= self._settings.level
-
-    def _equals(self, current: Round) -> list[Candidate]:
-        """Return the best candidates of those kinds that are real and within a factor 20 of the best in evidence."""
-        real = [c for c in current.best.values() if self._is_real(current, c)]
-        best = max((current.posterior(c) for c in real), default=0.0)
-        return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
     def _dropped(self, found: list[_Accepted], plain: Stand) -> tuple[list[_Accepted], list[Verdict], Stand]:
         """Return what is kept once every accepted cause had to show that the others cannot do without it."""
@@ -249,14 +225,14 @@ class Acceptance:
 
     def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
         """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
-        found = []
+        found, held_out = [], self._fitter.held_out
         for step in kept:
-            for rival in self._equals(step.round):
-                if rival.kind != step.candidate.kind and _is_told(step, rival):
+            for rival, lead in step.chosen.rivals:
+                if rival.kind != step.candidate.kind and _is_told(rival, lead):
                     own = self._fitter.stand((*step.round.stand.causes, rival.cause.refined()), step.round.stand)
-                    held_out = self._fitter.held_out
                     plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, step.cause.key)
-                    found.append(replace(plain, own=own))
+                    odds = step.round.posterior(step.candidate) + lead
+                    found.append(replace(plain, own=own, log_odds=odds))
         return found
 
     def _rejected(self, rounds: Sequence[Round]) -> list[Verdict]:
@@ -276,14 +252,9 @@ class Acceptance:
         return found
 
 
-def _is_told(step: _Accepted, rival: Candidate) -> bool:
+def _is_told(rival: Candidate, lead: float) -> bool:
     """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
-    return rival.cause.catalogued or step.round.posterior(rival) >= step.round.posterior(step.candidate)
-
-
-def _complexity(candidate: Candidate) -> tuple[bool, int]:
-    """Return whether a candidate has no name, and its number of parameters."""
-    return not candidate.cause.catalogued, candidate.signature.parameters
+    return rival.cause.catalogued or lead >= 0.0
 
 
 def _predicts_worse(before: PredictionError | None, after: PredictionError | None, covered: NDArray) -> bool:

@@ -28,6 +28,8 @@ _OF_A_KIND = 3
 _ALIKE = 0.65
 # A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
 NAMED = float(np.log(3.0))
+# Rivals within this factor of the best in evidence cannot be told from it.
+RIVAL_FACTOR = 20.0
 # Plausible scales are also tried this many times as large.
 STRETCH = 3.0
 
@@ -46,6 +48,18 @@ class Score:
     def signal_to_noise(self) -> float:
         """Return the root of the reduction of the sum of squares."""
         return float(np.sqrt(self.squares))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two candidates that together explain what no single one does, the one to be accepted first before the other.
+
+    ``rivals`` would explain it as well in place of the first, beside the second, with their log odds over the first.
+    """
+
+    first: Candidate
+    second: Candidate
+    rivals: tuple[tuple[Candidate, float], ...]
 
 
 @dataclass(frozen=True)
@@ -96,7 +110,7 @@ class Round:
         return all(own >= self.scores[rival.key].stretched for rival in rivals)
 
     @cached_property
-    def best_pair(self) -> tuple[Candidate, Candidate] | None:
+    def best_pair(self) -> Pair | None:
         """Return the pair of candidates with the most evidence, the stronger one first, if it beats any single one."""
         if len(self.candidates) < 2 or self.search is None:
             return None
@@ -105,10 +119,12 @@ class Round:
         if not odds:
             return None
         best = max(odds, key=lambda pair: odds[pair] - NAMED * _unnamed(tried[i] for i in pair))
-        if odds[best] < max(self.posterior(candidate) for candidate in tried) + np.log(20.0):
+        if odds[best] < max(self.posterior(candidate) for candidate in tried) + np.log(RIVAL_FACTOR):
             return None
-        first, second = sorted((tried[i] for i in best), key=lambda c: (_unnamed([c]), -self.posterior(c)))
-        return first, second
+        first, second = sorted(best, key=lambda i: (_unnamed([tried[i]]), -self.posterior(tried[i])))
+        behind = {sum(pair) - second: own - odds[best] for pair, own in odds.items() if second in pair}
+        rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
+        return Pair(tried[first], tried[second], tuple(rivals))
 
     @cached_property
     def _paired(self) -> list[Candidate]:
@@ -165,7 +181,11 @@ def _total(stand: Stand) -> tuple[float, float]:
 
 def score_round(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Round:
     """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
-    search = search_of(stand, kinds, draws, rng)
+    return scored(stand, search_of(stand, kinds, draws, rng))
+
+
+def scored(stand: Stand, search: Search) -> Round:
+    """Return what a fitted model leaves for all candidates of a search."""
     along = search.channels.along(stand.fit.whitened.rest[None])[0]
     scores = {c.key: _score(c, stand, search.channels, along) for c in search.candidates}
     return Round(stand, search.judge, tuple(search.candidates), scores, len(search.candidates), search)
