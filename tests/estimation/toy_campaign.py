@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truing.estimation.diagnosis.candidate_search import Candidate, Profiles, Search
 from truing.estimation.diagnosis.noise_components import components
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.estimation.diagnosis.profile_signatures import profile_signatures
+from truing.estimation.diagnosis.profile_signatures import profile_signatures, turned_points
 from truing.estimation.diagnosis.signatures import Channels, channels_of, signature
 from truing.estimation.diagnosis.whitening import Linearised, Whitened, whiten
 
@@ -88,7 +88,7 @@ def search(whitened: Whitened, draws: int, rng: np.random.Generator) -> Search:
     shapes = onsets()
     usable = np.ones((len(shapes), POINTS), bool)
     turns = np.tile(np.eye(3), (POSES, POINTS, 1, 1))
-    moved = profile_signatures(own, shapes, np.arange(POINTS), turns, usable)
+    moved = profile_signatures(turned_points(own, np.arange(POINTS), turns), shapes, usable)
     noise = components(whitened, 3 * POINTS, READINGS)
     shares = {"gain": 1.0, "moved": 1.0}
     return Search(own, noise, [*one, whole], [Profiles(None, "moved", moved)], shares, draws, rng)

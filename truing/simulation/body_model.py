@@ -30,6 +30,7 @@ from truing.simulation.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Conditions
 FIRST_BODY = 3
 _POSE = 6
 _FREE_POSE = np.diag([FREE_LENGTH_M] * 3 + [FREE_ANGLE_RAD] * 3)
+_NOT_MOVED = np.zeros((1, 0, 3, 0))
 _NO_LEGS = Legs(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), Closure())
 _NO_FRAMES = LegFrames(np.empty((0, 0, 3)), np.empty((0, 0, 3, 3)), np.empty((0, 0, 3)))
 
@@ -151,25 +152,38 @@ class BodyModel(EffectsModel):
         modes = replace(self.known.survey, modes=self.known.survey.modes * factors)
         return replace(self, known=replace(self.known, survey=modes, jitter=self.known.jitter * readings))
 
-    def predict(self, shared: NDArray, local: NDArray) -> Prediction:
-        """Return points and all derivatives at shared (G,) and local (B, H) unknowns."""
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
+        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         recording = self._recording(shared, local)
-        by_shared = np.zeros((*recording.state.points.shape, self.shared_size))
-        by_local = np.zeros((*by_shared.shape[:-1], self.local_size))
-        turn = recording.state.turn
-        follows = moved_by_shape(recording.passage.met, turn.shape)
-        by_shared[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
+        by_local = np.zeros((*recording.state.points.shape, self.local_size))
         for body, own, slope in self._by_pose(shared, local, recording):
             if body in self._local:
                 by_local[:, own, :, self._local[body]] = slope @ self._pose_factor(body)
+        slopes = self._by_shared(shared, local, recording) if by_shared else np.empty((*by_local.shape[:-1], 0))
+        return Prediction(
+            recording.state.points,
+            slopes,
+            recording.recorded(by_local),
+            np.empty(0),
+            np.empty((0, slopes.shape[-1])),
+            self._shared_known,
+            ~self.unpredicted,
+        )
+
+    def _by_shared(self, shared: NDArray, local: NDArray, recording: Recording) -> NDArray:
+        """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
+        slopes = np.zeros((*recording.state.points.shape, self.shared_size))
+        turn = recording.state.turn
+        follows = moved_by_shape(recording.passage.met, turn.shape)
+        slopes[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
+        for body, own, slope in self._by_pose(shared, local, recording):
             for level in range(self.known.levels[body]):
                 there = (self.conditions.level[:, body] == level)[:, None, None, None]
-                by_shared[:, own, :, self._seat(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
-        self._fill_structure(by_shared, shared, recording)
-        by_shared, by_local = recording.recorded(by_shared), recording.recorded(by_local)
-        self._fill_instruments(by_shared, shared, recording)
-        none = np.empty(0), np.empty((0, self.shared_size))
-        return Prediction(recording.state.points, by_shared, by_local, *none, self._shared_known, ~self.unpredicted)
+                slopes[:, own, :, self._seat(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
+        self._fill_structure(slopes, shared, recording)
+        slopes = recording.recorded(slopes)
+        self._fill_instruments(slopes, shared, recording)
+        return slopes
 
     def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return no channel: what acts on bodies moves their points."""
@@ -282,5 +296,7 @@ class BodyModel(EffectsModel):
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):
-                slope = cause.change(recording.at(cause), effect.values).fields.get("moved", 0.0)
-                by_shared[..., self.layout[cause.key]] = recording.state.turn @ (slope * self.effect_sigma(cause))
+                slope = cause.change(recording.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
+                own = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
+                motion = recording.state.turn[:, own] @ (slope[:, own] * self.effect_sigma(cause))
+                by_shared[:, own, :, self.layout[cause.key]] = motion

@@ -57,21 +57,33 @@ class PointModel(Unknowns):
         """Return the chain's state for shared (G,) and local (B, H) unknowns, before instruments."""
         return self._passage(shared, local).state
 
-    def predict(self, shared: NDArray, local: NDArray) -> Prediction:
-        """Return points and all derivatives at shared (G,) and local (B, H) unknowns."""
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
+        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         recording = self._recording(shared, local)
-        by_shared = np.zeros((*recording.state.points.shape, self.shared_size))
-        by_local = np.zeros((*by_shared.shape[:-1], self.local_size))
+        points = recording.state.points
+        slopes, rows = np.empty((*points.shape, 0)), (np.empty(0), np.empty((0, 0)))
+        if by_shared:
+            slopes, rows = self._by_shared(shared, recording), self._known_rows(shared)
+        return Prediction(points, slopes, self._by_local(recording), *rows, self._shared_known, ~self.unpredicted)
+
+    def _by_shared(self, shared: NDArray, recording: Recording) -> NDArray:
+        """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
+        slopes = np.zeros((*recording.state.points.shape, self.shared_size))
         for part, change, cause in self._changes(shared, recording):
             met = recording.passage.met if cause is None else recording.passage.downstream(cause)
-            target = by_local if part is None else by_shared
-            target[..., slice(change.size) if part is None else part] = recording.motion(change, met)
-        self._fill_shape(by_shared, shared, recording)
-        self._fill_rolls(by_local, recording)
-        by_shared, by_local = recording.recorded(by_shared), recording.recorded(by_local)
-        self._fill_instruments(by_shared, shared, recording)
-        points = recording.state.points
-        return Prediction(points, by_shared, by_local, *self._known_rows(shared), self._shared_known, ~self.unpredicted)
+            slopes[..., part] = recording.motion(change, met)
+        self._fill_shape(slopes, shared, recording)
+        slopes = recording.recorded(slopes)
+        self._fill_instruments(slopes, shared, recording)
+        return slopes
+
+    def _by_local(self, recording: Recording) -> NDArray:
+        """Return the points' derivatives (B, K, 3, H) by the local unknowns."""
+        slopes = np.zeros((*recording.state.points.shape, self.local_size))
+        if (reading := self._reading_change) is not None:
+            slopes[..., : reading.size] = recording.motion(reading, recording.passage.met)
+        self._fill_rolls(slopes, recording)
+        return recording.recorded(slopes)
 
     def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return how recorded points (B, K, 3, n), m, follow each channel by which a cause may act, per SI unit.
@@ -105,8 +117,9 @@ class PointModel(Unknowns):
         by_local = np.zeros((len(passage.state.rho), 6, self.local_size))
         for part, change, cause in self._changes(shared, recording):
             met = passage.met if cause is None else passage.downstream(cause)
-            target = by_local if part is None else by_shared
-            target[..., slice(change.size) if part is None else part] = settled(passage, carried(change, met))[1]
+            by_shared[..., part] = settled(passage, carried(change, met))[1]
+        if (reading := self._reading_change) is not None:
+            by_local[..., : reading.size] = settled(passage, carried(reading, passage.met))[1]
         return by_shared, by_local
 
     def _passage(self, shared: NDArray, local: NDArray) -> Passage:
@@ -135,8 +148,8 @@ class PointModel(Unknowns):
         frames = leg_frames(passage.state, self.upright, roll, self._seats(shared)[0])
         return record(passage, self.targets, frames, self.effects(shared))
 
-    def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice | None, Change, Cause | None]]:
-        """Yield every change upstream of instruments: its place among the shared unknowns (None: local), its cause."""
+    def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, Cause | None]]:
+        """Yield every change upstream of instruments by shared unknowns: its place among these, its cause."""
         yield from ((self.layout[name], change, None) for name, change in self.geometry_changes(shared))
         for effect in self.effects(shared):
             cause = effect.cause
@@ -144,10 +157,15 @@ class PointModel(Unknowns):
                 change = cause.change(recording.at(cause), effect.values)
                 scaled = {name: slope * self.effect_sigma(cause) for name, slope in change.fields.items()}
                 yield self.layout[cause.key], Change(scaled, change.size), cause
-        if self.known.reading_sigma > 0:
-            count = self.nominal.count
-            shift = np.eye(count)[None] * self.known.reading_sigma
-            yield None, Change({"indicated": shift, "rho": shift}, count), None
+
+    @property
+    def _reading_change(self) -> Change | None:
+        """Return the change by local unknowns: what the readings are off; None where they are exact."""
+        if self.known.reading_sigma <= 0:
+            return None
+        count = self.nominal.count
+        shift = np.eye(count)[None] * self.known.reading_sigma
+        return Change({"indicated": shift, "rho": shift}, count)
 
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""

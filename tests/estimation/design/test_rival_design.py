@@ -59,7 +59,7 @@ class Bending:
     def at(self, conditions: Any) -> Bending:
         return replace(self, conditions=conditions)
 
-    def predict(self, shared: np.ndarray, local: np.ndarray) -> Prediction:
+    def predict(self, shared: np.ndarray, local: np.ndarray, by_shared: bool = True) -> Prediction:
         x = self.conditions.readings[:, 0]
         by_shared = np.zeros((len(x), 5, 3, 4))
         by_shared[:, 4, :, :3] = 3 * SIGMA * np.eye(3)

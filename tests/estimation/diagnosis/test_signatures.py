@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tests.estimation import toy_campaign as toy
 from tests.tolerance import assert_close
-from truing.estimation.diagnosis.profile_signatures import profile_signatures
+from truing.estimation.diagnosis.profile_signatures import profile_signatures, turned_points
 from truing.estimation.diagnosis.signatures import joint, signature
 
 RNG = np.random.default_rng(3)
@@ -57,8 +57,8 @@ def test_a_target_that_was_moved_is_scored_as_its_dense_columns_are() -> None:
     shapes, point = toy.onsets(), 4
     turns = np.linalg.qr(RNG.normal(size=(toy.POSES, toy.POINTS, 3, 3)))[0]
     usable = np.ones((len(shapes), toy.POINTS), bool)
-    own = profile_signatures(CHANNELS, shapes, np.arange(toy.POINTS), turns, usable)
-    squares = own.squares(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]])[0]
+    own = profile_signatures(turned_points(CHANNELS, np.arange(toy.POINTS), turns), shapes, usable)
+    squares = own.squares(own.points.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]]))[0]
     columns = np.zeros((toy.POSES, toy.POINTS, 3, 3))
     columns[:, point] = shapes[7][:, :, None] * turns[:, point]
     left = dense(columns.reshape(toy.POSES, -1, 3))

@@ -16,7 +16,7 @@ from truing.estimation.diagnosis.candidate_search import Candidate, Profiles, Se
 from truing.estimation.diagnosis.evidence import log_evidence, probabilities
 from truing.estimation.diagnosis.fitted_model import Stand
 from truing.estimation.diagnosis.judge import Judge
-from truing.estimation.diagnosis.profile_signatures import profile_signatures
+from truing.estimation.diagnosis.profile_signatures import TurnedPoints, profile_signatures, turned_points
 from truing.estimation.diagnosis.signatures import POINTS, Channels, Signature, joint, signature
 
 # Single targets with the most evidence that become candidates of their own.
@@ -219,9 +219,12 @@ def _candidate(stand: Stand, channels: Channels, cause: Any, kind: str, prior: f
 def _profiles(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Profiles]:
     found = []
     turns, scene = stand.model.turns(stand.fit.shared, stand.fit.local), stand.scene
+    points: dict[bytes, TurnedPoints] = {}  # mostly the same for all
     for kind in kinds:
         for own in kind.profiles(scene):
-            signatures = profile_signatures(channels, own.values * own.scale, own.targets, turns, own.usable)
+            key = own.targets.tobytes()
+            points[key] = points.get(key) or turned_points(channels, own.targets, turns)
+            signatures = profile_signatures(points[key], own.values * own.scale, own.usable)
             if signatures.seen.any():
                 found.append(Profiles(own, kind.id, signatures))
     return found
@@ -230,7 +233,7 @@ def _profiles(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Pr
 def _best_members(stand: Stand, channels: Channels, own: Profiles, along: NDArray) -> list[Candidate]:
     """Return the candidates over single targets with the most evidence, each target at its best shape."""
     signatures = own.signatures
-    scores = signatures.scores(along[None][:, :, channels.places[POINTS]])[..., 0]
+    scores = signatures.scores(signatures.points.along(along[None][:, :, channels.places[POINTS]]))[..., 0]
     values, vectors = np.linalg.eigh(signatures.gram)
     strengths = np.sqrt(np.maximum(values, 1e-12))
     parts = np.einsum("stpr,stp->str", vectors, scores) / strengths

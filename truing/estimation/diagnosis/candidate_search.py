@@ -114,9 +114,18 @@ class Search:
         """Return the largest square of every group, (D, groups)."""
         squares = self.squares(along)
         columns = [squares[:, members].max(1) for members in self._members]
-        points = along[:, :, self.channels.places[POINTS]]
-        columns += [p.signatures.squares(points).reshape(len(along), -1).max(1) for p in self.profiles]
+        columns += self._of_profiles(along[:, :, self.channels.places[POINTS]])
         return np.column_stack(columns) if columns else np.zeros((len(along), 0))
+
+    def _of_profiles(self, points: NDArray) -> list[NDArray]:
+        """Return the largest square (D,) of every set of profiles, from parts (D, B, C) along the channel of points."""
+        found: list[NDArray] = []
+        last, along = None, points
+        for own in (profiles.signatures for profiles in self.profiles):
+            if own.points is not last:
+                last, along = own.points, own.points.along(points)
+            found.append(own.squares(along).reshape(len(points), -1).max(1))
+        return found
 
     @cached_property
     def _members(self) -> list[list[int]]:

@@ -120,7 +120,7 @@ def _of_profiles(search: Search, level: float) -> Iterator[Sight]:
         own = profiles.signatures
         if own.seen.any():
             rule = _rule(search, profiles.kind, own.parameters, level)
-            found = (_of_target(profiles, target, rule) for target in range(len(own.targets)))
+            found = (_of_target(profiles, target, rule) for target in range(len(own.points.targets)))
             yield from (sight for sight in found if sight is not None and sight.cause.catalogued)
 
 

@@ -68,7 +68,7 @@ class CausalModel(Protocol):
     def rescaled(self, readings: float, survey: float) -> Any:
         """Return the model with the noise of readings and survey so many times as large."""
 
-    def predict(self, shared: NDArray, local: NDArray) -> Any:
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Any:
         """Return points and derivatives, as `point_fit.Model` does."""
 
     def widened(self, shared: NDArray, model: Any) -> NDArray:
@@ -108,9 +108,18 @@ class Stand:
     model: Any  # a CausalModel
     measured: MeasuredPoints
     fit: PointFit
-    error: PredictionError
     held_out: PredictionError | None
-    floor: float  # m
+    seed: int
+
+    @cached_property
+    def error(self) -> PredictionError:
+        """Return the error of its prediction from readings."""
+        return prediction_error(self.model, self.measured, self.fit.frames, self.fit.shared, self.model.unpredicted)
+
+    @cached_property
+    def floor(self) -> float:
+        """Return the rms, m, that noise alone leaves in that error."""
+        return noise_floor(self.fit, self.measured, self.model.unpredicted, np.random.default_rng(self.seed))
 
     @cached_property
     def scene(self) -> Any:
@@ -127,7 +136,7 @@ class Stand:
         """Return which of a pose's local unknowns are readings."""
         return slice(_FRAME, _FRAME + int(np.sum(~self.model.unpredicted)))
 
-    @property
+    @cached_property
     def noise(self) -> NoiseComponents:
         """Return the noise that the fit leaves, by component."""
         return components(self.fit.whitened, 3 * self.measured.seen.shape[1], self.reading_rows)
@@ -192,9 +201,7 @@ class Fitter:
             shared, local = start.model.widened(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
         fit = fit_points(model, measured, frames, shared, local)
-        error = prediction_error(model, measured, fit.frames, fit.shared, model.unpredicted)
-        floor = noise_floor(fit, measured, model.unpredicted, np.random.default_rng(self._seed))
-        return Stand(causes, model, measured, fit, error, self._predicted(model, fit), floor)
+        return Stand(causes, model, measured, fit, self._predicted(model, fit), self._seed)
 
     def _predicted(self, model: CausalModel, fit: PointFit) -> PredictionError | None:
         if self.held_out is None:

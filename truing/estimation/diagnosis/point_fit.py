@@ -39,8 +39,8 @@ class Predicted(Protocol):
 class Model(Protocol):
     """A model of points; unknowns are counted in standard deviations of their priors."""
 
-    def predict(self, shared: NDArray, local: NDArray) -> Predicted:
-        """Return points and derivatives at shared (G,) and local (B, H) unknowns."""
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
+        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,14 @@ def fit_points(model: Model, measured: MeasuredPoints, frames: Frames, shared: N
     return PointFit(shared, local, frames, whitened, FitState.NOT_SETTLED, _MAX_ITERATIONS)
 
 
-def linearise(model: Model, measured: MeasuredPoints, frames: Frames, shared: NDArray, local: NDArray) -> Linearised:
-    """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones."""
-    found = model.predict(shared, local)
+def linearise(
+    model: Model, measured: MeasuredPoints, frames: Frames, shared: NDArray, local: NDArray, by_shared: bool = True
+) -> Linearised:
+    """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
+
+    Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for.
+    """
+    found = model.predict(shared, local, by_shared)
     arms = found.points @ np.swapaxes(frames.R, 1, 2)
     gap = measured.points - arms - frames.t[:, None]
     turned = measured.whitener @ frames.R[:, None]
@@ -118,7 +123,7 @@ def linearise(model: Model, measured: MeasuredPoints, frames: Frames, shared: ND
     return Linearised(
         residual=(measured.whitener @ gap[..., None]).reshape(poses, -1),
         by_local=by_local.reshape(poses, -1, by_local.shape[-1]),
-        by_shared=(turned @ found.by_shared).reshape(poses, -1, len(shared)),
+        by_shared=(turned @ found.by_shared).reshape(poses, 3 * arms.shape[1], -1 if by_shared else 0),
         local_value=np.concatenate([np.zeros((poses, 6)), local], 1),
         shared_value=shared,
         extra_residual=found.survey_residual,

@@ -97,7 +97,7 @@ def prediction_error(
     kept = np.concatenate([np.ones(6, bool), unpredicted])
     local = np.zeros((len(measured.points), len(unpredicted)))
     for _ in range(_ROUNDS):
-        at = linearise(model, measured, frames, shared, local)
+        at = linearise(model, measured, frames, shared, local, by_shared=False)
         step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
         frames = frames.moved(step[:, :6])
         local[:, unpredicted] += step[:, 6:]

@@ -19,16 +19,43 @@ _INFORMATIVE = 0.3
 
 
 @dataclass(frozen=True)
+class TurnedPoints:
+    """The channel of points of T targets, along the axes of their bodies' surveys.
+
+    ``turns`` (B, T, 3, 3) bring these axes to those of the channel, ``shared`` (B, T, 3, G) is what of the channel the
+    shared unknowns explain, ``gram`` (B, T, 3, 3) are each point's products.
+    """
+
+    targets: NDArray  # (T,)
+    turns: NDArray
+    shared: NDArray
+    gram: NDArray
+
+    def along(self, parts: NDArray) -> NDArray:
+        """Return the parts (B, T, 3, D) of residuals along these axes, from those along the channel (D, B, C)."""
+        own = parts.reshape(*parts.shape[:2], -1, 3)[:, :, self.targets]
+        return np.asarray(np.einsum("dbtx,btxy->btyd", own, self.turns, optimize=True))
+
+
+def turned_points(channels: Channels, targets: NDArray, turns: NDArray) -> TurnedPoints:
+    """Return the channel of points of targets (T,) along the axes that turns (B, K, 3, 3) of all targets say."""
+    place = channels.places[POINTS]
+    poses, own = len(turns), turns[:, targets]
+    back, count = np.swapaxes(own, -1, -2), (place.stop - place.start) // 3
+    shared = np.swapaxes(channels.shared[:, :, place], 1, 2).reshape(poses, count, 3, -1)[:, targets]
+    blocks = channels.gram[:, place, place].reshape(poses, count, 3, count, 3)[:, targets, :, targets]
+    return TurnedPoints(targets, own, back @ shared, back @ blocks.transpose(1, 0, 2, 3) @ own)
+
+
+@dataclass(frozen=True)
 class ProfileSignatures:
     """Signatures of T targets with S shapes of m columns each; ``gram`` (S, T, 3m, 3m) after nuisances.
 
-    ``values`` (S, B, m) are the shapes over the poses, per plausible scale; ``turned`` (B, T, 3, 3) brings a target's
-    body axes to the channel of points.
+    ``values`` (S, B, m) are the shapes over the poses, per plausible scale.
     """
 
+    points: TurnedPoints
     values: NDArray
-    targets: NDArray  # (T,)
-    turned: NDArray
     gram: NDArray
     usable: NDArray  # (S, T) where the target was seen often enough
 
@@ -49,38 +76,29 @@ class ProfileSignatures:
         return np.linalg.inv(safe) * self.seen[..., None, None]
 
     def scores(self, along: NDArray) -> NDArray:
-        """Return the scores (S, T, 3m, D) of residuals given by their parts (D, B, C) along the channel of points."""
-        draws, poses, _ = along.shape
-        own = along.reshape(draws, poses, -1, 3)[:, :, self.targets]
-        turned = np.einsum("dbtx,btxy->btyd", own, self.turned, optimize=True)
+        """Return the scores (S, T, 3m, D) of residuals given by their parts (B, T, 3, D) along the points' axes."""
+        poses, targets, _, draws = along.shape
         shapes = self.values.transpose(0, 2, 1).reshape(-1, poses)
-        found = (shapes @ turned.reshape(poses, -1)).reshape(len(self.values), -1, *turned.shape[1:])
-        return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), len(self.targets), -1, draws)
+        found = (shapes @ along.reshape(poses, -1)).reshape(len(self.values), -1, targets, 3, draws)
+        return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), targets, -1, draws)
 
     def squares(self, along: NDArray) -> NDArray:
-        """Return by how much each candidate lowers the sum of squares, (D, S, T)."""
+        """Return by how much each candidate lowers the sum of squares, (D, S, T); along as in `scores`."""
         scores = self.scores(along)
         return np.asarray(np.sum(scores * (self.inverse @ scores), 2).transpose(2, 0, 1))
 
 
-def profile_signatures(
-    channels: Channels, values: NDArray, targets: NDArray, turns: NDArray, usable: NDArray
-) -> ProfileSignatures:
-    """Return the signatures of targets (T,) with shapes values (S, B, m), whose axes turns (B, K, 3, 3) say.
+def profile_signatures(points: TurnedPoints, values: NDArray, usable: NDArray) -> ProfileSignatures:
+    """Return the signatures of points with shapes values (S, B, m).
 
     ``usable`` (S, T) tells which targets were seen often enough for which shapes.
     """
-    place = channels.places[POINTS]
-    poses, own_turns = len(turns), turns[:, targets]
-    shared = channels.shared[:, :, place].reshape(poses, channels.shared.shape[1], -1, 3)[:, :, targets]
-    shared = np.einsum("bgtx,btxy->bgty", shared, own_turns, optimize=True)
-    size = place.stop - place.start
-    blocks = channels.gram[:, place, place].reshape(poses, size // 3, 3, size // 3, 3)[:, targets, :, targets]
-    own = np.einsum("btxi,tbxy,btyj->btij", own_turns, blocks, own_turns, optimize=True)
+    poses, targets = points.shared.shape[:2]
     shapes, count = values.shape[0], values.shape[2]
-    explained = np.tensordot(values.transpose(0, 2, 1), shared, axes=(2, 0))  # (S, m, G, T, 3)
-    explained = explained.transpose(0, 3, 1, 4, 2).reshape(shapes, len(targets), 3 * count, -1)
+    explained = values.transpose(0, 2, 1).reshape(-1, poses) @ points.shared.reshape(poses, -1)
+    explained = explained.reshape(shapes, count, targets, 3, -1).swapaxes(1, 2).reshape(shapes, targets, 3 * count, -1)
     pairs = values[..., :, None] * values[..., None, :]
-    whole = np.tensordot(pairs.transpose(0, 2, 3, 1), own, axes=(3, 0))  # (S, m, m, T, 3, 3)
-    whole = whole.transpose(0, 3, 1, 4, 2, 5).reshape(shapes, len(targets), 3 * count, 3 * count)
-    return ProfileSignatures(values, targets, own_turns, whole - explained @ np.swapaxes(explained, -1, -2), usable)
+    whole = pairs.transpose(0, 2, 3, 1).reshape(-1, poses) @ points.gram.reshape(poses, -1)
+    whole = whole.reshape(shapes, count, count, targets, 3, 3).transpose(0, 3, 1, 4, 2, 5)
+    whole = whole.reshape(shapes, targets, 3 * count, 3 * count)
+    return ProfileSignatures(points, values, whole - explained @ np.swapaxes(explained, -1, -2), usable)

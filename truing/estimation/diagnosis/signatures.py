@@ -27,7 +27,7 @@ POINTS = "points"
 class _Part:
     """Some channels: what shared unknowns explain of them, their products, and those in the readings' rows."""
 
-    shared: NDArray  # (B, G, n)
+    shared: NDArray  # (G, B * n)
     gram: NDArray  # (B, n, n)
     reading_gram: NDArray
 
@@ -81,9 +81,16 @@ class Channels:
         """Return what concerns the channels that an index names."""
         key = index.tobytes()
         if key not in self._parts:
-            grid = np.ix_(np.arange(len(self.columns)), index, index)
-            self._parts[key] = _Part(self.shared[:, :, index], self.gram[grid], self.reading_gram[grid])
+            shared = self._shared_wide.reshape(len(self._shared_wide), len(self.columns), -1)[:, :, index]
+            wide = shared.reshape(len(shared), -1)
+            self._parts[key] = _Part(wide, self._products(self.gram, index), self._products(self.reading_gram, index))
         return self._parts[key]
+
+    def _products(self, gram: NDArray, index: NDArray) -> NDArray:
+        """Return the rows and columns (B, n, n) of products that an index names: a copy unless they are neighbours."""
+        if len(index) and np.all(np.diff(index) == 1):
+            return gram[:, index[0] : index[-1] + 1, index[0] : index[-1] + 1]
+        return gram[np.ix_(np.arange(len(gram)), index, index)]
 
     @cached_property
     def _parts(self) -> dict[bytes, _Part]:
@@ -194,26 +201,22 @@ def signature(channels: Channels, designs: Mapping[str, NDArray]) -> Signature:
     acting = np.any(design != 0.0, (0, 2))
     design, index = design[:, acting], channels.index(names)[acting]
     part = channels.part(index)
-    explained = np.tensordot(part.shared, design, axes=([0, 2], [0, 1]))
-    whole = _product(design, part.gram)
+    wide = design.reshape(-1, design.shape[-1])
+    explained = part.shared @ wide
+    whole = wide.T @ (part.gram @ design).reshape(wide.shape)
     gram = whole - explained.T @ explained
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)
     kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(whole))
-    share = float(np.trace(_product(design, part.reading_gram)) / max(np.trace(whole), 1e-300))
+    share = float(np.sum(design * (part.reading_gram @ design)) / max(np.trace(whole), 1e-300))
     return Signature(
         index,
-        design.reshape(-1, design.shape[-1]),
+        wide,
         explained,
         gram,
         np.sqrt(values[kept]),
         vectors[:, kept],
         min(max(share, 0.0), 1.0),
     )
-
-
-def _product(design: NDArray, gram: NDArray) -> NDArray:
-    """Return sum over poses of design^T gram design, (P, P)."""
-    return np.tensordot(design, gram @ design, axes=([0, 1], [0, 1]))
 
 
 def joint(channels: Channels, first: Signature, second: Signature) -> tuple[NDArray, NDArray]:

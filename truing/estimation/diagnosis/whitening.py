@@ -13,6 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+# Zero rows of missing points are left out of products where more than the rest of them would be.
+_FEW_MISSING = 0.9
+
 
 @dataclass(frozen=True)
 class Linearised:
@@ -41,28 +44,42 @@ class Whitened:
     residual: NDArray  # (N,)
 
     @cached_property
-    def _gram(self) -> NDArray:
-        """Return the products (G + 1, G + 1) of rows and residual: all that a step needs.
-
-        The priors among the rows keep it regular; its condition is the square of theirs, which leaves nine digits.
-        """
-        together = np.column_stack([self.rows, self.residual])
-        return together.T @ together
-
-    @cached_property
     def _inverse(self) -> NDArray:
-        return np.linalg.inv(np.linalg.cholesky(self._gram[:-1, :-1]).T)
+        """Return the inverse (G, G) of the rows' triangular factor: all that a step needs of them.
+
+        The priors among the rows keep their products regular; the condition of these is the square of the rows', which
+        leaves nine digits.
+        """
+        return _inverse_factor(self._telling)
 
     @cached_property
     def _along(self) -> NDArray:
         """Return the parts (G,) of the residual along the basis."""
-        return self._inverse.T @ self._gram[:-1, -1]
+        return self._inverse.T @ (self.rows.T @ self.residual)
 
     @cached_property
     def basis(self) -> NDArray:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
-        nearly = self.rows @ self._inverse
-        return nearly @ np.linalg.inv(np.linalg.cholesky(nearly.T @ nearly).T)
+        nearly = _times_upper(self._telling, self._inverse)
+        told = _times_upper(nearly, _inverse_factor(nearly))
+        if len(told) == len(self.rows):
+            return told
+        basis = np.zeros_like(self.rows)
+        basis[self._tells] = told
+        return basis
+
+    @property
+    def _telling(self) -> NDArray:
+        """Return the rows (n, G) without those of missing points, which are zero, where these are many."""
+        return self.rows if self._tells.mean() > _FEW_MISSING else self.rows[self._tells]
+
+    @cached_property
+    def _tells(self) -> NDArray:
+        tells = np.ones(len(self.rows), bool)
+        poses, count = self.problem.local_value.shape
+        own = np.concatenate([self.problem.present, np.ones((poses, count), bool)], 1).ravel()
+        tells[: len(own)] = own
+        return tells
 
     @cached_property
     def rest(self) -> NDArray:
@@ -107,7 +124,7 @@ class Whitened:
 
     def fitted(self, rows: NDArray) -> NDArray:
         """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
-        return self._inverse @ (self.basis.T @ rows)
+        return self._inverse @ (self._inverse.T @ (self.rows.T @ rows))
 
     def from_basis(self, parts: NDArray) -> NDArray:
         """Return the shared unknowns (G, ...) whose rows are the basis times parts (G, ...), in prior sigmas."""
@@ -119,7 +136,8 @@ class Whitened:
 
     def without_local(self, columns: NDArray) -> NDArray:
         """Return columns (B, M + H, P) less what the local unknowns explain of them."""
-        return columns - self.local_basis @ (np.swapaxes(self.local_basis, 1, 2) @ columns)
+        explained = self.local_basis @ (np.swapaxes(self.local_basis, 1, 2) @ columns)
+        return np.subtract(columns, explained, out=explained)
 
 
 def whiten(problem: Linearised) -> Whitened:
@@ -128,12 +146,38 @@ def whiten(problem: Linearised) -> Whitened:
     identity = np.broadcast_to(np.eye(count), (poses, count, count))
     basis, factor = np.linalg.qr(np.concatenate([problem.by_local, identity], 1))
     bare = Whitened(problem, basis, factor, np.empty(0), np.empty(0))
-    shared = np.concatenate([problem.by_shared, np.zeros((poses, count, problem.by_shared.shape[-1]))], 1)
     residual = _with_priors(problem.residual, -problem.local_value)[..., None]
-    size = len(problem.shared_value)
-    rows = np.concatenate([bare.without_local(shared).reshape(-1, size), problem.extra_by_shared, np.eye(size)])
+    rows = _shared_rows(problem, basis)
     stacked = np.concatenate([bare.without_local(residual).ravel(), problem.extra_residual, -problem.shared_value])
     return Whitened(problem, basis, factor, rows, stacked)
+
+
+def _shared_rows(problem: Linearised, basis: NDArray) -> NDArray:
+    """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
+    of all, so that each is written in its place at once."""
+    poses, height, size = problem.by_shared.shape
+    tall = basis.shape[1]
+    rows = np.empty((poses * tall + len(problem.extra_by_shared) + size, size))
+    own = rows[: poses * tall].reshape(poses, tall, size)
+    np.matmul(-basis, np.swapaxes(basis[:, :height], 1, 2) @ problem.by_shared, out=own)
+    own[:, :height] += problem.by_shared
+    rows[poses * tall : len(rows) - size] = problem.extra_by_shared
+    rows[len(rows) - size :] = np.eye(size)
+    return rows
+
+
+def _inverse_factor(rows: NDArray) -> NDArray:
+    """Return the inverse (G, G) of the upper triangular factor of rows (N, G)."""
+    from scipy.linalg.lapack import dtrtri
+
+    return np.asarray(dtrtri(np.linalg.cholesky(rows.T @ rows).T)[0])
+
+
+def _times_upper(rows: NDArray, upper: NDArray) -> NDArray:
+    """Return rows (N, G) times an upper triangular matrix (G, G), at half the cost of any other."""
+    from scipy.linalg.blas import dtrmm
+
+    return np.asarray(dtrmm(1.0, upper, rows.T, trans_a=1)).T
 
 
 def _with_priors(rows: NDArray, priors: NDArray) -> NDArray:
