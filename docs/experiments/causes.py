@@ -22,7 +22,8 @@ from docs.experiments.marked_tables import renew, table
 from truing.estimation.diagnosis.point_fit import MeasuredPoints, PointFit, fit_points, whitened_columns
 from truing.simulation.cause import Cause, Step
 from truing.simulation.causes import OWN_CAUSES, catalogue
-from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
+from truing.simulation.causes.bodies import BodyDeformation
+from truing.simulation.causes.body_drift import BodyDrift
 from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.measurement_scale import PER_KELVIN, MeasurementScale
 from truing.simulation.causes.per_leg import PerLeg
@@ -82,6 +83,8 @@ def concerns(cause: Cause) -> str:
     names = {f.name for f in fields(cause)}
     if cause.id == "unexplained":
         return "legs, single targets, a body's targets, the scale"
+    if {"body", "form"} <= names:
+        return "the whole, or a body"
     if "body" in names:
         return "two targets" if cause.id == "targets-swapped" else "a target" if "target" in names else "a body"
     return "all legs, or any of them" if isinstance(cause, PerLeg) else "the whole"

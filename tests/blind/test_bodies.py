@@ -56,6 +56,8 @@ CASES = {
     "drift, no survey": (without_survey(PLAIN), Hidden("drift", "tool", 0.012), ("body-drift", "tool")),
     "drift that settles": (OTHER, Hidden("drift", "frame", 0.012, tau=0.2), ("body-drift", "frame")),
     "a base that walks": (PLAIN, Hidden("walk", "base", 0.05, tau=0.3), ("body-drift", "base")),
+    "a base that walks from half time on": (PLAIN, Hidden("late", "base", 0.08), ("body-drift", "base")),
+    "one body that grows": (PLAIN, Hidden("growth", "tool", 6e-5), ("thermal-expansion", "tool")),
 }
 
 
@@ -76,6 +78,16 @@ def test_the_pattern_of_a_drift_is_the_hidden_one(tmp_path: Path) -> None:
     pulls = np.array([(found[n]["value"] - v) / found[n]["sigma"] for n, v in zip(names, true, strict=True)])
     assert np.abs(pulls).max() < 4.5
     assert np.sqrt(np.mean(pulls**2)) < 1.6
+
+
+@pytest.mark.parametrize("size", [0.05, 3.0])
+def test_a_body_that_was_knocked_is_told_once_with_the_pose(size: float, tmp_path: Path) -> None:
+    """Neither target by target, nor as something that happened to run alike."""
+    told = _told(tmp_path / "c", PLAIN, (Hidden("jump", "base", size),), 16)
+    assert told.found == [("body-drift", "base")]
+    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
+    # Poses that are held out tell nothing of it, and between two that are not it is their jitter that decides.
+    assert abs(told.parameters("body-drift")["from_pose"]["value"] - truth["from_pose"]) <= 2
 
 
 @pytest.mark.parametrize("size", [0.06, 400.0])

@@ -9,7 +9,8 @@ from tests.simulation.body_campaign import body_model
 from tests.tolerance import assert_close
 from truing.simulation.body_model import BodyModel
 from truing.simulation.cause import Cause
-from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
+from truing.simulation.causes.bodies import BodyDeformation
+from truing.simulation.causes.body_drift import BodyDrift
 from truing.simulation.causes.measurement_scale import MeasurementScale
 from truing.simulation.causes.targets import TargetMoved
 from truing.simulation.causes.warmth import ThermalExpansion
@@ -28,7 +29,9 @@ def _causes(model: BodyModel) -> tuple[Cause, ...]:
         _candidate(model, BodyDeformation(), "base whole approach"),
         _candidate(model, BodyDrift(), "base whole", "tau").refined(),
         TargetMoved("tool", "T2", 4, 4.0),
-        ThermalExpansion(),
+        _candidate(model, BodyDrift(), "base whole", "jump at 5"),
+        _candidate(model, BodyDrift(), "tool pattern", "linear from"),
+        _candidate(model, ThermalExpansion(), "body=tool"),
         MeasurementScale(),
     )
 
@@ -112,6 +115,27 @@ def test_a_drift_ends_at_its_parameters_whatever_its_course(model: BodyModel) ->
         moved = cause.shift(state, values)["moved"][:, :4].reshape(9, 12)
         assert_close(moved[0], np.zeros(12), atol=1e-18, what=f"{form} at first, m")
         assert_close(moved[-1], values, atol=1e-15, what=f"{form} at last, m")
+
+
+def test_a_drift_that_begins_later_and_a_jump_leave_what_was_before_as_it_was() -> None:
+    model = plain = body_model(np.random.default_rng(3), 9)
+    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).passage.state
+    values = np.arange(1.0, 7.0) * 1e-5
+    jump, late = (_candidate(model, BodyDrift(), "base whole", form) for form in ("jump at 5", "linear from"))
+    moved = {cause.key: cause.shift(state, values)["moved"][:, 4:].reshape(9, 9) for cause in (jump, late)}
+    step, course = np.repeat([0.0, 1.0], [5, 4]), np.maximum(np.arange(9) / 8.0 - 0.2, 0.0) / 0.8
+    assert_close(moved[jump.key], np.outer(step, jump._rigid @ values), atol=1e-15, what="jump, m")
+    assert_close(moved[late.key], np.outer(course, late._rigid @ values), atol=1e-15, what="late drift, m")
+
+
+def test_a_body_may_jump_twice_but_drifts_in_one_way() -> None:
+    model = body_model(np.random.default_rng(3), 9)
+    first, second = (_candidate(model, BodyDrift(), "base whole", f"jump at {n}") for n in (3, 5))
+    drift, other = (_candidate(model, BodyDrift(), "base whole", form) for form in ("tau", "linear from"))
+    assert first.excludes(first)
+    assert not first.excludes(second)
+    assert not drift.excludes(first)
+    assert drift.excludes(other)
 
 
 def test_only_a_body_that_should_stand_still_moves_as_a_whole() -> None:

@@ -164,8 +164,14 @@ def _shifted(
         way = effect.size * _unit(rng)
         shift[first:, target] = way
         return shift, {"target": target, "from_pose": first + 1, "shift_mm": way.tolist()}
+    if effect.kind == "growth":
+        return effect.size * (columns["temperature_c"] - 20.0)[:, None, None] * places, {"alpha": effect.size}
+    if effect.kind == "jump":
+        first = int(rng.integers(len(time) // 4, 3 * len(time) // 4))
+        way = _unit(rng) + np.cross(0.5 * _unit(rng), places) / np.sqrt(np.mean(np.sum(places**2, -1)))
+        return (np.arange(len(time)) >= first)[:, None, None] * effect.size * way, {"from_pose": first + 1}
     pattern = rng.normal(size=places.shape)
-    if effect.kind == "walk":
+    if effect.kind in ("walk", "late"):
         pattern = np.broadcast_to(_unit(rng) * np.sqrt(3.0), places.shape)
     elif effect.kind == "deformation" or effect.kind == "hysteresis" or effect.kind == "drift":
         pattern = _without_motion(places, pattern)
@@ -175,6 +181,8 @@ def _shifted(
         course = _unit_range(time if effect.tau == 0 else 1 - np.exp(-_unit_range(time) / effect.tau))
     if effect.kind == "hysteresis":
         course = _came_from(columns[effect.column]) / 2
+    if effect.kind == "late":
+        course = np.maximum(2.0 * _unit_range(time) - 1.0, 0.0)
     if effect.kind == "swapped":
         course = 0.0 * time
     return course[:, None, None] * pattern, {"pattern_mm": pattern.tolist()}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from truing.simulation.cause import Cause
 from truing.simulation.causes.base_deformation import BaseDeformation
-from truing.simulation.causes.bodies import BodyDeformation, BodyDrift
+from truing.simulation.causes.bodies import BodyDeformation
+from truing.simulation.causes.body_drift import BodyDrift
 from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
 from truing.simulation.causes.flexure_shift import FlexureShift
 from truing.simulation.causes.leg_drift import LegDrift
