@@ -24,7 +24,8 @@ def _drawn(rng: np.random.Generator, parts: int, others: int, count: int) -> NDA
     while np.any(again := np.abs(signs.sum(1)) == parts):
         signs[again] = rng.choice([-1.0, 1.0], (again.sum(), parts))
     signs = np.where(one_sign[:, None], rng.choice([-1.0, 1.0], (count, 1)), signs)
-    of_like_size = signs + alike_evidence._SPREAD * rng.normal(size=(count, parts))
+    spreads = rng.choice(alike_evidence._SPREADS, (count, 1))
+    of_like_size = signs + spreads * rng.normal(size=(count, parts))
     return sizes * np.concatenate([of_like_size, rng.normal(size=(count, others))], 1)
 
 

@@ -14,10 +14,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-# Sizes in plausible scales, all equally likely beforehand; neighbours overlap by the spread about them.
-_SIZES = tuple(3.0 / 2.0**step for step in range(7))
-# Parameters of like size scatter by this share of it.
-_SPREAD = 0.45
+# Sizes in plausible scales, all equally likely beforehand; neighbours overlap by the smallest spread about them.
+_SIZES = tuple(3.0 / 2.0 ** (step / 2) for step in range(13))
+# Parameters of like size scatter by one of these shares of it, each as likely: parts of one batch, or of one make only.
+_SPREADS = (0.15, 0.45)
 # Half the probability is that of one sign for all; with more parameters than these there is no other.
 _ONE_SIGN, _MOST_SIGNS = 0.5, 8
 
@@ -31,17 +31,26 @@ def alike_log_evidence(
     scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``, ``freedom`` and
     ``stretch`` as in `evidence.log_evidence`.
     """
+    sizes = stretch * np.array(_SIZES)
+    logs = np.array([_of_spread(scores, gram, alike, total, freedom, sizes, spread) for spread in _SPREADS])
+    largest = logs.max()
+    return float(largest + np.log(np.mean(np.exp(logs - largest))))
+
+
+def _of_spread(
+    scores: NDArray, gram: NDArray, alike: Sequence[int], total: float, freedom: float, sizes: NDArray, spread: float
+) -> float:
+    """Return the same for one spread of the parameters of like size, all sizes (S,) equally likely."""
     signs, weights = _patterns(len(alike))
     patterns = np.zeros((len(signs), len(scores)))
     patterns[:, alike] = signs
-    spread = np.ones(len(scores))
-    spread[list(alike)] = _SPREAD
-    sizes = stretch * np.array(_SIZES)
-    values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
+    spreads = np.ones(len(scores))
+    spreads[list(alike)] = spread
+    values, vectors = np.linalg.eigh(spreads[:, None] * gram * spreads)
     power = np.multiply.outer(sizes**2, np.maximum(values, 0.0))  # (S, P)
     # Squares gained by a mean, size times a pattern: 2 g.m - m'Am; then by what is left along the spread.
     linear, square = patterns @ scores, np.einsum("ni,ij,nj->n", patterns, gram, patterns)
-    along = ((scores * spread) @ vectors, (patterns @ gram * spread) @ vectors)
+    along = ((scores * spreads) @ vectors, (patterns @ gram * spreads) @ vectors)
     left = sizes[:, None, None] * (along[0] - sizes[:, None, None] * along[1])  # (S, N, P)
     gained = 2 * np.outer(sizes, linear) - np.outer(sizes**2, square)
     gained += np.sum(left**2 / (1 + power)[:, None], -1)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Scene
 
-# Probability beforehand that a cause concerns all legs, a single one, a pair, or any other number of them.
-_ALL, _SINGLE, _PAIR, _OTHER = 0.37, 0.3, 0.3, 0.03
+# Probability beforehand that a cause concerns all legs; one, two or three of them; any other number.
+_ALL, _SOME, _OTHER = 0.36, (0.36, 0.21, 0.05), 0.02
 # With more legs than this, sets of more than two are too many to be tried.
 _MOST_LEGS = 8
 
@@ -79,8 +79,10 @@ def choices(legs: int, most: int | None = None) -> list[tuple[int, ...]]:
 
 def choice_share(chosen: int, legs: int) -> float:
     """Return the probability beforehand of one choice of ``chosen`` legs; 0 stands for all of them."""
+    larger = range(len(_SOME) + 1, legs)
+    possible = _ALL + sum(_SOME[: legs - 1]) + (_OTHER if larger else 0.0)
     if chosen == 0:
-        return _ALL
-    if chosen <= 2:
-        return (_SINGLE, _PAIR)[chosen - 1] / comb(legs, chosen)
-    return _OTHER / sum(comb(legs, size) for size in range(3, legs))
+        return _ALL / possible
+    if chosen <= len(_SOME):
+        return _SOME[chosen - 1] / possible / comb(legs, chosen)
+    return _OTHER / possible / sum(comb(legs, size) for size in larger)
