@@ -72,6 +72,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         subject=cause.subject,
         odds=_odds(verdict, diagnosis),
         largest=_reach(verdict),
+        subjects=verdict.subjects,
     )
     return {
         "cause": cause.id,

@@ -43,6 +43,7 @@ CAUSES: tuple[Cause, ...] = (
         quantity=Quantity.TARGETS, body="platform", targets=("T6", "T8"), places=(1.0, -0.5, -1.0, 0.3), **PRODUCT
     ),
     unexplained(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES),
+    unexplained(first=3, degree=4, **OWN),
 )
 
 
@@ -226,8 +227,27 @@ def test_what_follows_names_the_columns() -> None:
     )
 
 
+def test_further_terms_of_a_form_begin_where_it_ends() -> None:
+    """Of all legs that it concerns or of single ones; together with it they are the form of the higher degree."""
+    model = _model([])
+    found = unexplained(degree=2, legs=(2, 5), **OWN)
+    further = found.further(model.scene)
+    assert {(own.legs, own.first, own.degree) for own in further} == {
+        (legs, 3, degree) for legs in ((2, 5), (2,), (5,)) for degree in (3, 4)
+    }
+    assert all(own.goes_on and not found.goes_on for own in further)
+    assert len({found.key, *(own.key for own in further)}) == 7
+    own = next(own for own in further if own.legs == (5,) and own.degree == 4)
+    assert [p.name for p in own.parameters(6)] == ["leg5_degree3", "leg5_degree4"]
+    assert own.with_settings(**own.settings()) == own
+    state = model.state(np.zeros(model.shared_size), np.zeros((POSES, model.local_size)))
+    whole = unexplained(degree=4, legs=(5,), **OWN).following.basis(state)
+    assert np.array_equal(own.following.basis(state), whole[..., 2:])
+    assert not unexplained(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES).further(model.scene)
+
+
 def test_choices_of_legs_share_their_probability() -> None:
-    for legs in (4, 6, 8):
+    for legs in (3, 4, 6, 8):
         total = sum(choice_share(len(chosen), legs) for chosen in choices(legs))
         assert_between(total, 1 - 1e-12, 1 + 1e-12, what=f"sum over choices of {legs} legs")
     assert len(choices(20)) == 1 + 20 + 190

@@ -165,6 +165,11 @@ class Cause:
         return self.key
 
     @property
+    def goes_on(self) -> bool:
+        """Return whether it is a further form of one that has to be accepted before."""
+        return False
+
+    @property
     def lasts(self) -> bool:
         """Return whether it stays with the machine; what hangs on a campaign's own time or targets ends with it."""
         return True
@@ -191,6 +196,11 @@ class Cause:
 
     def profiles(self, scene: Scene) -> Sequence[Profiles]:
         """Return candidates over single targets, which are too many to be told one by one; none for most causes."""
+        return ()
+
+    def further(self, scene: Scene) -> Sequence[Cause]:
+        """Return forms that go on where this one ends: what it leaves once it is accepted is as likely theirs as that
+        of any other form of its kind."""
         return ()
 
     def prior(self, scene: Scene) -> float:

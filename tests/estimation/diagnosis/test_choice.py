@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from tests.estimation import toy_campaign as toy
+from tests.tolerance import assert_close
 from truing.estimation.diagnosis.candidate_round import Round, scored
 from truing.estimation.diagnosis.candidate_search import Candidate, Search
-from truing.estimation.diagnosis.choice import choose
+from truing.estimation.diagnosis.choice import Choice, choose, confirmed
 from truing.estimation.diagnosis.noise_components import components
 from truing.estimation.diagnosis.signatures import signature
 
@@ -22,7 +25,9 @@ COURSES = np.random.default_rng(1).uniform(-1, 1, (3, toy.POSES))
 
 
 def _cause(name: str, catalogued: bool) -> Any:
-    return SimpleNamespace(key=name, catalogued=catalogued, alike=lambda legs: ())
+    return SimpleNamespace(
+        key=name, catalogued=catalogued, alike=lambda legs: (), goes_on=name.startswith("further"), subject=name
+    )
 
 
 def _design(course: NDArray, drive: int) -> dict[str, NDArray]:
@@ -39,7 +44,7 @@ def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unna
     whitened = toy.measured(np.random.default_rng(2), effect)
     own, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
     stand: Any = SimpleNamespace(
-        noise=noise, model=SimpleNamespace(leg_count=0), fit=SimpleNamespace(whitened=whitened)
+        noise=noise, model=SimpleNamespace(leg_count=0), fit=SimpleNamespace(whitened=whitened), causes=()
     )
     found = [Candidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
     shares = dict.fromkeys(designs, 1.0)
@@ -75,3 +80,79 @@ def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() 
     assert choice is not None
     names = [rival.key for rival, _ in choice.rivals]
     assert {choice.candidate.key, *names} == {"own", "twin"}
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A round of which only the log posterior odds of its candidates are known; all are real."""
+
+    odds: dict[str, float]
+    unnamed: tuple[str, ...] = ()
+    accepted: tuple[Any, ...] = ()
+    kinds: dict[str, str] = field(default_factory=dict)
+    best_pair: Any = None
+
+    @property
+    def stand(self) -> Any:
+        return SimpleNamespace(causes=self.accepted)
+
+    @cached_property
+    def candidates(self) -> tuple[Any, ...]:
+        own = SimpleNamespace(parameters=1)
+        return tuple(
+            SimpleNamespace(cause=_cause(n, n not in self.unnamed), key=n, kind=self.kinds.get(n, n), signature=own)
+            for n in self.odds
+        )
+
+    @property
+    def best(self) -> dict[str, Any]:
+        return {c.kind: c for c in sorted(self.candidates, key=self.posterior)}
+
+    @property
+    def scores(self) -> dict[str, Any]:
+        return {name: SimpleNamespace(log_evidence=1.0) for name in self.odds}
+
+    def posterior(self, candidate: Any) -> float:
+        return self.odds[candidate.key]
+
+    def p_value(self, candidate: Any) -> float:
+        return 1e-9
+
+
+def _accepted(told: _Told) -> str | None:
+    choice = choose(cast("Round", told), set(), LEVEL)
+    return None if choice is None else choice.candidate.key
+
+
+@pytest.mark.parametrize(("lead", "expected"), [(0.5, "name"), (2.0, "form"), (9.0, "form")])
+def test_a_name_is_given_unless_a_form_without_one_is_three_times_as_probable(lead: float, expected: str) -> None:
+    assert _accepted(_Told({"name": 10.0, "form": 10.0 + lead}, ("form",))) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "further", "expected"), [(2.0, 0.0, None), (4.0, 2.0, "further"), (4.0, 0.0, "name"), (9.0, 5.0, "name")]
+)
+def test_what_is_left_of_a_form_without_a_name_is_given_none(name: float, further: float, expected: str | None) -> None:
+    """Beside an accepted one, a name has to be twenty times as probable as none, and as that form's further terms."""
+    odds = {"name": name, **({"further": further} if further else {})}
+    assert _accepted(_Told(odds, ("further",), (_cause("form", False),))) == expected
+    assert _accepted(_Told(odds, ("further",))) == ("name" if name > further else expected)
+
+
+@pytest.mark.parametrize(("beside", "expected"), [(23.0, False), (28.0, True)])
+def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once_fitted(
+    beside: float, expected: bool
+) -> None:
+    """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
+    current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
+    choice = Choice(current.candidates[0], (), of_two=True)
+    assert confirmed(cast("Round", current), choice, cast("Round", following)) is expected
+
+
+def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> None:
+    kinds = dict.fromkeys(("leg2 leg5", "", "leg2", "leg1"), "gain")
+    odds = {"leg2 leg5": 9.0, "": 8.0, "leg2": 9.0 - np.log(10.0), "leg1": 5.0, "other": 8.9}
+    choice = choose(cast("Round", _Told(odds, kinds=kinds)), set(), LEVEL)
+    assert choice is not None
+    assert [subject for subject, _ in choice.subjects] == ["", "leg2"]
+    assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")

@@ -35,6 +35,14 @@ FACTS = Facts(
 )
 
 
+def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
+    said = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
+    assert said == (
+        f"{explanation(FACTS)} That it concerns all legs (1.2 to 1) or legs 2 and 5 (6.0 to 1) or target P07 "
+        "(1.0 to 1) instead is less probable by these odds only."
+    )
+
+
 def test_a_finding_says_what_where_how_large_and_how_sure():
     assert explanation(FACTS) == (
         "The data show that the actuator moves further than it reads (leg 3): gain_3 = 0.213 ± 0.010 %. "

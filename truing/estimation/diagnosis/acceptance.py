@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.diagnosis.candidate_round import Round, score_round
 from truing.estimation.diagnosis.candidate_search import Candidate, Search
-from truing.estimation.diagnosis.choice import Choice, choose
+from truing.estimation.diagnosis.choice import Choice, choose, confirmed
 from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, Stand
 from truing.estimation.diagnosis.noise_following import NoiseFollowing
 from truing.estimation.diagnosis.noise_level import NoiseLevel, noise_level
@@ -167,7 +167,8 @@ class Acceptance:
         verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
-            verdicts.append(fitted(plain, step.cause, step.round.stand, step.after, final))
+            told = fitted(plain, step.cause, step.round.stand, step.after, final)
+            verdicts.append(replace(told, subjects=step.chosen.subjects))
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
         for verdict in others:  # one row per cause: the first thing that is to be said of it
             if verdict.cause.id not in {told.cause.id for told in verdicts}:
@@ -182,18 +183,23 @@ class Acceptance:
         """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
         found: list[_Accepted] = []
         worse: list[Verdict] = []
+        pairs = True
         while len(found) < _MOST_ROUNDS:
             current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
-            if (chosen := choose(current, refused, self._settings.level)) is None:
+            if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
                 break
             cause = chosen.candidate.cause.refined()
             after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
             if _predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
                 continue
+            following = self._round(after, kinds, len(rounds))
+            pairs = not chosen.of_two or confirmed(current, chosen, following)
+            if not pairs:
+                continue
             rounds[-1] = current.closed()
             found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
-            rounds.append(self._round(after, kinds, len(rounds)))
+            rounds.append(following)
         return found, worse
 
     def _covered(self, cause: Any, after: Stand) -> NDArray:

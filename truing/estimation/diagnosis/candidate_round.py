@@ -25,7 +25,7 @@ _BEST_MEMBERS = 4
 _PAIRED = 20
 _OF_A_KIND = 3
 # The probability that parameters of parts that were made alike are of like size, and not independent of each other.
-_ALIKE = 0.65
+_ALIKE = 0.7
 # A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
 NAMED = float(np.log(3.0))
 # Rivals within this factor of the best in evidence cannot be told from it.
@@ -205,11 +205,18 @@ def search_of(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Gen
 def _proposed(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Candidate]:
     found = []
     for kind in kinds:
-        proposed = [c for c in kind.candidates(stand.scene) if not any(own.excludes(c) for own in stand.causes)]
-        weights = np.array([cause.prior(stand.scene) for cause in proposed])
-        for cause, weight in zip(proposed, weights / max(weights.sum(), 1e-300), strict=True):
-            found.append(_candidate(stand, channels, cause, kind.id, float(weight)))
+        further = _open(stand, [c for own in stand.causes if own.id == kind.id for c in own.further(stand.scene)])
+        for proposed in (_open(stand, kind.candidates(stand.scene)), further):
+            weights = np.array([cause.prior(stand.scene) for cause in proposed])
+            whole = max(weights.sum(), 1e-300) * (2.0 if further else 1.0)
+            for cause, weight in zip(proposed, weights / whole, strict=True):
+                found.append(_candidate(stand, channels, cause, kind.id, float(weight)))
     return found
+
+
+def _open(stand: Stand, proposed: Sequence[Any]) -> list[Any]:
+    """Return the causes that the model of a stand has a place for."""
+    return [cause for cause in proposed if not any(own.excludes(cause) for own in stand.causes)]
 
 
 def _candidate(stand: Stand, channels: Channels, cause: Any, kind: str, prior: float) -> Candidate:

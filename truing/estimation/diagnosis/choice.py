@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from truing.estimation.diagnosis.candidate_round import NAMED, RIVAL_FACTOR, Round
 from truing.estimation.diagnosis.candidate_search import Candidate
 
+_MOST_SUBJECTS = 3
+
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidate to accept, and which ones the data cannot tell from it, with their log odds over it."""
+    """The candidate to accept, and which ones the data cannot tell from it, with their log odds over it.
+
+    ``of_two``: it is accepted as one of two that together explain what one would swallow; ``subjects``: what else it
+    may concern, with the odds against each.
+    """
 
     candidate: Candidate
     rivals: tuple[tuple[Candidate, float], ...]
+    of_two: bool = False
+    subjects: tuple[tuple[str, float], ...] = ()
 
     def light(self) -> Choice:
         """Return it without designs, which only a search needs."""
-        return Choice(self.candidate.light(), tuple((rival.light(), lead) for rival, lead in self.rivals))
+        rivals = tuple((rival.light(), lead) for rival, lead in self.rivals)
+        return replace(self, candidate=self.candidate.light(), rivals=rivals)
 
 
-def choose(current: Round, refused: set[str], level: float) -> Choice | None:
+def choose(current: Round, refused: set[str], level: float, *, pairs: bool = True) -> Choice | None:
     """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
     parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
     stronger of them, whose rivals are those that do as well beside the other.
@@ -33,13 +42,27 @@ def choose(current: Round, refused: set[str], level: float) -> Choice | None:
     rivals = [c for c in equals if c.kind not in refused]
     if not rivals:
         return None
-    pair = current.best_pair
+    pair = current.best_pair if pairs else None
     if pair is not None and is_real(current, pair.first, level) and pair.first.kind not in refused:
-        return Choice(pair.first, tuple(own for own in pair.rivals if is_real(current, own[0], level)))
-    unnamed = max((current.posterior(c) for c in rivals if not c.cause.catalogued), default=-np.inf)
-    named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= unnamed - NAMED]
-    chosen = min(named or rivals, key=lambda c: (*_complexity(c), -current.posterior(c)))
-    return Choice(chosen, tuple((c, current.posterior(c) - current.posterior(chosen)) for c in equals))
+        also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
+        return Choice(pair.first, also, True, _other_subjects(current, pair.first))
+    unnamed = [c for c in rivals if not c.cause.catalogued]
+    least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
+    least = max(least, _least_beside_unnamed(current))
+    named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
+    chosen = min(named or unnamed, key=lambda c: (c.signature.parameters, -current.posterior(c)), default=None)
+    if chosen is None:
+        return None
+    also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in equals)
+    return Choice(chosen, also, False, _other_subjects(current, chosen))
+
+
+def confirmed(current: Round, choice: Choice, following: Round) -> bool:
+    """Return whether what was chosen as one of two, and the best beside it once everything was fitted anew, are still
+    more probable than any single one: before, the evidence of two is an estimate."""
+    alone = max(current.posterior(c) for c in current.best.values())
+    beside = max((following.posterior(c) for c in following.best.values()), default=0.0)
+    return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
 
 
 def is_real(current: Round, candidate: Candidate, level: float) -> bool:
@@ -59,6 +82,27 @@ def _equals(current: Round, level: float) -> list[Candidate]:
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
 
-def _complexity(candidate: Candidate) -> tuple[bool, int]:
-    """Return whether a candidate has no name, and its number of parameters."""
-    return not candidate.cause.catalogued, candidate.signature.parameters
+def _least_beside_unnamed(current: Round) -> float:
+    """Return the least log posterior odds of a named cause beside what was accepted.
+
+    Forms that nobody declared are rough, so that something is left of them: beside one, a name has to be told from its
+    further terms, real or not, and from chance.
+    """
+    if all(cause.catalogued for cause in current.stand.causes):
+        return -np.inf
+    left = max((current.posterior(c) for c in current.candidates if c.cause.goes_on), default=0.0)
+    return max(left, 0.0) + float(np.log(RIVAL_FACTOR))
+
+
+def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float], ...]:
+    """Return what else a named cause may concern, the most probable first, with the odds against each."""
+    if not chosen.cause.catalogued:
+        return ()
+    logs: dict[str, float] = {}
+    for candidate in current.candidates:
+        if candidate.kind == chosen.kind:
+            own = candidate.cause.subject
+            logs[own] = float(np.logaddexp(logs.get(own, -np.inf), current.posterior(candidate)))
+    best = logs.pop(chosen.cause.subject)
+    near = sorted((best - log, subject) for subject, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
+    return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])

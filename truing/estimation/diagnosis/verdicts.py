@@ -38,6 +38,7 @@ class Verdict:
     candidates: int  # how many were tried together
     own: Stand | None = None  # the model with it: of a found cause when it was found, of a rival in place of that one
     reason: str = ""  # indistinguishable: from which cause; rejected: "held-out", "dropped", "contained" or "unseen"
+    subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
 
     @property
     def rank(self) -> tuple[int, float]:

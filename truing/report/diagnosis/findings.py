@@ -41,6 +41,7 @@ class Facts:
     subject: str = ""
     odds: float | None = None  # indistinguishable: of the other over this one
     largest: float | None = None
+    subjects: tuple[tuple[str, float], ...] = ()  # found: others that may be the subject, with the odds against each
 
 
 def explanation(facts: Facts) -> str:
@@ -82,8 +83,16 @@ def _found(facts: Facts) -> str:
     return (
         f"The data show that {_what(facts)}{unnamed}{_sizes(facts)}.{_reach(facts)} {_improvement(facts)} "
         f"By chance this happens with a probability of at most {facts.p_value:.2g}, "
-        f"all {facts.candidates} candidates counted."
+        f"all {facts.candidates} candidates counted.{_elsewhere(facts)}"
     )
+
+
+def _elsewhere(facts: Facts) -> str:
+    """Return what else may be the subject, as far as the data leave it open."""
+    if not facts.subjects:
+        return ""
+    told = [f"{subject_words(subject) or 'all legs'} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
+    return f" That it concerns {' or '.join(told)} instead is less probable by these odds only."
 
 
 def _indistinguishable(facts: Facts) -> str:

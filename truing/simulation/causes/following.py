@@ -23,8 +23,8 @@ class Following:
 
     A column is one of the configurations, ``rho3_mm`` (the displacement of that actuator, m), ``own drive`` (of each
     leg's own), ``approach``, ``last step`` or ``memory`` (the direction and the size of each actuator's last movement,
-    the sum of all of them, fading). The form is Chebyshev polynomials of degree 1 .. degree, as many cosines (slow
-    waves), or the displacements of all drives.
+    the sum of all of them, fading). The form is Chebyshev polynomials of degree ``first`` .. ``degree``, cosines (slow
+    waves) of so many half periods, or the displacements of all drives.
     """
 
     columns: tuple[str, ...] = ()
@@ -32,19 +32,19 @@ class Following:
     half_ranges: tuple[float, ...] = ()
     form: str = POLYNOMIAL
     degree: int = 1
+    first: int = 1
 
     def basis(self, state: State) -> NDArray:
         """Return the functions' values (B, L or 1, m) at the poses of a state."""
         if self.form == ALL_DRIVES:
             return ((state.indicated - state.legs.rho0) / self.half_ranges[0])[:, None, :]
         x = self._product(state)
-        if self.form == WAVES:
-            return waves(x, self.degree)
-        return chebyshev(x, self.degree)
+        functions = waves if self.form == WAVES else chebyshev
+        return functions(x, self.degree)[..., self.first - 1 :]
 
     def size(self, legs: int) -> int:
         """Return the number of functions m."""
-        return legs if self.form == ALL_DRIVES else self.degree
+        return legs if self.form == ALL_DRIVES else self.degree - self.first + 1
 
     def names(self, legs: int, concerned: tuple[int, ...]) -> tuple[str, ...]:
         """Return the columns of the configurations that it follows, for the legs concerned."""

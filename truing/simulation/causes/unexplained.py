@@ -6,7 +6,7 @@ It competes with the catalogue on equal terms, so that no named cause swallows w
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, Self
 
@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Parameter, Profiles, Scene, Step
 from truing.simulation.causes.following import ALL_DRIVES, APPROACH, LAST_STEP, ORDER, OWN_DRIVE, TIME, Following
 from truing.simulation.causes.per_leg import choice_share
-from truing.simulation.causes.unexplained_candidates import PATTERNS, followings, patterns, target_followings
+from truing.simulation.causes.unexplained_candidates import (
+    PATTERNS,
+    POSES_PER_FUNCTION,
+    followings,
+    patterns,
+    target_followings,
+)
 from truing.simulation.chain import State
 from truing.simulation.legs import Change
 
@@ -42,6 +48,8 @@ _PLAUSIBLE_M = 5e-6
 _EDGE = 1e-6
 # What is in proportion to one column is so many times as likely beforehand as any other form.
 _IN_PROPORTION = 4.0
+# So many further terms may a form have that was found of lower degree.
+_FURTHER = 2
 _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: "xy", Quantity.TARGETS: "xyz"}
 
 
@@ -59,6 +67,7 @@ class Unexplained(Cause):
     half_ranges: tuple[float, ...] = (1e-3,)
     form: str = "polynomial"
     degree: int = 1
+    first: int = 1
     legs: tuple[int, ...] = ()
     body: str = ""
     targets: tuple[str, ...] = ()
@@ -72,7 +81,7 @@ class Unexplained(Cause):
     @property
     def following(self) -> Following:
         """Return what it follows."""
-        return Following(self.columns, self.centres, self.half_ranges, self.form, self.degree)
+        return Following(self.columns, self.centres, self.half_ranges, self.form, self.degree, self.first)
 
     @property
     def subject(self) -> str:
@@ -93,8 +102,14 @@ class Unexplained(Cause):
     @property
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
-        parts = (self.id, self.quantity, *self.columns, self.form, self.degree, self.body, self.subject)
+        degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
+        parts = (self.id, self.quantity, *self.columns, self.form, degrees, self.body, self.subject)
         return " ".join(str(part) for part in parts if part)
+
+    @property
+    def goes_on(self) -> bool:
+        """Return whether it holds the further terms of a form of lower degree."""
+        return self.first > 1
 
     @property
     def says(self) -> str:
@@ -125,6 +140,17 @@ class Unexplained(Cause):
         """Return what single targets may follow."""
         return target_followings(scene, unexplained, _PLAUSIBLE[Quantity.TARGETS])
 
+    def further(self, scene: Scene) -> Sequence[Cause]:
+        """Return its next terms, of all that it concerns or of single legs among it, as far as poses tell them."""
+        if self.form == ALL_DRIVES:
+            return ()
+        degrees = range(self.degree + 1, min(self.degree + _FURTHER, len(scene.poses) // POSES_PER_FUNCTION) + 1)
+        concerned = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
+        choices = (self.legs, *((leg,) for leg in concerned))
+        return [
+            replace(self, first=self.degree + 1, degree=degree, legs=legs) for degree in degrees for legs in choices
+        ]
+
     def prior(self, scene: Scene) -> float:
         """Return the weight of this candidate: what is in proportion to one column is likelier than other forms, and
         all legs are likelier than a single one, and that than a pair."""
@@ -145,7 +171,7 @@ class Unexplained(Cause):
         """Return one amplitude per leg or target, axis and function; mm, for a scale relative."""
         names = [*self._owners(legs)]
         names = [f"{name}_{axis}" if axis else name for name in names for axis in self._axes]
-        functions = range(1, self.following.size(legs) + 1)
+        functions = range(self.first, self.first + self.following.size(legs))
         scale = _PLAUSIBLE.get(Quantity(self.quantity), _PLAUSIBLE_M)
         unit, si = ("1", 1.0) if self.quantity == Quantity.SCALE else ("mm", 1e-3)
         letter = "drive" if self.form == ALL_DRIVES else "degree" if self.form == "polynomial" else "wave"
@@ -187,6 +213,10 @@ class Unexplained(Cause):
     @property
     def _axes(self) -> str | tuple[str, ...]:
         return _AXES.get(Quantity(self.quantity), ("",))
+
+    @property
+    def _is_of_legs(self) -> bool:
+        return self.quantity not in (Quantity.SCALE, Quantity.TARGETS)
 
     @property
     def _is_one(self) -> bool:

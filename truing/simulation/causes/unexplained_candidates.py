@@ -35,7 +35,7 @@ TEMPERATURE = "temperature_c"
 _SMOOTH = 3  # degree of the polynomials that stand for any smooth dependence
 _WAVES = 6  # half periods of slow waves over a campaign
 # A smooth dependence without a form wants this many poses per function.
-_POSES_PER_FUNCTION = 4
+POSES_PER_FUNCTION = 4
 _FEWEST_SEEN = 6
 _FEWEST_PATTERNED = 4
 PATTERNS = ("slope1", "slope2", "bend1", "twist", "bend2")
@@ -143,7 +143,7 @@ class _Shapes:
     def waves(self) -> Iterator[Follow]:
         """Slow waves of time, as many as the poses allow."""
         name = TIME if TIME in self._ranges else ORDER
-        count = min(_WAVES, len(self._scene.poses) // _POSES_PER_FUNCTION)
+        count = min(_WAVES, len(self._scene.poses) // POSES_PER_FUNCTION)
         if name in self._ranges and count > _SMOOTH:
             centre, half = self._ranges[name]
             yield _follow((name,), (centre,), (half,), WAVES, count)
