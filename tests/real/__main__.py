@@ -6,7 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.real.campaigns import data_folder, run
+from tests.real.campaigns import data_folder, run_all
 from tests.real.facts import FACTS
 from tests.real.page import PAGE, render
 
@@ -16,10 +16,8 @@ def main() -> int:
         sys.stderr.write(f"no real measurements in {data_folder()}; TRUING_REAL_DATA names their folder\n")
         return 4
     with tempfile.TemporaryDirectory() as folder:
-        facts = {}
-        for name, compute in FACTS.items():
-            sys.stdout.write(f"{name}\n")
-            facts[name] = compute(run(name, Path(folder)))
+        sys.stdout.write(f"{', '.join(FACTS)}\n")
+        facts = {name: FACTS[name](tables) for name, tables in run_all(tuple(FACTS), Path(folder)).items()}
     PAGE.write_text(render(facts), encoding="utf-8")
     sys.stdout.write(f"{PAGE}\n")
     return 0

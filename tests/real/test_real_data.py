@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from tests.real.campaigns import run
+from tests.real.campaigns import run_all
 from tests.real.facts import FACTS
 from tests.real.page import PAGE, render
 
@@ -16,7 +16,7 @@ _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 @pytest.fixture(scope="session")
 def facts(real_data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("real")
-    return {name: compute(run(name, folder)) for name, compute in FACTS.items()}
+    return {name: FACTS[name](tables) for name, tables in run_all(tuple(FACTS), folder).items()}
 
 
 def test_tracker_dropouts_and_wrong_targets_are_found_and_nothing_else(facts):

@@ -41,7 +41,6 @@ class Score:
     squares: float  # by which it lowers the sum of squares
     log_evidence: float  # marginal likelihood over that of the model without it
     log_posterior: float  # the same with what was probable beforehand
-    stretched: float  # log posterior with plausible scales tripled
     along: NDArray  # (r,) scores along its directions
 
     @property
@@ -106,8 +105,16 @@ class Round:
 
     def scale_holds(self, candidate: Candidate, rivals: Sequence[Candidate]) -> bool:
         """Return whether a candidate stays the most probable where plausible scales are tripled."""
-        own = self.scores[candidate.key].stretched
-        return all(own >= self.scores[rival.key].stretched for rival in rivals)
+        own = self._stretched(candidate)
+        return all(own >= self._stretched(rival) for rival in rivals)
+
+    def _stretched(self, candidate: Candidate) -> float:
+        """Return a candidate's log posterior odds with plausible scales tripled."""
+        score = self.scores[candidate.key]
+        if not candidate.signature.rank:
+            return score.log_posterior
+        beforehand = score.log_posterior - score.log_evidence
+        return _log_evidence(candidate, self.stand, score.along, STRETCH) + beforehand
 
     @cached_property
     def best_pair(self) -> Pair | None:
@@ -258,14 +265,13 @@ def _best_members(stand: Stand, channels: Channels, own: Profiles, along: NDArra
 def _score(candidate: Candidate, stand: Stand, channels: Channels, along: NDArray) -> Score:
     own = candidate.signature
     if not own.rank:
-        return Score(0.0, 0.0, float(np.log(candidate.prior)), float(np.log(candidate.prior)), np.zeros(0))
+        return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
     parts = along[:, own.index].ravel() @ own.unit_design
-    odds = [_log_evidence(candidate, stand, parts, stretch) for stretch in (1.0, STRETCH)]
-    prior = float(np.log(max(candidate.prior, 1e-300)))
-    return Score(float(parts @ parts), odds[0], odds[0] + prior, odds[1] + prior, parts)
+    odds = _log_evidence(candidate, stand, parts)
+    return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts)
 
 
-def _log_evidence(candidate: Candidate, stand: Stand, parts: NDArray, stretch: float) -> float:
+def _log_evidence(candidate: Candidate, stand: Stand, parts: NDArray, stretch: float = 1.0) -> float:
     """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
     own, (total, freedom) = candidate.signature, _total(stand)
     independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))

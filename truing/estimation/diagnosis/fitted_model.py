@@ -230,7 +230,7 @@ class Fitter:
         others = replace(measured, seen=measured.seen & ~own[:, None])
         local = np.where(own[:, None], 0.0, fit.local)
         without = fit_points(model, others, fit.frames, fit.shared, local)
-        return prediction_error(model, measured, fit.frames, without.shared, model.unpredicted)
+        return prediction_error(model, measured, fit.frames, without.shared, model.unpredicted, by_shared=False)
 
     def screen(self, stand: Stand) -> bool:
         """Take out what is grossly wrong against a fit, held out or not; return whether there was anything."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +14,7 @@ from truing.estimation.diagnosis.signatures import POINTS, Signature
 def after_first_step(stand: Stand, cause: object, own: Signature, values: NDArray) -> PredictionError:
     """Return the error on calibration poses once a candidate's parameters (P,), in plausible scales, are taken in."""
     step = _shared_step(stand, own, values)
-    return _moved(stand.error, stand.measured, stand.model, stand.fit.shared, cause, values, step)
+    return _moved(stand.error, stand.measured, cause, values, step)
 
 
 def held_out_after_first_step(
@@ -25,8 +23,7 @@ def held_out_after_first_step(
     """Return the same on held-out poses, None where there are none."""
     if held_out is None or stand.held_out is None:
         return None
-    model, step = stand.model.at(held_out.conditions), _shared_step(stand, own, values)
-    return _moved(stand.held_out, held_out.measured, model, stand.fit.shared, cause, values, step)
+    return _moved(stand.held_out, held_out.measured, cause, values, _shared_step(stand, own, values))
 
 
 def _shared_step(stand: Stand, own: Signature, values: NDArray) -> NDArray:
@@ -35,25 +32,17 @@ def _shared_step(stand: Stand, own: Signature, values: NDArray) -> NDArray:
 
 
 def _moved(
-    error: PredictionError,
-    measured: MeasuredPoints,
-    model: object,
-    shared: NDArray,
-    cause: object,
-    values: NDArray,
-    step: NDArray,
+    error: PredictionError, measured: MeasuredPoints, cause: object, values: NDArray, step: NDArray
 ) -> PredictionError:
-    motion = _points_motion(model, cause, shared, error.local) @ values
+    motion = _points_motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
     return error.less(columns + error.by_shared @ step)
 
 
-def _points_motion(model: object, cause: object, shared: NDArray, local: NDArray) -> NDArray:
+def _points_motion(error: PredictionError, cause: object) -> NDArray:
     """Return how the points (B, K, 3, P), m, follow a candidate's parameters, per plausible scale."""
-    designs: Mapping[str, NDArray] = model.designer(shared, local)(cause)  # type: ignore[attr-defined]
-    channels: Mapping[str, NDArray] = model.channels(shared, local)  # type: ignore[attr-defined]
-    poses = len(local)
-    parts = [channels[name] @ design[:, None] for name, design in designs.items() if name != POINTS]
+    designs, poses = error.designer(cause), len(error.local)
+    parts = [error.channels[name] @ design[:, None] for name, design in designs.items() if name != POINTS]
     if POINTS in designs:
         own = designs[POINTS]
         parts.append(np.broadcast_to(own, (poses, *own.shape[1:])).reshape(poses, -1, 3, own.shape[-1]))

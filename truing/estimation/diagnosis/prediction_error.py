@@ -6,8 +6,10 @@ model does not claim to predict (the roll of a leg about its own axis).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +30,7 @@ class PredictionError:
     """Measured minus predicted points (B, K, 3), in m in the measurement's axes, zero where unseen.
 
     ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each pose
-    (B, M, h) are those at the prediction, whitened.
+    (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,).
     """
 
     gap: NDArray
@@ -38,6 +40,18 @@ class PredictionError:
     local: NDArray
     by_shared: NDArray
     by_fitted: NDArray
+    model: Any
+    shared: NDArray
+
+    @cached_property
+    def channels(self) -> Mapping[str, NDArray]:
+        """Return how the points (B, K, 3, C), m, follow each channel at the prediction."""
+        return self.model.channels(self.shared, self.local)  # type: ignore[no-any-return]
+
+    @cached_property
+    def designer(self) -> Callable[[Any], Mapping[str, NDArray]]:
+        """Return what tells a cause's change of each channel at the prediction."""
+        return self.model.designer(self.shared, self.local)  # type: ignore[no-any-return]
 
     @property
     def seen(self) -> NDArray:
@@ -87,13 +101,21 @@ def merged(errors: Sequence[PredictionError], block: NDArray, measured: Measured
     turned, moved = (chosen([getattr(e.frames, name) for e in errors]) for name in ("R", "t"))
     frames = replace(errors[0].frames, R=turned, t=moved)
     parts = {name: chosen([getattr(e, name) for e in errors]) for name in _BY_POSE}
-    return PredictionError(measured=measured, frames=frames, **parts)
+    return replace(errors[0], measured=measured, frames=frames, **parts)
 
 
 def prediction_error(
-    model: Model, measured: MeasuredPoints, frames: Frames, shared: NDArray, unpredicted: NDArray
+    model: Model,
+    measured: MeasuredPoints,
+    frames: Frames,
+    shared: NDArray,
+    unpredicted: NDArray,
+    by_shared: bool = True,
 ) -> PredictionError:
-    """Return the error of the prediction from readings; unpredicted (H,) marks local unknowns that are fitted."""
+    """Return the error of the prediction from readings; unpredicted (H,) marks local unknowns that are fitted.
+
+    Derivatives by the shared unknowns are left out (G = 0) where they are not asked for.
+    """
     kept = np.concatenate([np.ones(6, bool), unpredicted])
     local = np.zeros((len(measured.points), len(unpredicted)))
     for _ in range(_ROUNDS):
@@ -101,10 +123,11 @@ def prediction_error(
         step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
         frames = frames.moved(step[:, :6])
         local[:, unpredicted] += step[:, 6:]
-    at = linearise(model, measured, frames, shared, local)
+    at = linearise(model, measured, frames, shared, local, by_shared)
     whitened = at.residual.reshape(*measured.seen.shape, 3)
     gap = _unwhitened(measured, at.residual)
-    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, at.by_local[..., kept])
+    fitted = at.by_local[..., kept]
+    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared)
 
 
 def _unwhitened(measured: MeasuredPoints, rows: NDArray) -> NDArray:

@@ -103,11 +103,11 @@ def certain(cause: Any, plain: Stand, held_out: Poses | None) -> Verdict:
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
     shared = plain.model.widened(plain.fit.shared, model)
-    before = prediction_error(model, plain.measured, plain.fit.frames, shared, model.unpredicted)
+    before = prediction_error(model, plain.measured, plain.fit.frames, shared, model.unpredicted, by_shared=False)
     held = None
     if held_out is not None:
         there = model.at(held_out.conditions)
-        held = prediction_error(there, held_out.measured, held_out.frames, shared, model.unpredicted)
+        held = prediction_error(there, held_out.measured, held_out.frames, shared, model.unpredicted, by_shared=False)
     gain = float(np.sum(before.squares) - np.sum(plain.error.squares))
     values, covariance = plain.values(cause)
     return Verdict(
