@@ -19,7 +19,7 @@ from schemas.faults import CampaignFaults
 from stages import diagnose
 from stages.predict import predict
 from tests.blind.generator.campaign import draw_campaign
-from tests.blind.generator.effects import Effect, LinearDeformation
+from tests.blind.generator.effects import ActuatorGain, Effect, LinearDeformation
 from tests.blind.generator.folder import truth_path, write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
@@ -32,6 +32,7 @@ from truing.simulation.causes import catalogue
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope"
 LINE = ("ingest", "pose", "diagnose")
 KAPPA = np.array([0.012, 0.01, 0.015, 0.009, 0.013, 0.011])
+FAR = ActuatorGain(np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0]))
 CERTAINTY = 0.999  # of every chi-square band
 
 
@@ -163,6 +164,12 @@ def test_what_no_cause_explains_is_called_so_and_not_by_another_s_name(tmp_path:
     assert row["follows"] == "rho4_mm"
     assert "no cause of the catalogue" in row["explanation"]
     assert tomllib.loads(coupled.model)["effects"][0]["cause"] == "unexplained"
+
+
+def test_an_effect_far_beyond_what_is_linear_in_it_is_put_on_its_leg(tmp_path: Path) -> None:
+    """Choosing the legs is linear in the effect: at fifty sigma and more others seem to take part, until all is fitted."""
+    found = [row for row in _drawn(tmp_path, [FAR], 58).rows if row["verdict"] == "found"]
+    assert [(row["cause"], row["subject"]) for row in found] == [("actuator-gain", "leg3")]
 
 
 def test_noise_far_above_the_declared_is_said_to_be_so(tmp_path: Path) -> None:

@@ -245,6 +245,11 @@ class Cause:
         """
         return self
 
+    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Cause:
+        """Return the cause without the parts that clearly do nothing once it is fitted, from values (P,) and covariance
+        (P, P) in SI: where an effect is large, what is linear in it only nearly needs them to be chosen."""
+        return self
+
     def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
         """Return the parameters as the tables name them, from values (P,) and covariance (P, P) in SI."""
         sigma = np.sqrt(np.diag(covariance))

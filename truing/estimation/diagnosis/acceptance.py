@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.diagnosis.candidate_round import Round, score_round
 from truing.estimation.diagnosis.candidate_search import Candidate, Search
-from truing.estimation.diagnosis.choice import Choice, choose, confirmed
+from truing.estimation.diagnosis.choice import Choice, choose, confirmed, is_real
 from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, Stand
 from truing.estimation.diagnosis.noise_following import NoiseFollowing
 from truing.estimation.diagnosis.noise_level import NoiseLevel, noise_level
@@ -188,8 +188,7 @@ class Acceptance:
             current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
             if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
                 break
-            cause = chosen.candidate.cause.refined()
-            after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
+            chosen, cause, after = self._fitted(chosen, current)
             if _predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
                 continue
@@ -201,6 +200,20 @@ class Acceptance:
             found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
             rounds.append(following)
         return found, worse
+
+    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Any, Stand]:
+        """Return what was chosen in the form that is fitted, and the model with it; without those of its parts that do
+        nothing then."""
+        while True:
+            own = chosen.candidate.cause
+            cause, size = own.refined(), chosen.candidate.signature.parameters
+            after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
+            values, covariance = after.values(cause)
+            least = own.narrowed(values[:size], covariance[:size, :size], after.model.leg_count)
+            narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
+            if narrower is chosen.candidate or not is_real(current, narrower, self._settings.level):
+                return chosen, cause, after
+            chosen = replace(chosen, candidate=narrower, subjects=())
 
     def _covered(self, cause: Any, after: Stand) -> NDArray:
         """Return at which held-out poses (B,) a cause claims to hold."""

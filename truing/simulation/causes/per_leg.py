@@ -14,6 +14,8 @@ from truing.simulation.cause import Cause, Scene
 
 # Probability beforehand that a cause concerns all legs; one, two or three of them; any other number.
 _ALL, _SOME, _OTHER = 0.36, (0.36, 0.21, 0.05), 0.02
+# Legs are left out again where that is more probable by this factor.
+_CLEARLY = np.log(20.0)
 # With more legs than this, sets of more than two are too many to be tried.
 _MOST_LEGS = 8
 
@@ -61,6 +63,27 @@ class PerLeg(Cause):
             return False
         return not self.legs or not other.legs or bool(set(self.legs) & set(other.legs))
 
+    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Cause:
+        """Return the cause without the legs that do nothing beside the others, if that is clearly more probable.
+
+        A leg that takes part is expected to do as much as those that are kept.
+        """
+        parameters, concerned = self.parameters(legs), self.concerned(legs)
+        scale = np.array([parameter.scale for parameter in parameters])
+        values, covariance = values / scale, covariance / np.outer(scale, scale)
+        leg_of = np.array([int(parameter.name.rpartition("_")[2]) for parameter in parameters])
+        odds = {}
+        for kept in choices(legs)[1:]:
+            if set(kept) < set(concerned):
+                out = ~np.isin(leg_of, kept)
+                shares = choice_share(len(kept), legs), choice_share(len(self.legs), legs)
+                size = max(float(np.sqrt(np.mean(values[~out] ** 2))), 1e-300)
+                odds[kept] = _log_odds_of_none(values[out], covariance[np.ix_(out, out)], size) + np.log(
+                    shares[0] / shares[1]
+                )
+        best = max(odds, key=lambda kept: odds[kept], default=())
+        return replace(self, legs=best) if best and odds[best] > _CLEARLY else self
+
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the cause for all legs and for every choice of some."""
         return [replace(self, legs=chosen) for chosen in choices(scene.legs)]
@@ -68,6 +91,15 @@ class PerLeg(Cause):
     def prior(self, scene: Scene) -> float:
         """Return the share of this choice of legs: all of them, a single one or a pair are likelier than others."""
         return choice_share(len(self.legs), scene.legs)
+
+
+def _log_odds_of_none(values: NDArray, covariance: NDArray, size: float) -> float:
+    """Return the log odds that values (n,), known to a covariance (n, n), are all zero and not N(0, size^2).
+
+    The ratio of the densities at zero, with and without the data (Savage and Dickey).
+    """
+    _, log_det = np.linalg.slogdet(covariance)
+    return float(len(values) * np.log(size) - (log_det + values @ np.linalg.solve(covariance, values)) / 2.0)
 
 
 def choices(legs: int, most: int | None = None) -> list[tuple[int, ...]]:
