@@ -40,13 +40,14 @@ def test_table_3_is_judged_as_the_page_says():
 
 def test_the_page_shows_what_the_command_writes_of_the_order():
     # A local search ends in one of many orders that are nearly as good; a processor's rounding decides in which.
-    for table in (shown(PAGE, "order"), figure14.order_table()):
+    page, made = shown(PAGE, "order"), figure14.order_table()
+    for table in (page, made):
         travel, drift = _rows(table).T
         assert np.all(np.diff(travel[:-1]) > 0)
         assert np.all(np.diff(drift[:-1]) < 0)
         assert travel[3] < 0.6 * travel[-1]  # the default against a random order
         assert drift[3] < 0.2 * drift[-1]
-    assert _rows(shown(PAGE, "order"))[:, 0] == pytest.approx(_rows(figure14.order_table())[:, 0], rel=0.1)
+    assert _rows(page)[:, 0] == pytest.approx(_rows(made)[:, 0], rel=0.1)
 
 
 def _rows(table: str) -> np.ndarray:

@@ -15,6 +15,13 @@ import pandas as pd
 HERE = Path(__file__).resolve().parent
 PROJECT = HERE.parents[1]
 DEFAULT_DATA = "../../../../shared/data"  # as the campaigns reach it from their own folder
+# One thread, for others run beside it; and large arrays, which come and go, keep their pages (glibc; else unheeded).
+FRUGAL = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MALLOC_MMAP_THRESHOLD_": "1000000000",
+    "MALLOC_TRIM_THRESHOLD_": "2000000000",
+}
 LONGEST = "so-lat-vstars"
 NAMES = tuple(sorted(path.parent.name for path in HERE.glob("*/campaign.toml")))
 
@@ -55,8 +62,7 @@ def run(name: str, folder: Path) -> dict[str, pd.DataFrame]:
         "--qa=warn",
         "--quiet",
     ]
-    one_thread = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # others run beside it
-    done = subprocess.run(command, cwd=PROJECT, env=one_thread, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=PROJECT, env=os.environ | FRUGAL, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{name} ended with {done.returncode}:\n{done.stderr}")
     assert (out / "report.html").is_file()
