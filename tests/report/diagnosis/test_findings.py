@@ -41,6 +41,8 @@ def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
         f"{explanation(FACTS)} That it concerns all legs (1.2 to 1) or legs 2 and 5 (6.0 to 1) or target P07 "
         "(1.0 to 1) instead is less probable by these odds only."
     )
+    whole = explanation(replace(FACTS, subject="body frame", subjects=(("", 2.0),)))
+    assert whole.endswith("That it concerns the whole (2.0 to 1) instead is less probable by these odds only.")
 
 
 def test_a_finding_says_what_where_how_large_and_how_sure():

@@ -91,7 +91,8 @@ def _elsewhere(facts: Facts) -> str:
     """Return what else may be the subject, as far as the data leave it open."""
     if not facts.subjects:
         return ""
-    told = [f"{subject_words(subject) or 'all legs'} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
+    whole = "all legs" if facts.subject.startswith("leg") else "the whole"
+    told = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
     return f" That it concerns {' or '.join(told)} instead is less probable by these odds only."
 
 
