@@ -27,7 +27,7 @@ POINTS = "points"
 class _Part:
     """Some channels: what shared unknowns explain of them, their products, and those in the readings' rows."""
 
-    shared: NDArray  # (G, B * n)
+    shared: NDArray  # (B, n, G)
     gram: NDArray  # (B, n, n)
     reading_gram: NDArray
 
@@ -81,9 +81,9 @@ class Channels:
         """Return what concerns the channels that an index names."""
         key = index.tobytes()
         if key not in self._parts:
-            shared = self._shared_wide.reshape(len(self._shared_wide), len(self.columns), -1)[:, :, index]
-            wide = shared.reshape(len(shared), -1)
-            self._parts[key] = _Part(wide, self._products(self.gram, index), self._products(self.reading_gram, index))
+            shared = np.ascontiguousarray(np.swapaxes(self.shared[:, :, index], 1, 2))
+            grams = (self._products(gram, index) for gram in (self.gram, self.reading_gram))
+            self._parts[key] = _Part(shared, *grams)
         return self._parts[key]
 
     def _products(self, gram: NDArray, index: NDArray) -> NDArray:
@@ -201,22 +201,30 @@ def signature(channels: Channels, designs: Mapping[str, NDArray]) -> Signature:
     acting = np.any(design != 0.0, (0, 2))
     design, index = design[:, acting], channels.index(names)[acting]
     part = channels.part(index)
-    wide = design.reshape(-1, design.shape[-1])
-    explained = part.shared @ wide
-    whole = wide.T @ (part.gram @ design).reshape(wide.shape)
+    during = _extent(np.any(design != 0.0, (1, 2)))
+    own = design[during]
+    wide = own.reshape(-1, own.shape[-1])
+    explained = (wide.T @ part.shared[during].reshape(len(wide), part.shared.shape[-1])).T
+    whole = wide.T @ (part.gram[during] @ own).reshape(wide.shape)
     gram = whole - explained.T @ explained
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)
     kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(whole))
-    share = float(np.sum(design * (part.reading_gram @ design)) / max(np.trace(whole), 1e-300))
+    share = float(np.sum(own * (part.reading_gram[during] @ own)) / max(np.trace(whole), 1e-300))
     return Signature(
         index,
-        wide,
+        design.reshape(-1, design.shape[-1]),
         explained,
         gram,
         np.sqrt(values[kept]),
         vectors[:, kept],
         min(max(share, 0.0), 1.0),
     )
+
+
+def _extent(acting: NDArray) -> slice:
+    """Return the poses from the first to the last at which a candidate acts: many do so from a pose on only."""
+    poses = np.flatnonzero(acting)
+    return slice(poses[0], poses[-1] + 1) if len(poses) else slice(0)
 
 
 def joint(channels: Channels, first: Signature, second: Signature) -> tuple[NDArray, NDArray]:
