@@ -84,13 +84,14 @@ def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() 
 
 @dataclass(frozen=True)
 class _Told:
-    """A round of which only the log posterior odds of its candidates are known; all are real."""
+    """A round of which only the log posterior odds of its candidates are known; all are real, unless ``p`` is large."""
 
     odds: dict[str, float]
     unnamed: tuple[str, ...] = ()
     accepted: tuple[Any, ...] = ()
     kinds: dict[str, str] = field(default_factory=dict)
     best_pair: Any = None
+    p: float = 1e-9
 
     @property
     def stand(self) -> Any:
@@ -116,7 +117,7 @@ class _Told:
         return self.odds[candidate.key]
 
     def p_value(self, candidate: Any) -> float:
-        return 1e-9
+        return self.p
 
 
 def _accepted(told: _Told) -> str | None:
@@ -146,7 +147,14 @@ def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once
     """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
     current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
     choice = Choice(current.candidates[0], (), of_two=True)
-    assert confirmed(cast("Round", current), choice, cast("Round", following)) is expected
+    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL) is expected
+
+
+def test_a_name_that_leaves_nothing_real_needs_no_other_however_probable_one_form_seemed_before_the_fit() -> None:
+    """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
+    current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
+    choice = Choice(current.candidates[0], (), of_two=True)
+    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL)
 
 
 def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> None:

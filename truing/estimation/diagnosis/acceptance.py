@@ -193,7 +193,7 @@ class Acceptance:
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
                 continue
             following = self._round(after, kinds, len(rounds))
-            pairs = not chosen.of_two or confirmed(current, chosen, following)
+            pairs = not chosen.of_two or confirmed(current, chosen, following, self._settings.level)
             if not pairs:
                 continue
             rounds[-1] = current.closed()
