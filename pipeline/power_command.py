@@ -177,11 +177,17 @@ def diagnosed_trial(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Ans
     """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
     import numpy as np
 
+    return diagnosed(_posed(plan.drawn(trial.effects, np.random.default_rng(trial.seed)), settings), settings, trial)
+
+
+def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
+    """What the diagnosis of a drawn campaign's tables, up to the poses, says of what was hidden in it."""
+    import numpy as np
+
     from stages.diagnose import decided, gathered_of
     from stages.diagnosis.rows import Words, diagnosis_table
     from stages.power import answer
 
-    tables = _posed(plan.drawn(trial.effects, np.random.default_rng(trial.seed)), settings)
     try:
         diagnosis = decided(gathered_of(tables, settings), settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated

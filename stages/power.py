@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # Sizes that are tried, in units of the one that theory expects to be found four times out of five.
 FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 _NOTHING = -1
+# Simulated residuals behind theory's threshold: that of a diagnosis, from its 400, scatters from campaign to campaign.
+_THRESHOLD_DRAWS = 1600
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class Rate:
 
 def expected_sights(gathered: Gathered, settings: Campaign) -> list[Sight]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
-    from stages.diagnose import DRAWS, rule_of
+    from stages.diagnose import rule_of
     from truing.estimation.diagnosis.candidate_round import search_of
     from truing.estimation.diagnosis.fitted_model import Fitter
     from truing.simulation.causes import catalogue
@@ -103,7 +105,7 @@ def expected_sights(gathered: Gathered, settings: Campaign) -> list[Sight]:
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     stand = fitter.prepared()
     rng = np.random.default_rng(settings.diagnosis.seed)
-    return sights(search_of(stand, list(catalogue().values()), DRAWS, rng), rule_of(settings).level)
+    return sights(search_of(stand, list(catalogue().values()), _THRESHOLD_DRAWS, rng), rule_of(settings).level)
 
 
 def questions(plan: CampaignPlan, seen: Sequence[Sight], wanted: Sequence[str]) -> list[Question]:
@@ -127,7 +129,8 @@ def _question(sort: Sort, seen: Sequence[Sight], legs: int) -> Question:
         and _names(sight.cause, legs) == parameters
     )
     size = told_size(sort.causes[0], 1.0, legs)
-    return Question(sort, own, replace(size, parameter=re.sub(r"_\d+\b", "", size.parameter)))
+    parameter, beside = (re.sub(r"_\d+\b", "", names) for names in (size.parameter, size.beside))
+    return Question(sort, own, replace(size, parameter=parameter, beside=beside))
 
 
 def _names(cause: Any, legs: int) -> list[tuple[str, str]]:

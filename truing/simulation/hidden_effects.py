@@ -18,11 +18,15 @@ _PATTERNS = 32
 
 @dataclass(frozen=True)
 class Size:
-    """How large an effect is, as the tables tell it: the root mean square of one sort of its parameters."""
+    """How large an effect is, as the tables tell it: the root mean square of one sort of its parameters.
+
+    ``beside`` names parameters of other units that grow with it.
+    """
 
     parameter: str
     value: float
     unit: str
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ def told_size(cause: Cause, size: float, legs: int) -> Size:
     unit = growing[-1][1]
     alike = [key for key in growing if key[1] == unit]
     value = float(np.sqrt(np.mean([once[key] ** 2 for key in alike])))
-    return Size(" ".join(name for name, _ in alike), value, unit)
+    return Size(" ".join(name for name, _ in alike), value, unit, " ".join(n for n, other in growing if other != unit))
 
 
 def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, str], float]:

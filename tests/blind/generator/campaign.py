@@ -34,6 +34,7 @@ from tests.blind.generator.schedule import Schedule, plan
 
 Move = tuple[int, str, Array]
 STREAMS = ("build", "marks", "plan", "settle", "readings", "survey", "points")
+SHARED = ("marks", "plan")
 
 
 @dataclass(frozen=True)
@@ -63,13 +64,28 @@ class Campaign:
     truth: Truth
 
 
+def streams(rng: np.random.Generator, kept: np.random.Generator | None) -> dict[str, np.random.Generator]:
+    """A stream per step; of ``kept``, where given, those of what campaigns of one layout share: the targets' places,
+    times and temperatures.
+    """
+    own = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
+    if kept is not None:
+        shared = dict(zip(STREAMS, kept.spawn(len(STREAMS)), strict=True))
+        own |= {name: shared[name] for name in SHARED}
+    return own
+
+
 def draw_campaign(
-    layout: Layout, moves: Sequence[Move], effects: Sequence[Effect], rng: np.random.Generator
+    layout: Layout,
+    moves: Sequence[Move],
+    effects: Sequence[Effect],
+    rng: np.random.Generator,
+    kept: np.random.Generator | None = None,
 ) -> Campaign:
     """Runs the chain once: schedule, drive, structure, instrument. Each step draws from a stream of its own,
     so that an effect or another noise leaves all other draws as they are.
     """
-    stream = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
+    stream = streams(rng, kept)
     built = build(layout.geometry, layout.tolerance, stream["build"])
     marks = place_marks(layout, built, stream["marks"])
     schedule = plan(moves, layout.surroundings, stream["plan"])

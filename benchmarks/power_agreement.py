@@ -1,0 +1,147 @@
+"""Whether `truing power` finds as much as the diagnosis finds in campaigns of the independent generator.
+
+    python -m benchmarks.power_agreement [--draws 8] [--seed 1] [--results FILE] [--write]
+
+The same effect is hidden in the same layout twice: by what `truing power` simulates, and by the generator of the blind
+tests, which shares no code with truing. The same diagnosis is run on both. Campaigns are drawn from the seed and their
+own numbers, so that a run that was cut short goes on where it stopped; results are kept line by line in FILE.
+``--write`` makes tables and figure of docs/power.md anew from it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.power_command import diagnosed
+from stages.diagnose import gathered_of
+from stages.power import Answer, Question, Trial, expected_sights, questions
+from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
+from tests.blind.hidden_twice import CAUSES, Ground
+
+RESULTS = Path("runs") / "power-agreement.jsonl"
+FACTORS = (0.6, 0.85, 1.2)  # of the size that theory expects to be found four times out of five
+# Which of a cause's sorts are hidden: what they concern, and their parameters.
+SORTS = {
+    ("actuator-gain", "the whole", "gain"),
+    ("actuator-gain", "one leg", "gain"),
+    ("actuator-backlash", "the whole", "backlash"),
+    ("platform-deformation-linear", "the whole", "kappa"),
+    ("platform-deformation-linear", "one leg", "kappa"),
+    ("leg-drift", "one leg", "drift"),
+    ("leg-thermal", "the whole", "alpha"),
+    ("measurement-scale", "the whole", "scale"),
+    ("target-moved", "one target", "dx dy dz"),
+}
+SMALL = Targets(base=5, platform=4, per_leg=0)
+WARM = Surroundings(temperature_step_c=0.3)
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A layout of the comparison."""
+
+    name: str
+    ground: Ground
+
+
+def places(seed: int) -> list[Place]:
+    """The layouts: few targets; targets on the legs and uneven noise."""
+    few = Layout("few", targets=SMALL, noise=Noise(0.006), faults=DataFaults(0.0, 0.0), surroundings=WARM)
+    uneven = Noise(axis_ratio=(1.0, 1.0, 3.0), write_sigmas=True)
+    legs = replace(few, name="legs", targets=replace(SMALL, per_leg=3), noise=uneven)
+    return [Place(layout.name, Ground(layout, 16, 3, seed)) for layout in (few, legs)]
+
+
+def asked(ground: Ground) -> list[Question]:
+    """The questions of a layout, with what theory expects."""
+    seen = expected_sights(gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
+    found = questions(ground.plan, seen, CAUSES)
+    return [q for q in found if (q.sort.kind, q.sort.concerns, q.unit.parameter) in SORTS and q.expected is not None]
+
+
+def cases(place: Place, draws: int, done: set[str]) -> Iterator[Record]:
+    """Both answers to every case of a layout that is not done; one of each before the second of any."""
+    listed = asked(place.ground)
+    for number in range(draws):
+        for question in listed:
+            for step, factor in enumerate(FACTORS):
+                key = f"{place.name} {question.sort.kind} {question.sort.concerns} {question.unit.parameter} "
+                key += f"{factor} {number}"
+                if key not in done:
+                    yield {"key": key, "layout": place.name, **hidden_twice(place.ground, question, step, number)}
+
+
+def hidden_twice(ground: Ground, question: Question, step: int, number: int) -> Record:
+    """One effect, drawn and generated; what the diagnosis says of either, and how often theory finds it."""
+    sort, size = question.sort, FACTORS[step] * (question.expected or 0.0)
+    own = _number_of(question), step, number
+    effect = sort.draw(size, ground.plan.layout.model.leg_count, np.random.default_rng([ground.seed, *own]))
+    trial = Trial(0, FACTORS[step], (effect,), ())
+    drawn, generated = ground.power_tables([effect], *own), ground.generated_tables([effect], *own)
+    return {
+        "cause": sort.kind,
+        "concerns": sort.concerns,
+        "parameter": question.unit.parameter,
+        "unit": question.unit.unit,
+        "factor": FACTORS[step],
+        "size": size * question.unit.value,
+        "subject": effect.cause.subject,
+        "theory": question.rate(size),
+        "power": _kept(diagnosed(drawn, ground.settings, trial)),
+        "generator": _kept(diagnosed(generated, ground.settings, trial)),
+    }
+
+
+def _number_of(question: Question) -> int:
+    return sorted(SORTS).index((question.sort.kind, question.sort.concerns, question.unit.parameter))
+
+
+def _kept(given: Answer) -> Record:
+    return {key: value for key, value in asdict(given).items() if key not in ("question", "factor")}
+
+
+def kept(results: Path) -> list[Record]:
+    """The results so far."""
+    lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def run_missing(listed: Sequence[Place], draws: int, results: Path) -> Iterator[Record]:
+    """Runs what the results lack, and adds it to them as it comes."""
+    done = {record["key"] for record in kept(results)}
+    results.parent.mkdir(parents=True, exist_ok=True)
+    with results.open("a", encoding="utf-8") as file:
+        for place in listed:
+            for record in cases(place, draws, done):
+                file.write(json.dumps(record) + "\n")
+                file.flush()
+                yield record
+
+
+def main() -> None:
+    """Run what is missing, and write the page if asked to."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=8, help="per size of every sort of effect")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--write", action="store_true", help="make the page anew")
+    options = parser.parse_args()
+    for record in run_missing(places(options.seed), options.draws, options.results):
+        print(record["key"], *(f"{who} {record[who]['said'] or '-'}" for who in ("power", "generator")), flush=True)
+    if options.write:
+        from benchmarks.power_agreement_page import write_page
+
+        write_page(kept(options.results))
+
+
+if __name__ == "__main__":
+    main()

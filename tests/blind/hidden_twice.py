@@ -1,0 +1,110 @@
+"""One effect hidden twice in one layout: by what `truing power` simulates, and by the generator, which shares no code
+with it. What the same diagnosis finds of either is compared.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline.settings_view import SettingsView
+from schemas.campaign import Campaign as Settings
+from stages import pose
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
+from stages.diagnose import gathered_of
+from tests.blind.generator import effects as hidden
+from tests.blind.generator.campaign import Campaign, draw_campaign
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import Layout
+from tests.blind.generator.quaternions import Array
+from tests.blind.generator.schedule import at_rest, random_moves
+from tests.stages.line import run_line, settings_of
+from truing.simulation.cause import Effect
+
+_PLAN, _GENERATOR, _POWER = 0, 1, 2  # what is drawn from a seed, apart
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A layout in which targets, times and temperatures stay, while geometry and noise are drawn anew each time."""
+
+    layout: Layout
+    calibration: int
+    verification: int
+    seed: int
+
+    def generated(self, effects: Sequence[hidden.Effect], *number: int) -> Campaign:
+        """A campaign of the generator's."""
+        rng = np.random.default_rng([self.seed, _GENERATOR, *number])
+        return draw_campaign(self.layout, self._moves, effects, rng, np.random.default_rng([self.seed, _PLAN]))
+
+    def power_tables(self, effects: Sequence[Effect], *number: int) -> dict[str, pa.Table]:
+        """Tables of a campaign as `truing power` draws it, up to the poses."""
+        tables = self.plan.drawn(effects, np.random.default_rng([self.seed, _POWER, *number]))
+        view = SettingsView(self.settings, pose.DECLARATION.settings)
+        return {**tables, **pose.run(tables, view, lambda *_: None).artifacts}
+
+    def generated_tables(self, effects: Sequence[Effect], *number: int) -> dict[str, pa.Table]:
+        """The same of the generator, which writes files."""
+        return self._read(self.generated([as_hidden(effect, self.settings) for effect in effects], *number))[0]
+
+    @property
+    def settings(self) -> Settings:
+        """What campaign.toml says."""
+        return self._plain[1]
+
+    @cached_property
+    def plan(self) -> CampaignPlan:
+        """The layout as `truing power` knows it, from a campaign in which nothing is hidden."""
+        tables, settings = self._plain
+        return full_plan(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"])
+
+    @cached_property
+    def _moves(self) -> list[tuple[int, str, Array]]:
+        moves = random_moves(self.calibration, self.verification, np.random.default_rng([self.seed, 3]))
+        return [at_rest(), *moves]
+
+    @cached_property
+    def _plain(self) -> tuple[dict[str, pa.Table], Settings]:
+        return self._read(self.generated([], 0))
+
+    def _read(self, campaign: Campaign) -> tuple[dict[str, pa.Table], Settings]:
+        with tempfile.TemporaryDirectory() as home:
+            folder = write_campaign(campaign, Path(home) / "campaign", self.seed)
+            return run_line(folder, "ingest", "pose")[0], settings_of(folder)
+
+
+def as_hidden(effect: Effect, settings: Settings) -> hidden.Effect:
+    """The generator's effect for one of the catalogue: what carries over is what the contract names of it."""
+    count, cause = len(effect.values), effect.cause
+    legs = len(settings.mechanism.legs)
+    told = {row.name: row.value for row in cause.told(effect.values, np.zeros((count, count)), legs)}
+    return _MAKERS[cause.id](told, cause, legs)
+
+
+def _per_leg(told: Mapping[str, Any], name: str, legs: int) -> Array:
+    return np.array([told.get(f"{name}_{leg}", 0.0) for leg in range(1, legs + 1)])
+
+
+def _moved(told: Mapping[str, Any], cause: Any, legs: int) -> hidden.Effect:
+    shift = (told["dx"], told["dy"], told["dz"])
+    return hidden.TargetMoved(cause.body, cause.target, shift, told["from_pose"])
+
+
+_MAKERS: dict[str, Callable[[Mapping[str, Any], Any, int], hidden.Effect]] = {
+    "actuator-gain": lambda told, _, legs: hidden.ActuatorGain(_per_leg(told, "gain", legs)),
+    "actuator-backlash": lambda told, _, legs: hidden.Backlash(_per_leg(told, "backlash", legs)),
+    "platform-deformation-linear": lambda told, _, legs: hidden.LinearDeformation(_per_leg(told, "kappa", legs)),
+    "leg-drift": lambda told, _, legs: hidden.LegDrift(_per_leg(told, "drift", legs), told.get("tau")),
+    "leg-thermal": lambda told, *_: hidden.LegThermal(told["alpha"]),
+    "measurement-scale": lambda told, *_: hidden.MeasurementScale(told.get("scale", 0.0), told.get("scale_per_k", 0.0)),
+    "target-moved": _moved,
+}
+CAUSES = tuple(_MAKERS)
