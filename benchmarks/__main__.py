@@ -15,6 +15,7 @@ _SHARED = (
     "errors_in_variables_peers",
     "errors_in_variables_problem",
     "pose_peers",
+    "power_agreement_page",
     "timing",
 )
 

@@ -1,6 +1,6 @@
 """Whether `truing power` finds as much as the diagnosis finds in campaigns of the independent generator.
 
-    python -m benchmarks.power_agreement [--draws 8] [--seed 1] [--results FILE] [--write]
+    python -m benchmarks.power_agreement [--draws 4] [--seed 1] [--results FILE] [--write]
 
 The same effect is hidden in the same layout twice: by what `truing power` simulates, and by the generator of the blind
 tests, which shares no code with truing. The same diagnosis is run on both. Campaigns are drawn from the seed and their
@@ -130,7 +130,7 @@ def run_missing(listed: Sequence[Place], draws: int, results: Path) -> Iterator[
 def main() -> None:
     """Run what is missing, and write the page if asked to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=8, help="per size of every sort of effect")
+    parser.add_argument("--draws", type=int, default=4, help="per size of every sort of effect")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--write", action="store_true", help="make the page anew")

@@ -47,8 +47,15 @@ def pairs(records: Iterable[Record], what: str = "found") -> list[Pair]:
     """Return the counts of either, one pair per layout, sort of effect and size: each at a rate of its own."""
     groups: dict[tuple[Any, ...], list[Record]] = {}
     for one in records:
-        groups.setdefault((one["layout"], one["cause"], one["concerns"], one["parameter"], one["factor"]), []).append(one)
-    return [Pair(_count(own, "power", what), len(own), _count(own, "generator", what), len(own)) for own in groups.values()]
+        groups.setdefault(tuple(one[name] for name in _CELL), []).append(one)
+    return [_pair(own, what) for own in groups.values()]
+
+
+_CELL = ("layout", "cause", "concerns", "parameter", "factor")
+
+
+def _pair(own: Sequence[Record], what: str) -> Pair:
+    return Pair(_count(own, "power", what), len(own), _count(own, "generator", what), len(own))
 
 
 def _count(records: Iterable[Record], who: str, what: str) -> int:

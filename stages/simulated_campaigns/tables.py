@@ -12,14 +12,15 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 NEARLY_ALWAYS = 0.95
-_TEXTS = ("cause", "concerns", "parameter", "unit", "instead")
+_TEXTS = ("cause", "concerns", "parameter", "unit", "beside", "instead")
 _COUNTS = ("campaigns",)
 
 
 def sizes_table(curves: Iterable[Curve]) -> pa.Table:
     """A row per sort of effect: the size found with 80 and with 95 %, as theory expects it and as drawn campaigns show.
 
-    Sizes are root mean squares of ``parameter`` in its unit; bounds hold with a probability of 95 %.
+    Sizes are root mean squares of ``parameter`` in its unit, ``beside`` names what other units grow with it; bounds
+    hold with a probability of 95 %.
     """
     return _table([_sizes_row(curve) for curve in curves], _SIZES)
 
@@ -31,7 +32,7 @@ def rates_table(curves: Iterable[Curve], alarms: Rate) -> pa.Table:
     return _table(rows, _RATES)
 
 
-_SORT = ("cause", "concerns", "parameter", "unit")
+_SORT = ("cause", "concerns", "parameter", "unit", "beside")
 _SIZES = (
     *_SORT,
     *(f"{name}_{level}" for level in ("80", "95") for name in ("expected", "found", "lower", "upper")),
@@ -57,7 +58,8 @@ def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
 
 def _sort_row(question: Question) -> dict[str, Any]:
     sort, unit = question.sort, question.unit
-    return {"cause": sort.kind, "concerns": sort.concerns, "parameter": unit.parameter, "unit": unit.unit}
+    told = {"parameter": unit.parameter, "unit": unit.unit, "beside": unit.beside}
+    return {"cause": sort.kind, "concerns": sort.concerns, **told}
 
 
 def _sizes_row(curve: Curve) -> dict[str, Any]:
@@ -92,7 +94,7 @@ def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
 
 
 def _nothing_row(alarms: Rate) -> dict[str, Any]:
-    nothing = {"cause": "nothing", "concerns": "", "parameter": "", "unit": "", "size": 0.0, "signal_to_noise": 0.0}
+    nothing = {**dict.fromkeys(_SORT, ""), "cause": "nothing", "size": 0.0, "signal_to_noise": 0.0}
     return {**nothing, "campaigns": alarms.of, **_told("found", alarms)}
 
 

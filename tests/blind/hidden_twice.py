@@ -17,8 +17,8 @@ import pyarrow as pa
 from pipeline.settings_view import SettingsView
 from schemas.campaign import Campaign as Settings
 from stages import pose
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
 from stages.diagnose import gathered_of
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
 from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.folder import write_campaign

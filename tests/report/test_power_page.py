@@ -12,8 +12,9 @@ from truing.report.power_page import alarm_words, power_head, power_sections, si
 from truing.report.rendering.render import render_page
 
 _LEVELS = {"expected_80": 9e-4, "found_80": 8e-4, "lower_80": 7e-4, "upper_80": 1.1e-3}
-GAIN = {"cause": "actuator-gain", "concerns": "the whole", "parameter": "gain", "unit": "1", "instead": ""}
-BLIND = {"cause": "flexure-shift", "concerns": "the whole", "parameter": "flexure_length", "unit": "mm", "instead": ""}
+GAIN = {"cause": "actuator-gain", "concerns": "the whole", "parameter": "gain", "unit": "1", "beside": ""}
+SCALE = {"cause": "measurement-scale", "concerns": "the whole", "parameter": "scale_per_k", "unit": "1/K", "beside": ""}
+BLIND = {**GAIN, "cause": "flexure-shift", "parameter": "flexure_length", "unit": "mm", "instead": ""}
 
 
 def _sizes() -> pd.DataFrame:
@@ -23,11 +24,15 @@ def _sizes() -> pd.DataFrame:
 
 
 def _rates(drawn: bool = True) -> pd.DataFrame:
-    columns = ["cause", "concerns", "parameter", "unit", "size", "campaigns", "expected"]
+    columns = [*GAIN, "size", "campaigns", "expected"]
     columns += [f"{what}{bound}" for what in ("found", "named") for bound in ("", "_lower", "_upper")]
-    nothing = ["nothing", "", "", "", 0.0, 40, math.nan, 0.025, 0.001, 0.13, math.nan, math.nan, math.nan]
-    steps = [[*list(GAIN.values())[:4], 1e-3 * k, 8, k / 3, k / 3, 0.1, 1.0, k / 4, 0.0, 0.9] for k in (1, 2, 3)]
+    nothing = ["nothing", "", "", "", "", 0.0, 40, math.nan, 0.025, 0.001, 0.13, math.nan, math.nan, math.nan]
+    steps = [_step(GAIN, k) for k in (1, 2, 3)]
     return pd.DataFrame([nothing, *steps] if drawn else [], columns=columns)
+
+
+def _step(sort: dict[str, str], k: int) -> list[object]:
+    return [*sort.values(), 1e-3 * k, 8, k / 3, k / 3, 0.1, 1.0, k / 4, 0.0, 0.9]
 
 
 def test_a_size_is_told_with_its_bounds_in_the_unit_of_a_laboratory() -> None:
@@ -51,6 +56,17 @@ def test_every_cause_that_was_drawn_has_a_figure_with_bars() -> None:
     theory, found, _ = figure.data
     assert theory.name == "theory"
     assert list(found.error_y.array) == pytest.approx([100 * (1.0 - k / 3) for k in (1, 2, 3)])
+
+
+def test_sorts_that_differ_in_what_grows_beside_are_told_apart() -> None:
+    both = {**SCALE, "beside": "scale"}
+    sizes = pd.DataFrame([{**sort, **_sizes().iloc[0][list(_LEVELS)], "instead": ""} for sort in (SCALE, both)])
+    sizes = sizes.assign(**{name.replace("80", "95"): math.nan for name in _LEVELS})
+    assert [row[2] for row in size_rows(sizes)] == ["scale_per_k 900 ppm/K", "scale_per_k 900 ppm/K (with scale)"]
+    drawn = pd.DataFrame([_step(sort, k) for sort in (SCALE, both) for k in (1, 2)], columns=_rates().columns)
+    figures = [figure for section in power_sections(sizes, drawn) for figure, _ in section.figures]
+    assert [len(figure.data[0].x) for figure in figures] == [2, 2]
+    assert "with scale" in figures[1].layout.title.text
 
 
 def test_theory_alone_makes_a_page_without_a_figure_or_a_rate() -> None:

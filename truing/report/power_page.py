@@ -81,7 +81,8 @@ def _size(row: dict[str, object], name: str, otherwise: str) -> str:
     value = row[name]
     if not isinstance(value, float) or math.isnan(value):
         return otherwise
-    return f"{row['parameter']} {printed(plain_size(str(row['parameter']), value, str(row['unit'])))}"
+    beside = f" (with {row['beside']})" if row["beside"] else ""
+    return f"{row['parameter']} {printed(plain_size(str(row['parameter']), value, str(row['unit'])))}{beside}"
 
 
 def _with_bounds(row: dict[str, object], level: str) -> str:
@@ -96,7 +97,7 @@ def _with_bounds(row: dict[str, object], level: str) -> str:
 
 def _of_cause(cause: str, rates: pd.DataFrame) -> Section:
     lead = f"{count(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
-    sorts = rates.groupby(["concerns", "parameter", "unit"], sort=False)
+    sorts = rates.groupby(["concerns", "parameter", "unit", "beside"], sort=False)
     figures = tuple((_curve(own, str(key[0])), _caption(own)) for key, own in sorts)
     return Section(f"cause-{cause}", cause_words(cause), lead, figures=figures)
 
@@ -119,7 +120,8 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     )
     for what, colour in (("found", BLUE), ("named", ORANGE)):
         figure.add_trace(_rates(places, rates, what, colour))
-    style(figure, label(f"{first['parameter']}, {concerns}"), "How often it was found, and given its name", 340)
+    beside = f" with {first['beside']}" if first["beside"] else ""
+    style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "How often it was found, and given its name", 340)
     axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
     figure.update_xaxes(type="log", title={"text": axis})
     figure.update_yaxes(range=[-3, 103], title={"text": "% of campaigns"})
