@@ -14,6 +14,7 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -65,17 +66,16 @@ def asked(ground: Ground) -> list[Question]:
     """The questions of a layout, with what theory expects."""
     seen = expected_sights(gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
     found = questions(ground.plan, seen, CAUSES)
-    return [q for q in found if (q.sort.kind, q.sort.concerns, q.unit.parameter) in SORTS and q.expected is not None]
+    return [question for question in found if _sort_of(question) in SORTS and question.expected is not None]
 
 
-def cases(place: Place, draws: int, done: set[str]) -> Iterator[Record]:
-    """Both answers to every case of a layout that is not done; one of each before the second of any."""
-    listed = asked(place.ground)
+def cases(listed: Sequence[Place], draws: int, done: set[str]) -> Iterator[Record]:
+    """Both answers to every case that is not done; one of each before the second of any."""
+    questions_of = {place.name: asked(place.ground) for place in listed}
     for number in range(draws):
-        for question in listed:
-            for step, factor in enumerate(FACTORS):
-                key = f"{place.name} {question.sort.kind} {question.sort.concerns} {question.unit.parameter} "
-                key += f"{factor} {number}"
+        for place in listed:
+            for question, step in product(questions_of[place.name], range(len(FACTORS))):
+                key = " ".join([place.name, *_sort_of(question), str(FACTORS[step]), str(number)])
                 if key not in done:
                     yield {"key": key, "layout": place.name, **hidden_twice(place.ground, question, step, number)}
 
@@ -83,7 +83,7 @@ def cases(place: Place, draws: int, done: set[str]) -> Iterator[Record]:
 def hidden_twice(ground: Ground, question: Question, step: int, number: int) -> Record:
     """One effect, drawn and generated; what the diagnosis says of either, and how often theory finds it."""
     sort, size = question.sort, FACTORS[step] * (question.expected or 0.0)
-    own = _number_of(question), step, number
+    own = sorted(SORTS).index(_sort_of(question)), step, number
     effect = sort.draw(size, ground.plan.layout.model.leg_count, np.random.default_rng([ground.seed, *own]))
     trial = Trial(0, FACTORS[step], (effect,), ())
     drawn, generated = ground.power_tables([effect], *own), ground.generated_tables([effect], *own)
@@ -101,8 +101,8 @@ def hidden_twice(ground: Ground, question: Question, step: int, number: int) -> 
     }
 
 
-def _number_of(question: Question) -> int:
-    return sorted(SORTS).index((question.sort.kind, question.sort.concerns, question.unit.parameter))
+def _sort_of(question: Question) -> tuple[str, str, str]:
+    return question.sort.kind, question.sort.concerns, question.unit.parameter
 
 
 def _kept(given: Answer) -> Record:
@@ -120,11 +120,10 @@ def run_missing(listed: Sequence[Place], draws: int, results: Path) -> Iterator[
     done = {record["key"] for record in kept(results)}
     results.parent.mkdir(parents=True, exist_ok=True)
     with results.open("a", encoding="utf-8") as file:
-        for place in listed:
-            for record in cases(place, draws, done):
-                file.write(json.dumps(record) + "\n")
-                file.flush()
-                yield record
+        for record in cases(listed, draws, done):
+            file.write(json.dumps(record) + "\n")
+            file.flush()
+            yield record
 
 
 def main() -> None:

@@ -98,8 +98,9 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     from truing.formats.source import CampaignFiles
 
     if not settings.mechanism.is_legged:
-        expected = "a mechanism of legs, whose points can be simulated"
-        raise CampaignFaults([Fault(str(campaign.file), expected, column="mechanism.type")])
+        expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
+        fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
+        raise CampaignFaults([fault])
     source = CampaignFiles(campaign.folder, settings)
     if not source.entries("points"):
         return _planning_tables(source, settings)

@@ -146,3 +146,13 @@ def test_a_campaign_that_cannot_be_drawn_says_why(planned: Path) -> None:
     code, said = call(planned, "--draws", 0)
     assert code == 2
     assert "a campaign that can be drawn again: needs at least 3 poses with readings, found 2" in said
+
+
+def test_a_campaign_of_bodies_without_a_mechanism_is_told_that_it_cannot_be_drawn_yet(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text('[campaign]\nname = "mirror"\nkind = "photogrammetry"\n')
+    (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n1,mirror,M1,0,0,0\n")
+    code, said = call(tmp_path)
+    assert code == 2
+    assert "mechanism.type" in said
+    assert "bodies without one cannot be drawn yet" in " ".join(said.split())
+    assert "found 'none'" in said

@@ -118,8 +118,8 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     figure.add_trace(
         go.Scatter(x=places, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"})
     )
-    for what, colour in (("found", BLUE), ("named", ORANGE)):
-        figure.add_trace(_rates(places, rates, what, colour))
+    for what, colour, aside in (("found", BLUE, 0.99), ("named", ORANGE, 1.01)):  # one would hide the other
+        figure.add_trace(_rates(places * aside, rates, what, colour))
     beside = f" with {first['beside']}" if first["beside"] else ""
     style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "How often it was found, and given its name", 340)
     axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
@@ -136,8 +136,7 @@ def _rates(places: pd.Series, rates: pd.DataFrame, what: str, colour: str) -> go
         x=places,
         y=value,
         name=what,
-        mode="markers+lines",
-        marker={"color": colour},
-        line={"color": colour},
+        mode="markers",
+        marker={"color": colour, "size": 8},
         error_y={"type": "data", "symmetric": False, "array": upper - value, "arrayminus": value - lower},
     )

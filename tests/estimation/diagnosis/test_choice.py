@@ -164,3 +164,16 @@ def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> Non
     assert choice is not None
     assert [subject for subject, _ in choice.subjects] == ["", "leg2"]
     assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")
+
+
+def test_what_predicts_worse_leaves_the_place_to_what_is_real_and_less_probable() -> None:
+    """A periodic error whose pitch fits the levels of the drives may swallow a gain, and fail between the levels."""
+    designs = {"refused": _design(COURSES[0], 0), "less": _design(COURSES[0] + 0.5 * COURSES[2], 0)}
+    current = _round(designs, {"refused": 20.0}, ())
+    first, left = choose(current, set(), LEVEL), choose(current, {"refused"}, LEVEL)
+    assert first is not None
+    assert left is not None
+    assert (first.candidate.key, left.candidate.key) == ("refused", "less")
+    assert current.posterior(left.candidate) < current.posterior(first.candidate) - np.log(20.0)
+    assert [rival.key for rival, _ in left.rivals] == ["less"]
+    assert choose(current, {"refused", "less"}, LEVEL) is None

@@ -36,10 +36,10 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
     stronger of them, whose rivals are those that do as well beside the other.
 
-    None where nothing is real, at the p-value ``level``, that is not of a kind among ``refused``.
+    None where nothing is real, at the p-value ``level``, that is not of a kind among ``refused``: what is out for
+    another reason sets no standard that the others would have to meet.
     """
-    equals = _equals(current, level)
-    rivals = [c for c in equals if c.kind not in refused]
+    rivals = _equals(current, level, refused)
     if not rivals:
         return None
     pair = current.best_pair if pairs else None
@@ -53,7 +53,7 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     chosen = min(named or unnamed, key=lambda c: (c.signature.parameters, -current.posterior(c)), default=None)
     if chosen is None:
         return None
-    also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in equals)
+    also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
     return Choice(chosen, also, False, _other_subjects(current, chosen))
 
 
@@ -81,9 +81,9 @@ def is_real(current: Round, candidate: Candidate, level: float) -> bool:
     return speaks and current.p_value(candidate) <= level
 
 
-def _equals(current: Round, level: float) -> list[Candidate]:
+def _equals(current: Round, level: float, refused: set[str]) -> list[Candidate]:
     """Return the best candidates of those kinds that are real and within a factor 20 of the best in evidence."""
-    real = [c for c in current.best.values() if is_real(current, c, level)]
+    real = [c for c in current.best.values() if c.kind not in refused and is_real(current, c, level)]
     best = max((current.posterior(c) for c in real), default=0.0)
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
