@@ -40,7 +40,7 @@ def kept_records() -> list[Record]:
 
 def tables(records: Sequence[Record]) -> dict[str, Callable[[], str]]:
     """Return what makes each table of the page."""
-    return {"agreement": lambda: agreement(records), "agreement sizes": lambda: by_size(records)}
+    return {"agreement": lambda: agreement(records), "sizes": lambda: by_size(records)}
 
 
 def pairs(records: Iterable[Record], what: str = "found") -> list[Pair]:
