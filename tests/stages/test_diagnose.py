@@ -167,7 +167,7 @@ def test_what_no_cause_explains_is_called_so_and_not_by_another_s_name(tmp_path:
 
 
 def test_an_effect_far_beyond_what_is_linear_in_it_is_put_on_its_leg(tmp_path: Path) -> None:
-    """Choosing the legs is linear in the effect: from fifty sigma on others seem to take part, until all is fitted."""
+    """Choosing the legs is linear in the effect: from fifty sigma on others seem to take part before all is fitted."""
     found = [row for row in _drawn(tmp_path, [FAR], 58).rows if row["verdict"] == "found"]
     assert [(row["cause"], row["subject"]) for row in found] == [("actuator-gain", "leg3")]
 

@@ -147,14 +147,14 @@ def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once
     """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
     current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
     choice = Choice(current.candidates[0], (), of_two=True)
-    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL) is expected
+    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
 
 
 def test_a_name_that_leaves_nothing_real_needs_no_other_however_probable_one_form_seemed_before_the_fit() -> None:
     """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
     current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
     choice = Choice(current.candidates[0], (), of_two=True)
-    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL)
+    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set())
 
 
 def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> None:

@@ -20,7 +20,7 @@ from truing.estimation.diagnosis.choice import Choice, choose, confirmed, is_rea
 from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, Stand
 from truing.estimation.diagnosis.noise_following import NoiseFollowing
 from truing.estimation.diagnosis.noise_level import NoiseLevel, noise_level
-from truing.estimation.diagnosis.prediction_error import PredictionError
+from truing.estimation.diagnosis.prediction_error import predicts_worse
 from truing.estimation.diagnosis.verdicts import (
     FOUND,
     INDISTINGUISHABLE,
@@ -34,8 +34,6 @@ from truing.estimation.diagnosis.verdicts import (
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
 # that is larger than declared, and of noise that follows something.
 _CAUSES, _NOISE, _FOLLOWING = 0.45, 0.05, 0.1
-# A cause is rejected where held-out poses are predicted worse by more than this many standard errors.
-_WORSE = 2.5
 _MOST_ROUNDS = 8
 _MOST_FOLLOWED = 2
 
@@ -189,11 +187,11 @@ class Acceptance:
             if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
                 break
             chosen, cause, after = self._fitted(chosen, current)
-            if _predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
+            if predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
                 continue
             following = self._round(after, kinds, len(rounds))
-            pairs = not chosen.of_two or confirmed(current, chosen, following, self._settings.level)
+            pairs = not chosen.of_two or confirmed(current, chosen, following, self._settings.level, refused)
             if not pairs:
                 continue
             rounds[-1] = current.closed()
@@ -274,11 +272,3 @@ class Acceptance:
 def _is_told(rival: Candidate, lead: float) -> bool:
     """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
     return rival.cause.catalogued or lead >= 0.0
-
-
-def _predicts_worse(before: PredictionError | None, after: PredictionError | None, covered: NDArray) -> bool:
-    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose."""
-    if before is None or after is None or covered.sum() < 2:
-        return False
-    worse = (after.squares - before.squares)[covered]
-    return bool(worse.mean() > _WORSE * worse.std(ddof=1) / np.sqrt(len(worse)) and worse.mean() > 0)

@@ -57,16 +57,16 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     return Choice(chosen, also, False, _other_subjects(current, chosen))
 
 
-def confirmed(current: Round, choice: Choice, following: Round, level: float) -> bool:
+def confirmed(current: Round, choice: Choice, following: Round, level: float, refused: set[str]) -> bool:
     """Return whether what was chosen as one of two, and the best beside it once everything was fitted anew, are still
-    more probable than any single one: before, the evidence of two is an estimate.
+    more probable than any single one that was not refused: before, the evidence of two is an estimate.
 
     So is that of a single one, which is linear in the effect; what leaves nothing real beside it needs no other.
     """
     left = following.best.values()
     if not any(is_real(following, c, level) for c in left):
         return True
-    alone = max(current.posterior(c) for c in current.best.values())
+    alone = max(current.posterior(c) for kind, c in current.best.items() if kind not in refused)
     beside = max((following.posterior(c) for c in left), default=0.0)
     return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
 

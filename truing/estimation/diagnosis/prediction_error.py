@@ -20,6 +20,9 @@ from truing.estimation.diagnosis.whitening import Whitened
 # Newton on frames and rolls: after two rounds from a pose's own fit, nothing is left to gain.
 _ROUNDS = 2
 _FLOOR_DRAWS = 24
+# A cause is rejected where held-out poses are predicted worse, by so much that chance does it this rarely; how much
+# chance does is known from the noise as well as from so many poses.
+_WORSE, _POSES_OF_NOISE = 0.006, 10
 
 
 _BY_POSE = ("gap", "whitened", "local", "by_shared", "by_fitted")
@@ -128,6 +131,19 @@ def prediction_error(
     gap = _unwhitened(measured, at.residual)
     fitted = at.by_local[..., kept]
     return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared)
+
+
+def predicts_worse(before: PredictionError | None, after: PredictionError | None, covered: NDArray) -> bool:
+    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose."""
+    if before is None or after is None or covered.sum() < 2:
+        return False
+    from scipy.special import stdtrit
+
+    worse = (after.squares - before.squares)[covered]
+    of_noise = 4.0 * np.sum((after.whitened - before.whitened)[covered] ** 2, (1, 2)).mean()
+    freedom = len(worse) - 1 + _POSES_OF_NOISE
+    variance = (np.sum((worse - worse.mean()) ** 2) + _POSES_OF_NOISE * of_noise) / freedom
+    return bool(worse.mean() > stdtrit(freedom, 1.0 - _WORSE) * np.sqrt(variance / len(worse)))
 
 
 def _unwhitened(measured: MeasuredPoints, rows: NDArray) -> NDArray:

@@ -23,7 +23,7 @@ _WAVES, _POSES_PER_WAVE = 6, 25
 # When a drift that was not there from the start may begin, over the length of the campaign.
 _STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 # Poses that are tried for a jump of a body as a whole, and of its shape; targets beyond which only the former is tried.
-_MOST_ONSETS, _MOST_OF_SHAPE, _MOST_JUMPING = 200, 60, 12
+_MOST_ONSETS, _MOST_OF_SHAPE, _MOST_JUMPING = 60, 20, 12
 _SHARE_OF_WAVES, _SHARE_OF_STARTS = 0.5, 0.5
 # Logarithms of ratios of time constants beyond which a drift is a line, or a step, whatever they are.
 _LOG_RATIOS = (-4.0, 4.0)
