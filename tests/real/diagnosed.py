@@ -53,6 +53,13 @@ def length(value: dict[str, Any], names: tuple[str, ...]) -> float:
     return float(np.linalg.norm([value[name] for name in names]))
 
 
+def seen_in_between(row: dict[str, Any], observations: pd.DataFrame) -> bool:
+    """Whether first and last poses see a row's step: in their medians one at the very ends is all or nothing."""
+    poses = sorted(observations["pose"].unique())
+    first = poses.index(row["value"]["from_pose"]) if "from_pose" in row["value"] else _EDGE
+    return _EDGE // 2 <= first < len(poses) - _EDGE // 2
+
+
 def walked(observations: pd.DataFrame) -> dict[str, float]:
     """How far the middle of each body's targets went between the first and the last poses, mm."""
     found = {}

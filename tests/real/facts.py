@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tests.real.diagnosed import diagnosed, length, sag, up_and_down, walked
+from tests.real.diagnosed import diagnosed, length, sag, seen_in_between, up_and_down, walked
 from truing.estimation.response import fit_response
 from truing.estimation.rigid_poses.rigid import umeyama
 from truing.estimation.rotation import exp_so3
@@ -142,7 +142,15 @@ _SHIFT = ("shift_x", "shift_y", "shift_z")
 def still_bodies(tables: Tables) -> dict[str, Any]:
     """How far bodies walked that should stand still: as the diagnosis has it, and between first and last readings."""
     found = diagnosed(tables)
-    told = {row["subject"]: length(row["value"], _SHIFT) for row in found["found"] if "shift_x" in row["value"]}
+    moves = [
+        row for row in found["found"] if "shift_x" in row["value"] and seen_in_between(row, tables["observations"])
+    ]
+    told = {
+        body: length(
+            {axis: sum(row["value"][axis] for row in moves if row["subject"] == body) for axis in _SHIFT}, _SHIFT
+        )
+        for body in {row["subject"] for row in moves}
+    }
     return {"diagnosis": found, "walked_mm": told, "seen_mm": walked(tables["observations"])}
 
 
