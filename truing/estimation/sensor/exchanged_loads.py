@@ -1,0 +1,122 @@
+"""Loads written down in each other's row: two rows of a calibration table that are right once they are exchanged back.
+
+The loads of all rows follow from their signals by one calibration. Where two rows were exchanged, wholly or in some
+components of the load, each misses by just the difference of the two, which a gross error or a bad channel does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.response import fit_response, keep_consistent
+from truing.estimation.sensor.load_table import LoadTable
+
+_NORMAL_MEDIAN = 0.6745
+_ROUNDS = 50  # exchanges looked for, one after the other
+_TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
+_FALSE_ALARM = 1e-3  # of any exchange named in a table without one
+
+
+@dataclass(frozen=True)
+class RowExchange:
+    """Two rows (from 0) whose loads are exchanged in some components (of W).
+
+    before, after: their misfit in sigmas, root mean square over these components; p_value: corrected for all pairs and
+    all sets of components. A component in which the two loads differ by no more than noise is not told of.
+    """
+
+    first: int
+    second: int
+    components: tuple[int, ...]
+    before: float
+    after: float
+    p_value: float
+
+
+def exchanged_loads(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> list[RowExchange]:
+    """Return the exchanged rows of a table, the surest first; loads that the table exchanges alike are no exchange.
+
+    The noise is that of the table's own residuals, from a robust fit of loads to signals and one zero. Whole rows of
+    signals exchanged, loads being right, look the same as whole rows of loads.
+    """
+    applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
+    loads, found = table.loads[:, applied], []
+    for _ in range(_ROUNDS):
+        rest, sigma = _robust_residuals(table.signals, loads)
+        one = _best(loads, rest / sigma, sigma, false_alarm)
+        if one is None:
+            break
+        _exchange(loads, one)
+        one = replace(one, components=tuple(applied[list(one.components)].tolist()))
+        found.append(one)
+    return found
+
+
+def with_loads_exchanged(loads: NDArray, exchanges: list[RowExchange]) -> NDArray:
+    """Return loads (N, W) with exchanged rows put right."""
+    right = loads.copy()
+    for one in exchanges:
+        _exchange(right, one)
+    return right
+
+
+def _exchange(loads: NDArray, one: RowExchange) -> None:
+    places = list(one.components)
+    loads[np.ix_([one.first, one.second], places)] = loads[np.ix_([one.second, one.first], places)]
+
+
+def _robust_residuals(signals: NDArray, loads: NDArray) -> tuple[NDArray, NDArray]:
+    """Return loads less what signals tell (N, W) by a fit that gross errors do not bend, and its scatter (W,)."""
+    first = np.linalg.lstsq(np.column_stack([signals, np.ones(len(signals))]), loads, rcond=None)[0]
+    rest = loads - np.column_stack([signals, np.ones(len(signals))]) @ first
+    sigma = _scatter(rest, signals.shape[1] + 1)
+    for _ in range(3):
+        cov = np.broadcast_to(np.diag(sigma**2), (len(loads), len(sigma), len(sigma)))
+        kept = keep_consistent(signals, loads, cov)
+        fit = fit_response(signals, np.where(kept, loads, np.nan), cov)
+        rest = loads - fit.offset[0] - fit.predict(signals)
+        sigma = _scatter(rest, signals.shape[1] + 1)
+    return rest, sigma
+
+
+def _scatter(rest: NDArray, parameters: int) -> NDArray:
+    """Return the robust standard deviation (W,) of residuals (N, W)."""
+    freedom = np.sqrt(len(rest) / max(len(rest) - parameters, 1))
+    spread = np.median(np.abs(rest), 0) / _NORMAL_MEDIAN * freedom
+    return np.where(spread > 0, spread, np.inf)
+
+
+def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float) -> RowExchange | None:
+    """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise."""
+    from scipy.special import chdtrc, chdtri
+
+    width = loads.shape[1]
+    first, second = np.triu_indices(len(loads), 1)
+    trials = len(first) * (2**width - 1)
+    way = (loads[first] - loads[second]) / sigma
+    before = whitened[first] ** 2 + whitened[second] ** 2
+    after = (whitened[first] - way) ** 2 + (whitened[second] + way) ** 2
+    gain = np.where(np.isfinite(before - after), before - after, 0.0)
+    # each row has to be put right by it, or one gross error would seem an exchange with whatever lies beyond
+    of_first = whitened[first] ** 2 - (whitened[first] - way) ** 2
+    of_second = whitened[second] ** 2 - (whitened[second] + way) ** 2
+    taken = (gain > _TELLS) & (of_first > 0) & (of_second > 0)
+    total = np.sum(np.where(taken, gain, 0.0), 1)
+    best = int(np.argmax(total))
+    places = np.flatnonzero(taken[best])
+    p_value = min(1.0, trials * float(chdtrc(len(places), total[best] / 2))) if len(places) else 1.0
+    left = float(np.sum(after[best, places]))
+    if p_value > false_alarm or left > float(chdtri(2 * len(places), false_alarm / len(first))):
+        return None
+    count = 2 * len(places)
+    return RowExchange(
+        int(first[best]),
+        int(second[best]),
+        tuple(places.tolist()),
+        float(np.sqrt(np.sum(before[best, places]) / count)),
+        float(np.sqrt(left / count)),
+        p_value,
+    )
