@@ -40,8 +40,7 @@ class TermEquations:
         columns = np.concatenate([self.terms.at(x, self.covariates), self.zeros], axis=1)
         slope = matrix[:, : columns.shape[1] - self.zeros.shape[1]] @ self.terms.by_inputs(x, self.covariates)
         own = np.broadcast_to(np.eye(width), (rows, width, width))
-        by_values = np.zeros((rows, width, width, columns.shape[1]))
-        by_values[:, np.arange(width), np.arange(width)] = -columns[:, None]
+        by_values = -own[..., None] * columns[:, None, None]
         return Equations(
             self.response + deviation[:, :width] - columns @ matrix.T,
             np.concatenate([own, -slope], axis=2),

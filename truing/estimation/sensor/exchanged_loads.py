@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.response import fit_response, keep_consistent
 from truing.estimation.sensor.load_table import LoadTable
 
 _NORMAL_MEDIAN = 0.6745
+_L1_ROUNDS, _CLOSE = 30, 0.1  # residuals nearer than that, in sigmas, do not gain more weight
+_SELECTIONS, _GROSS = 3, 5.0
 _ROUNDS = 50  # exchanges looked for, one after the other
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
 _FALSE_ALARM = 1e-3  # of any exchange named in a table without one
@@ -69,17 +70,28 @@ def _exchange(loads: NDArray, one: RowExchange) -> None:
 
 
 def _robust_residuals(signals: NDArray, loads: NDArray) -> tuple[NDArray, NDArray]:
-    """Return loads less what signals tell (N, W) by a fit that gross errors do not bend, and its scatter (W,)."""
-    first = np.linalg.lstsq(np.column_stack([signals, np.ones(len(signals))]), loads, rcond=None)[0]
-    rest = loads - np.column_stack([signals, np.ones(len(signals))]) @ first
-    sigma = _scatter(rest, signals.shape[1] + 1)
-    for _ in range(3):
-        cov = np.broadcast_to(np.diag(sigma**2), (len(loads), len(sigma), len(sigma)))
-        kept = keep_consistent(signals, loads, cov)
-        fit = fit_response(signals, np.where(kept, loads, np.nan), cov)
-        rest = loads - fit.offset[0] - fit.predict(signals)
-        sigma = _scatter(rest, signals.shape[1] + 1)
-    return rest, sigma
+    """Return loads less what signals tell (N, W) by a fit that gross errors do not bend, and its scatter (W,).
+
+    Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself.
+    """
+    columns = np.column_stack([signals, np.ones(len(signals))])
+    columns = columns / np.sqrt(np.mean(columns**2, 0))
+    rest = _rest(columns, loads, np.ones_like(loads))
+    for _ in range(_L1_ROUNDS):
+        far = np.abs(rest) / _scatter(rest, columns.shape[1])
+        rest = _rest(columns, loads, 1.0 / np.maximum(far, _CLOSE))
+    for _ in range(_SELECTIONS):
+        near = np.abs(rest) < _GROSS * _scatter(rest, columns.shape[1])
+        rest = _rest(columns, loads, near.astype(float))
+    return rest, _scatter(rest, columns.shape[1])
+
+
+def _rest(columns: NDArray, loads: NDArray, weight: NDArray) -> NDArray:
+    """Return residuals (N, W) of a fit to columns (N, Q) with weights (N, W)."""
+    normal = np.einsum("np,nw,nq->wpq", columns, weight, columns, optimize=True)
+    right = np.einsum("np,nw->wp", columns, weight * loads)
+    values = np.linalg.solve(normal, right[..., None])[..., 0]
+    return loads - columns @ values.T
 
 
 def _scatter(rest: NDArray, parameters: int) -> NDArray:

@@ -145,8 +145,14 @@ def _judged(miss: NDArray, spread: NDArray, own_zero: bool) -> tuple[float, floa
 
 
 def _smallest(held: Sequence[HeldOut]) -> NDArray:
-    """Return the covariance (W, W) of the errors of the contender whose errors are smallest by volume."""
-    spreads = [one.errors.T @ one.errors / len(one.errors) for one in held]
+    """Return the covariance (W, W) of the errors of the contender whose errors are smallest by volume.
+
+    Of those with rows enough to tell their noise: errors of the others lie in a few directions, and have no volume.
+    """
+    told = [one for one in held if np.isfinite(one.log_density)]
+    if not told:
+        raise ValueError("found no model that leaves rows enough to tell the noise, expected one with fewer terms")
+    spreads = [one.errors.T @ one.errors / len(one.errors) for one in told]
     return min(spreads, key=lambda spread: float(np.linalg.slogdet(spread)[1]))
 
 

@@ -8,7 +8,7 @@ counted in their limits, and may be bounded by what each measuring leg bears.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from truing.estimation.sensor.load_table import LOADS
 from truing.estimation.sensor.terms import Powers, Terms
 
 _STARTS = 5
+_LEAST = 1e-9  # share of the largest eigenvalue that a start has to have in every direction
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,13 @@ def bench_loads(limits: LoadLimits, levels: NDArray, at_once: int) -> NDArray:
 
     Those beyond a leg's limit are scaled down to it. levels: shares in (0, 1].
     """
-    steps = np.unique(np.concatenate([-np.asarray(levels), [0.0], levels]))
-    size = len(limits.limits)
-    grid = np.array([row for row in product(steps, repeat=size) if 0 < np.count_nonzero(row) <= at_once])
-    return np.unique(np.round(limits.region.pulled_in(grid), 12), axis=0) * limits.limits
+    steps, size = np.concatenate([-np.asarray(levels), levels]), len(limits.limits)
+    grids = []
+    for count in range(1, at_once + 1):
+        shares = np.array(list(product(steps, repeat=count)))
+        for axes in combinations(range(size), count):
+            grids.append(shares @ np.eye(size)[list(axes)])
+    return np.unique(np.round(limits.region.pulled_in(np.concatenate(grids)), 12), axis=0) * limits.limits
 
 
 @dataclass(frozen=True)
@@ -99,10 +103,15 @@ def choose_loads(
     bound = bound_design(rows, count)
     starts = [rounded_design(bound, count), one_by_one(rows, count, bound)]
     starts += [rng.choice(len(rows), count, replace=len(rows) < count) for _ in range(_STARTS)]
-    found = [exchange(rows, s) for s in starts if np.isfinite(sum_log_det(information_of(rows[s])))]
+    found = [exchange(rows, s) for s in starts if _determines(rows[s])]
     best = max(found, key=lambda one: one.log_det)
     share = efficiency(best.log_det, bound.upper, rows.shape[2])
     return LoadDesign(candidates[best.chosen], best.log_det, bound.upper, share)
+
+
+def _determines(rows: NDArray) -> bool:
+    strength = np.linalg.eigvalsh(information_of(rows))
+    return bool(np.all(strength[:, 0] > _LEAST * strength[:, -1]))
 
 
 def judge_loads(
