@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.iso230 import FORWARD, Positioning, positioning, positioning_uncertainty
-from truing.estimation.interferometry.log_quality import saturated
+from truing.estimation.interferometry.log_quality import saturated, signals_not_round, surroundings
 from truing.estimation.interferometry.quadrature import (
     EllipseFit,
     fit_ellipse,
@@ -20,10 +20,10 @@ from truing.estimation.interferometry.quadrature import (
     residual_radius,
     uncorrected_error,
 )
+from truing.simulation.air import ciddor_index, vapour_pressure_pa
 
 AXES = ("X", "Y", "Z")
 LENGTH_PER_TURN_NM = 632.99 / 2.0  # a plane mirror, light back and forth once
-WORST_RADIUS = 0.01  # of the mean: what is left after the correction has to be noise of the signals
 
 
 def quadrature(folder: Path) -> NDArray[np.float64]:
@@ -81,12 +81,27 @@ def quadrature_facts(signals: NDArray[np.float64]) -> QuadratureFacts:
         unclipped=residual_radius(signals, kept_fit.values, kept),
         mean_radius=radius.mean(1),
         clipped_share=1.0 - kept.mean(1),
-        flagged=left > WORST_RADIUS * radius.mean(1),
+        flagged=np.isin(np.arange(len(AXES)), signals_not_round(left, radius.mean(1)).where),
         periodic_nm=np.abs(uncorrected_error(kept_fit.values, turn)).max(1) / (2 * np.pi) * LENGTH_PER_TURN_NM,
         fourth_wave=radius_waves(signals, kept_fit.values, 4, kept)[:, 3],
         fit=fit,
         kept_fit=kept_fit,
     )
+
+
+def surroundings_facts(folder: Path) -> dict[str, float]:
+    """The air of the scan: its index at the start, how far that went over the scan, and by how much each part of it."""
+    name = "sios-nmm-quadrature/test01_XYZ{}.pos"
+    lines = np.concatenate([np.loadtxt(folder / name.format(way))[:, 3:8] for way in ("", "b")])
+    warm, pascal = lines[:, :3].mean(1), lines[:, 3]
+    vapour = vapour_pressure_pa(warm, 0.01 * lines[:, 4])  # taken for the humidity, as its size suggests
+    found = surroundings(ciddor_index(632.99e-9, warm, pascal, vapour), np.zeros(len(lines), int))
+    return {
+        "index": float(found.first[0]),
+        "span": float(found.span[0]),
+        "pressure_pa": float(np.ptp(pascal)),
+        "temperature_k": float(np.ptp(warm)),
+    }
 
 
 def slit(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

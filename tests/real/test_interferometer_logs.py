@@ -13,6 +13,7 @@ from tests.real.interferometer_logs import (
     slit_facts,
     slit_report,
     strange_axis,
+    surroundings_facts,
 )
 from tests.tolerance import assert_between, assert_close
 
@@ -50,6 +51,14 @@ def test_the_axis_that_stays_bad_is_flagged_and_its_converter_named(axes):
 def test_all_axes_keep_one_wave_of_the_fourth_order(axes):
     assert_between(axes.fourth_wave.min(), 0.004, 0.0075)
     assert_between(axes.fourth_wave.max(), 0.004, 0.0075)
+
+
+def test_the_air_of_the_scan_stood_nearly_still(real_data):
+    found = surroundings_facts(real_data)
+    assert_between(found["index"], 1.000264, 1.000265)
+    assert_close([found["pressure_pa"], found["temperature_k"]], [13.0, 0.0033], atol=1e-3)
+    # by its pressure alone, 2.7e-9 per Pa: the temperatures hardly moved
+    assert_between(found["span"] / (2.67e-9 * found["pressure_pa"]), 0.8, 1.0)
 
 
 def test_every_line_of_the_report_is_right_but_one(real_data):

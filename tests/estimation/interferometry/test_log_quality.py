@@ -111,6 +111,12 @@ def test_signals_that_meet_a_wall() -> None:
     assert len(quality.saturated(np.zeros(10))) == 0
 
 
+def test_signals_that_stay_no_circle() -> None:
+    found = quality.signals_not_round([2.0, 12.0, np.nan], [500.0, 533.0, 498.0])
+    assert list(found.where) == [1, 2]
+    assert_close(found.size[0], 12.0 / 533.0, atol=1e-15)
+
+
 def test_jumps_in_runs_are_found_and_good_runs_have_none() -> None:
     rng = np.random.default_rng(4)
     clean = 2e-10 * LEVELS + SIGMA * rng.standard_normal((300, len(LEVELS)))

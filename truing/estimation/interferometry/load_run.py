@@ -77,6 +77,11 @@ class RunFit:
     chi_square: float
     dof: int
 
+    @property
+    def noise_ratio(self) -> float:
+        """Scatter found over that declared; NaN where nothing is left over."""
+        return float(np.sqrt(self.chi_square / self.dof)) if self.dof > 0 else float("nan")
+
     def value(self, term: Term) -> tuple[float, float]:
         """Value and standard deviation of a term."""
         at = self.terms.index(term)

@@ -84,8 +84,9 @@ UNIT_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 206264.806, 1.0 / 206264.806, 3600.0, 1.0 
 def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tolerance: float = 0.3) -> Found:
     """Return runs whose response is that expected times a factor between units: mm for um, degrees or rad for arcsec.
 
-    slope (G,) with sigma (G,), expected (G,): of the simulation, or the median of the like runs; tolerance: how far off
-    the expectation may be, relative. Size: the factor by which the readings are too large.
+    slope (G,), expected (G,): of the simulation, or the median of the like runs; sigma (G,): of the slope by the run's
+    own scatter (``RunFit.noise_ratio``), as noise comes in the wrong unit too; tolerance: how far off the
+    expectation may be, relative. Size: the factor by which the readings are too large.
     """
     value = np.asarray(slope, float)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,6 +154,13 @@ def saturated(signal: ArrayLike, fewest: int = 3) -> Found:
         if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside):
             wall |= value == levels[end]
     return _found(wall, value, float(fewest))
+
+
+def signals_not_round(residual_radius: ArrayLike, radius: ArrayLike, limit: float = 0.01) -> Found:
+    """Return channels (C,) whose corrected signals still leave more than ``limit`` of their mean radius (C,) in the
+    standard deviation of the radius (C,): what is left is no noise of the signals; size: that share."""
+    share = np.asarray(residual_radius, float) / np.asarray(radius, float)
+    return _found(~(share <= limit), share, limit)
 
 
 @dataclass(frozen=True)
