@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, Log, made_compliance, made_log
 from tests.tolerance import assert_between, assert_close
@@ -13,7 +14,7 @@ from truing.estimation.interferometry.compliance import (
     fit_compliance,
     scaled_uncertainty,
 )
-from truing.estimation.interferometry.platform_displacement import platform_displacement
+from truing.estimation.interferometry.platform_displacement import drift_columns, platform_displacement, zero_columns
 
 TRUE = made_compliance()
 
@@ -67,6 +68,32 @@ def test_loads_that_always_come_together_are_not_told_apart() -> None:
     assert not found.known[:, [1, 2, 3, 4, 5]].any()
 
 
+def test_drift_beside_the_load_is_taken_out_of_the_compliance() -> None:
+    """Drifts of some sigmas over a run bias entries that are fitted without them, and not those fitted with them."""
+    squares, plain = 0.0, 0.0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        log = made_log(rng, [*OWN_PAIRS, (2, 3)])
+        time = 60.0 * (log.step - 1.0)
+        rate = 3e-9 * rng.standard_normal(7)[log.run]
+        log.reading[:] += rate * time
+        with_drift = fitted(log, beside=drift_columns(log.run, time))
+        assert with_drift.known.sum() == 7
+        squares += compare(with_drift, TRUE).chi_square
+        plain += compare(fitted(log), TRUE).chi_square
+    assert_between(squares, 42 - 4 * np.sqrt(84), 42 + 4 * np.sqrt(84))
+    assert plain > 42 + 4 * np.sqrt(84)
+    with pytest.raises(ValueError, match="matrix model"):
+        fitted(log, form="linear", beside=drift_columns(log.run, time))
+
+
+def test_what_stands_beside_the_load_all_along_leaves_it_unknown() -> None:
+    log = made_log(np.random.default_rng(9), OWN_PAIRS)
+    found = fitted(log, beside=log.wrench[:, 2:3] * 1e-4)
+    assert not found.known[:, 2].any()
+    assert list(np.flatnonzero(found.known.ravel())) == [0, 7, 21, 28, 35]
+
+
 def test_a_zero_that_is_known_tells_what_a_free_one_does_not() -> None:
     log = made_log(np.random.default_rng(4), [(2, 2)])
     held = LEVELS == 9e3
@@ -83,7 +110,8 @@ def test_the_way_by_six_components_is_the_same_as_by_channels() -> None:
     log = made_log(np.random.default_rng(5), ALL_PAIRS)
     case = log.axis * len(LEVELS) + log.step - 1
     sigma = np.array([0.5e-6] * 3 + [1e-6] * 3)
-    joined = platform_displacement(np.eye(6)[log.channel], log.reading, log.sigma, case, log.run, log.sigma[::21])
+    zeros = zero_columns(log.run)
+    joined = platform_displacement(np.eye(6)[log.channel], log.reading, log.sigma, case, zeros, log.sigma[::21])
     wrench = np.zeros((len(joined.value), 6))
     wrench[case] = log.wrench
     own = joined.covariance - np.stack([joined.between(k, k) for k in range(len(joined.value))])

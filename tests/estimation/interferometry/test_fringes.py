@@ -81,6 +81,16 @@ def test_where_no_noise_is_left_every_count_is_right_and_none_doubtful() -> None
     assert not found.doubtful.any()
 
 
+def test_a_beam_that_was_broken_loses_the_count() -> None:
+    phase = np.linspace(0.0, 9.0, 30)
+    phase[11] = np.nan
+    for steady in (False, True):
+        found = count_fringes(within_a_turn(phase), 0.01, steady=steady)
+        assert np.isfinite(found.phase[:11]).all()
+        assert np.isnan(found.phase[11:]).all()
+        assert found.doubtful[11]
+
+
 def test_a_turn_is_half_a_wavelength_in_air() -> None:
     assert_close(length_per_turn(WAVELENGTH_M, 1.00027), WAVELENGTH_M / 1.00027 / 2.0, atol=1e-20)
     assert_close(length_per_turn(WAVELENGTH_M, passes=4), WAVELENGTH_M / 4.0, atol=1e-20)

@@ -7,7 +7,12 @@ import pytest
 
 from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, Log, made_log
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.platform_displacement import PlatformDisplacement, platform_displacement
+from truing.estimation.interferometry.platform_displacement import (
+    PlatformDisplacement,
+    drift_columns,
+    platform_displacement,
+    zero_columns,
+)
 from truing.estimation.interferometry.readings import angular_rows, linear_rows
 
 
@@ -15,7 +20,7 @@ def joined(log: Log, rows: np.ndarray | None = None) -> PlatformDisplacement:
     """Cases: a step of an axis, in whichever run; zeros: one per run."""
     rows = np.eye(6)[log.channel] if rows is None else rows
     case = log.axis * len(LEVELS) + log.step - 1
-    return platform_displacement(rows, log.reading, log.sigma, case, log.run, log.sigma[:: len(LEVELS)])
+    return platform_displacement(rows, log.reading, log.sigma, case, zero_columns(log.run), log.sigma[:: len(LEVELS)])
 
 
 def test_six_components_within_what_their_covariance_states() -> None:
@@ -73,15 +78,15 @@ def test_beams_off_the_axes_are_resolved_and_one_alone_is_not() -> None:
     for _ in range(300):
         zeros = 1e-6 * rng.standard_normal(6)
         reading = rows @ truth + zeros + 1e-6 * rng.standard_normal(6)
-        found = platform_displacement(rows, reading, 1e-6, np.zeros(6, int), np.arange(6), 1e-6)
+        found = platform_displacement(rows, reading, 1e-6, np.zeros(6, int), np.eye(6), 1e-6)
         assert found.known.all()
         error = found.value[0] - truth
         errors.append(error @ np.linalg.solve(found.covariance[0], error))
     assert_between(float(np.sum(errors)), 1800 - 4 * np.sqrt(3600), 1800 + 4 * np.sqrt(3600))
-    alone = platform_displacement(rows[4:5], reading[4:5], 1e-6, np.zeros(1, int), np.zeros(1, int), 1e-6)
+    alone = platform_displacement(rows[4:5], reading[4:5], 1e-6, np.zeros(1, int), np.ones((1, 1)), 1e-6)
     assert not alone.known[0, [2, 4]].any()
     with_angle = np.concatenate([rows[4:5], angular_rows([[0.0, 1.0, 0.0]])])
-    both = platform_displacement(with_angle, reading[:2], 1e-6, np.zeros(2, int), np.arange(2), 1e-6)
+    both = platform_displacement(with_angle, reading[:2], 1e-6, np.zeros(2, int), np.eye(2), 1e-6)
     assert list(np.flatnonzero(both.known[0])) == [2, 4]
 
 
@@ -93,7 +98,7 @@ def test_readings_that_say_the_same_twice_are_averaged_and_judged() -> None:
         reading = np.repeat(zeros, 8) + np.tile(np.arange(8) * 1e-5, 2) + 1e-6 * rng.standard_normal(16)
         case, zero = np.tile(np.arange(8), 2), np.repeat(np.arange(2), 8)
         rows = np.tile(np.eye(6)[2], (16, 1))
-        found = platform_displacement(rows, reading, 1e-6, case, zero, 1e-6)
+        found = platform_displacement(rows, reading, 1e-6, case, zero_columns(zero), 1e-6)
         chi_square, freedom = chi_square + found.chi_square, freedom + found.dof
         error.append((found.value[3, 2] - 3e-5) / np.sqrt(found.covariance[3, 2, 2]))
     assert freedom == 200 * 8
@@ -101,11 +106,38 @@ def test_readings_that_say_the_same_twice_are_averaged_and_judged() -> None:
     assert_between(float(np.sum(np.square(error))), 200 - 80, 200 + 80)
 
 
+def test_drift_is_taken_out_where_loads_come_back_and_is_stated_where_they_do_not() -> None:
+    """A load met on both ways is one case: its drift is found. A case of its own for every step leaves the drift to
+    what is known of it, and nothing known is an error."""
+    rng = np.random.default_rng(6)
+    rate, time = 3e-9, 60.0 * np.arange(len(LEVELS))
+    run, levels = np.zeros(len(LEVELS), int), np.unique(LEVELS, return_inverse=True)[1]
+    shared = np.column_stack([zero_columns(run), drift_columns(run, time)])
+    rows = np.tile(np.eye(6)[2], (len(LEVELS), 1))
+    squares, of_rate = [], []
+    for _ in range(200):
+        zero = 0.5e-6 * rng.standard_normal()
+        reading = 2e-10 * LEVELS + zero + rate * time + 0.5e-6 * rng.standard_normal(len(LEVELS))
+        found = platform_displacement(rows, reading, 0.5e-6, levels, shared, [0.5e-6, np.inf])
+        assert found.dof == len(LEVELS) - 11 - 1
+        error = found.value[:, 2] - 2e-10 * np.unique(LEVELS)
+        squares.append(error[7] ** 2 / found.covariance[7, 2, 2])
+        of_rate.append((found.shared[1] - rate) ** 2 / found.shared_covariance[1, 1])
+    for total in (sum(squares), sum(of_rate)):
+        assert_between(total, 200 - 80, 200 + 80)
+    each = np.arange(len(LEVELS))
+    known = platform_displacement(rows, reading, 0.5e-6, each, shared, [0.5e-6, 5e-9])
+    late = np.sqrt(known.covariance[-1, 2, 2])
+    assert_close(late, np.sqrt(2 * 0.5e-6**2 + (5e-9 * time[-1]) ** 2), atol=1e-12)
+    with pytest.raises(ValueError, match="finite shared_sigma"):
+        platform_displacement(rows, reading, 0.5e-6, each, shared, [0.5e-6, np.inf])
+
+
 def test_missing_readings_and_shapes() -> None:
     log = made_log(np.random.default_rng(5), [(2, 2)])
     log.reading[4] = np.nan
     case = log.step - 1
-    found = platform_displacement(np.eye(6)[log.channel], log.reading, log.sigma, case, log.run, 0.5e-6)
+    found = platform_displacement(np.eye(6)[log.channel], log.reading, log.sigma, case, zero_columns(log.run), 0.5e-6)
     assert not found.known[4].any()
     with pytest.raises(ValueError, match=r"expected \(N, 6\)"):
-        platform_displacement(np.eye(6)[:, :3], log.reading[:6], 1e-6, case[:6], log.run[:6], 1e-6)
+        platform_displacement(np.eye(6)[:, :3], log.reading[:6], 1e-6, case[:6], zero_columns(log.run[:6]), 1e-6)

@@ -40,26 +40,37 @@ def fit_compliance(
     *,
     form: Literal["linear", "matrix"] = "matrix",
     zero_covariance: Array | None = None,
+    beside: Array | None = None,
 ) -> Compliance:
     """Fit displacements (N, 6), NaN where unknown, of wrenches (N, 6) in N and N m; covariance (N, 6, 6).
 
     run (N,): which zero 0 .. G-1 a step counts from, free in every run or of zero_covariance (6, 6). A channel that was
-    read alone is a displacement with five unknown components. Entries that no run tells are unknown.
+    read alone is a displacement with five unknown components. beside (N, C), for the matrix alone: what every component
+    may follow beside the load (``platform_displacement.drift_columns``, a temperature), fitted with it. Entries that
+    no run tells, or not from what is beside, are unknown.
     """
     u, y = np.asarray(wrench, float), np.asarray(displacement, float)
+    if beside is not None:
+        if form != "matrix":
+            raise ValueError(f"beside: found the {form} model, expected the matrix model")
+        u = np.column_stack([u, np.asarray(beside, float)])
     fit = fit_response(u, y, np.asarray(covariance, float), form=form, offset_cov=zero_covariance, group=run)
-    determined = _determined(u, np.isfinite(y), run, form, zero_covariance is None)
-    known = determined | ~fit.free
+    determined = _determined(u, np.isfinite(y), run, form, zero_covariance is None)[:, :6]
+    by_load = fit.free[:, :6]
+    known = determined | ~by_load
+    told = np.zeros(fit.free.shape, bool)
+    told[:, :6] = determined & by_load
     whole = np.zeros((36, 36))
-    free = np.flatnonzero(fit.free.ravel())
-    told = determined.ravel()[free]
-    whole[np.ix_(free, free)] = np.where(told[:, None] & told[None], fit.covariance, 0.0)
+    at, of_fit = np.flatnonzero(told[:, :6].ravel()), np.flatnonzero(told[fit.free])
+    whole[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
     sigma = np.sqrt(np.diag(whole)).reshape(6, 6)
-    return Compliance(np.where(known, fit.coefficients, np.nan), np.where(known, sigma, np.inf), whole, known, fit)
+    return Compliance(
+        np.where(known, fit.coefficients[:, :6], np.nan), np.where(known, sigma, np.inf), whole, known, fit
+    )
 
 
 def _determined(u: Array, seen: Mask, run: NDArray[np.int64], form: str, free_zero: bool) -> Mask:
-    """Which entries (6, 6) the loads determine: of each component, by the steps in which it was seen."""
+    """Which entries (6, D) the drives determine: of each component, by the steps in which it was seen."""
     weight = seen.T.astype(float)  # (6, N)
     moved = np.broadcast_to(u, (len(weight), *u.shape))
     if free_zero:
@@ -100,7 +111,7 @@ def compare(measured: Compliance, simulated: ArrayLike, simulated_covariance: Ar
 
     model = np.asarray(simulated, float)
     total = measured.covariance + (0.0 if simulated_covariance is None else np.asarray(simulated_covariance, float))
-    judged = measured.known & measured.fit.free
+    judged = measured.known & measured.fit.free[:, :6]
     difference = np.where(judged, measured.entries - model, np.nan)
     spread = np.sqrt(np.diag(total)).reshape(6, 6)
     with np.errstate(divide="ignore", invalid="ignore"):

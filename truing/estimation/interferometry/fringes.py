@@ -34,7 +34,8 @@ def count_fringes(phase: ArrayLike, sigma: ArrayLike, *, steady: bool = False) -
     """Follow phases (..., N), known within a turn to sigma rad (..., N) or one number, through whole turns.
 
     Each step is taken as the shortest one; where ``steady``, as the one nearest to the step before, so that
-    motion of more than half a turn a sample is followed while its speed changes by less than that.
+    motion of more than half a turn a sample is followed while its speed changes by less than that. A sample that is
+    missing (NaN) loses the count: what follows is missing too.
     """
     phase = np.asarray(phase, float)
     sigma = np.broadcast_to(np.asarray(sigma, float), phase.shape)
