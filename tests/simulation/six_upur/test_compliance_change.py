@@ -22,6 +22,7 @@ from truing.estimation.rotation import exp_so3
 from truing.simulation.six_upur.assembly import SOURCES
 from truing.simulation.six_upur.closure import assembled
 from truing.simulation.six_upur.compliance_change import (
+    change_as_a_whole,
     common_to_legs,
     compliance_change,
     compliance_covariance,
@@ -132,6 +133,12 @@ def test_displacements_follow_as_the_compliance_does() -> None:
     found = displacement_change(change, load)
     assert found.shape == (6, len(sensor.parts.names), 6)
     assert_close(found.sum((0, 1)), -sensor.displacement(load), atol=1e-12, what="all parts together")
+
+
+def test_a_given_compliance_is_known_as_well_as_its_one_stiffness() -> None:
+    C = sensor_of("A").compliance
+    variance = np.diag(compliance_covariance(change_as_a_whole(C), 0.05)).reshape(6, 6)
+    assert_close(np.sqrt(variance), 0.05 * np.abs(C), atol=1e-20, what="sigma")
 
 
 def test_sources_have_the_names_of_the_campaign() -> None:

@@ -173,8 +173,20 @@ def test_a_matrix_that_is_no_compliance_is_refused() -> None:
     lopsided[0, 1] = 0.5
     with pytest.raises(ValueError, match="expected a symmetric matrix"):
         elements.compliance(lopsided)
+    with pytest.raises(ValueError, match="expected a symmetric matrix"):
+        elements.compliance(np.full((6, 6), np.nan))
     with pytest.raises(ValueError, match="against its load"):
         elements.compliance(np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0]))
+
+
+def test_a_compliance_typed_with_four_digits_is_taken_for_its_symmetric_part() -> None:
+    exact = sensor_of("A").compliance
+    typed = np.array([[float(f"{value:.3e}") for value in row] for row in exact])
+    typed[0, 4] *= 1.0001
+    found = elements.passive(typed, "compliance_file")
+    size = np.sqrt(np.diag(exact))
+    assert_close(found / np.outer(size, size), exact / np.outer(size, size), atol=1e-3, what="compliance")
+    assert_close(found, found.T, atol=0.0, what="asymmetry")
 
 
 def test_lengths_of_a_drawing_are_met_to_their_rounding() -> None:

@@ -62,17 +62,19 @@ def stand(plan: _Plan, errors: NDArray) -> NDArray:
     x, lost = -step, np.zeros(errors.shape[-1], bool)
     shortest = before = float(plan.length.min())
     for _ in range(_MAX_ITERATIONS):
-        lost |= np.abs(step).max(0) > shortest
-        step[:, lost] = 0.0
-        size = float(np.abs(step).max())
+        reach = np.abs(step).max(0)
+        if reach.max() > shortest:
+            lost |= reach > shortest
+        size = float(reach.max(where=~lost, initial=0.0))
         if size * size <= before * _ROUNDING * shortest:  # steps shrink by size / before
             break
         before = size
         step = _combined(plan.inverse, (_squared(_moved(leg, arm, x)) - square) * per_length)
-        step[:, lost] = 0.0
+        if lost.any():
+            step[:, lost] = 0.0
         x -= step
     else:
-        lost |= np.abs(step).max(0) > np.sqrt(_ROUNDING) * shortest
+        lost |= reach > np.sqrt(_ROUNDING) * shortest
     x[:, lost] = np.nan
     return _with_rotation_vector(x)
 
@@ -90,9 +92,15 @@ def _moved(leg: Three, arm: Three, x: NDArray) -> Three:
         (scale * (a * b + c), -scale * (aa + cc), scale * (b * c - a)),
         (scale * (a * c - b), scale * (b * c + a), -scale * (aa + bb)),
     )
-    u, v, w = arm
-    first, second, third = (leg[i] + (x[i] + row[0] * u + row[1] * v + row[2] * w) for i, row in enumerate(rows))
-    return first, second, third
+    room = np.empty_like(arm[0])
+    return _three(_turned(row, arm, leg[i] + x[i], room) for i, row in enumerate(rows))
+
+
+def _turned(row: Three, arm: Three, total: NDArray, room: NDArray) -> NDArray:
+    """Return total (6, N) with a row of a matrix times the arms added in its place; room for one product."""
+    for number, part in zip(row, arm, strict=True):
+        total += np.multiply(number, part, out=room)
+    return total
 
 
 def _with_rotation_vector(x: NDArray) -> NDArray:
@@ -105,9 +113,9 @@ def _with_rotation_vector(x: NDArray) -> NDArray:
 
 def _combined(inverse: NDArray, long: NDArray) -> NDArray:
     """Return inverse' long (6, N), leg by leg: products of libraries may add up in another order on other machines."""
-    step = inverse[0][:, None] * long[0]
+    step, room = inverse[0][:, None] * long[0], np.empty_like(long)
     for row, values in zip(inverse[1:], long[1:], strict=True):
-        step += row[:, None] * values
+        step += np.multiply(row[:, None], values, out=room)
     return step
 
 
@@ -117,4 +125,7 @@ def _three(parts: Iterable[NDArray]) -> Three:
 
 
 def _squared(v: Three) -> NDArray:
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    total, room = v[0] * v[0], np.empty_like(v[0])
+    for part in v[1:]:
+        total += np.multiply(part, part, out=room)
+    return total

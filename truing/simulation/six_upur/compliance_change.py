@@ -75,6 +75,11 @@ def common_to_legs(change: NDArray) -> NDArray:
     return change.sum(0)
 
 
+def change_as_a_whole(compliance: NDArray) -> NDArray:
+    """Return the derivative (1, 6, 6) of a given compliance by the logarithm of one stiffness for all of it."""
+    return -compliance[None]
+
+
 def compliance_covariance(change: NDArray, sigma: ArrayLike) -> NDArray:
     """Return the covariance (36, 36) of a compliance, row by row, by independent parameters.
 

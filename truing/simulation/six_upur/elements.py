@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from truing.simulation.six_upur import flexible_parts as parts
 from truing.simulation.six_upur.flexible_parts import moved_along
 
-# Lengths of elements and legs as typed agree to this.
+# What is typed has three digits or so: lengths of elements and legs, and matrices, agree to this.
 _TYPED = 1e-3
 
 
@@ -61,28 +61,29 @@ def spring(axial: float | None = None, torsion: float | None = None, length: flo
 
 
 def compliance(matrix: ArrayLike, length: float = 0.0) -> Element:
-    """Return an element of known compliance (6, 6) at its outer end, SI, leg axes.
+    """Return an element of known compliance (6, 6) at its outer end, SI, leg axes; errors as for `passive`."""
+    return Element("compliance", length, (("scale", passive(matrix, "compliance")),))
 
-    Raises ValueError where the matrix is no compliance: not symmetric, or giving way against the load.
+
+def passive(matrix: ArrayLike, what: str) -> NDArray:
+    """Return the symmetric part of a given compliance (6, 6).
+
+    Raises ValueError for another shape, for an asymmetry of more than 0.1 % of the roots of its diagonal, and where
+    something moves against its load.
     """
-    found = np.asarray(matrix, float)
-    if found.shape != (6, 6):
-        raise ValueError(f"compliance: found shape {found.shape}, expected (6, 6)")
-    check_passive(found, "compliance")
-    return Element("compliance", length, (("scale", found),))
-
-
-def check_passive(compliance: NDArray, what: str) -> None:
-    """Raise ValueError unless a compliance (6, 6) is symmetric, to 1e-6 of its entries' size, and not negative."""
-    size = np.sqrt(np.abs(np.diag(compliance)))
+    given = np.asarray(matrix, float)
+    if given.shape != (6, 6):
+        raise ValueError(f"{what}: found shape {given.shape}, expected (6, 6)")
+    size = np.sqrt(np.abs(np.diag(given)))
     size = np.where(size > 0.0, size, 1.0)
-    scaled = compliance / np.outer(size, size)
+    scaled = given / np.outer(size, size)
     asymmetry = float(np.abs(scaled - scaled.T).max())
-    if not asymmetry <= 1e-6:
+    if not asymmetry <= _TYPED:
         raise ValueError(f"{what}: found an asymmetry of {asymmetry:.2g} of its diagonal, expected a symmetric matrix")
     lowest = float(np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0])
-    if lowest < -1e-6:
+    if lowest < -_TYPED:
         raise ValueError(f"{what}: found a direction that moves against its load ({lowest:.2g}), expected none")
+    return 0.5 * (given + given.T)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from truing.simulation.six_upur.geometry import JointCentres
 # Samples that share a stream of random numbers: part of what a seed means, so that it never follows the machine.
 _STREAM = 1 << 14
 # Samples worked on at once, so that their arrays stay in a processor's own cache.
-_BLOCK = 1 << 12
+_BLOCK = 1 << 11
 _BORDER = 3.0
 
 
