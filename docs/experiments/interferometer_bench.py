@@ -131,7 +131,7 @@ def quality_table() -> str:
         ["run 13 in mm for um", *_units(_spoilt(log, 13, 1e-3))],
         ["a step of run 6 missing", *_told(quality.steps_missing(run[kept], step[kept]), 1.0)],
         ["row 9 repeated as row 378, 5 um off", *_twice(log)],
-        ["dx of run 0 held at −1500 um", *_told(quality.saturated(pressed), 1e6)],
+        ["dx of run 0 held at −1500 um", *_told(quality.saturated(pressed, LEVELS), 1e6)],
         ["jump of 8 um in run 14 from step 13 on", *_jump(log)],
         ["drift of 10 um/h in run 2, 6.7 um over it", *_told(quality.drifting(_fits(_drifted(log)), TIME_S[-1]), 1e6)],
         ["noise twice the declared", *_noise()],

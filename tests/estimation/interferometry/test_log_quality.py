@@ -27,6 +27,23 @@ def slopes(log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return found[:, 0], found[:, 1], log.axis[:: len(LEVELS)] * 6 + log.channel[:: len(LEVELS)]
 
 
+def test_a_good_log_has_no_findings() -> None:
+    log = made_log(np.random.default_rng(7), PAIRS)
+    value, sigma, kind = slopes(log)
+    expected = np.diag(made_compliance())[kind // 7]
+    readings = log.reading.reshape(-1, len(LEVELS))
+    assert len(quality.loads_beyond(log.wrench.sum(1), 1e4)) == 0
+    assert len(quality.signs_flipped(value, sigma, kind)) == 0
+    assert len(quality.units_mistaken(value, sigma, expected)) == 0
+    assert len(quality.steps_missing(log.run, log.step)) == 0
+    assert len(quality.runs_cut_short(log.run, log.step, log.axis)) == 0
+    assert len(quality.channels_twice(log.run, log.step, log.channel, log.reading)) == 0
+    assert not sum(len(quality.saturated(reading, LEVELS)) for reading in readings)
+    assert len(quality.jumps(readings, log.sigma.reshape(readings.shape), COLUMNS).where) == 0
+    assert len(quality.drifting(fits(log), TIME[-1])) == 0
+    assert quality.noise_of_runs(fits(log)).p_above(1.0).min() > 0.01 / 18
+
+
 def test_loads_beyond_their_range() -> None:
     found = quality.loads_beyond([0.0, -1e4, 1.2e4, np.nan, 5e3], [1e4, 1e4, 1e4, 1e4, 4e3])
     assert list(found.where) == [2, 3, 4]
@@ -105,10 +122,22 @@ def test_signals_that_meet_a_wall() -> None:
     found = quality.saturated(clipped)
     assert (found.where == np.flatnonzero(clipped == -440.0)).all()
     assert set(found.size) == {-440.0}
-    smooth = 10.0 + 3e-3 * rng.standard_normal(40)
+    smooth = 10.0 + 3e-3 * rng.standard_normal(80)
     assert len(quality.saturated(smooth)) == 0
     assert len(quality.saturated(np.minimum(smooth, 10.002))) == (smooth >= 10.002).sum()
     assert len(quality.saturated(np.zeros(10))) == 0
+
+
+def test_a_load_held_or_repeated_is_no_wall_and_a_signal_that_stops_following_it_is() -> None:
+    rng = np.random.default_rng(8)
+    load = np.tile(LEVELS, 3)
+    wrong = 0
+    for _ in range(200):
+        signal = np.round(1.1e-3 * load + 0.01 * rng.standard_normal(len(load)), 2)
+        wrong += len(quality.saturated(signal, load)) > 0
+        short = quality.saturated(np.minimum(signal, 7.0), load)
+        assert set(load[short.where]) == {7e3, 9e3}
+    assert wrong == 0
 
 
 def test_signals_that_stay_no_circle() -> None:

@@ -112,6 +112,14 @@ def test_points_in_one_place_and_on_a_line_are_no_ellipse() -> None:
     assert not fit_ellipse(np.stack([line, still])).ok.any()
 
 
+def test_few_samples_say_so() -> None:
+    _, seen = noisy(4, 360.0, channels=2)
+    kept = np.zeros(seen.shape[:2], bool)
+    kept[0, :9] = kept[1, :40] = True
+    assert list(fit_ellipse(seen, kept).status) == [EllipseStatus.FEW_SAMPLES, EllipseStatus.OK]
+    assert "ten or more" in EllipseStatus.FEW_SAMPLES.remedy
+
+
 def test_samples_left_out_and_missing_ones_take_no_part() -> None:
     _, seen = noisy(3, 360.0, channels=2)
     spoilt = seen.copy()

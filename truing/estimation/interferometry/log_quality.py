@@ -16,6 +16,7 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses are of a size
+_FEWEST_AT_WALL, _FEWEST_AT_DRIVES = 8, 3
 _MOST_NEIGHBOURS = 4.0  # a value that is limited comes so many times as often as the one beside it
 
 
@@ -136,14 +137,16 @@ def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) 
     return _found(repeated, np.abs(value - value[earlier]), 0.0)
 
 
-def saturated(signal: ArrayLike, fewest: int = 3) -> Found:
+def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> Found:
     """Return samples (N,) that stand at an end of a signal's range which it meets as a wall; size: the value there.
 
-    A value is a wall where it is the largest or the smallest of all, comes ``fewest`` times or more, and many times as
-    often as the values next to it: a signal that turns there of itself comes close nearly as often.
+    A value is a wall where it is the largest or the smallest of all, comes many times as often as the values next to it
+    (a signal that turns there of itself comes close nearly as often), and eight times at least; with the drive
+    (N,) that the signal follows, three times and at different drives, which a load held or repeated is not.
     """
     value = np.asarray(signal, float)
     levels, count = np.unique(value[np.isfinite(value)], return_counts=True)
+    fewest = _FEWEST_AT_WALL if drive is None else _FEWEST_AT_DRIVES
     wall = np.zeros(len(value), bool)
     if len(levels) < 3:
         return _found(wall, value, float(fewest))
@@ -151,9 +154,16 @@ def saturated(signal: ArrayLike, fewest: int = 3) -> Found:
     for end, sign in ((0, 1.0), (-1, -1.0)):
         distance = sign * (levels - levels[end])
         beside = float(count[(distance > 0.0) & (distance < 3.5 * resolution)].max(initial=0))
-        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside):
-            wall |= value == levels[end]
+        there = value == levels[end]
+        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (drive is None or _differ(drive, there)):
+            wall |= there
     return _found(wall, value, float(fewest))
+
+
+def _differ(drive: ArrayLike, there: Mask) -> bool:
+    """Whether drives (N,) differ among some samples by more than a hundredth of their range."""
+    level = np.asarray(drive, float)
+    return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
 
 
 def signals_not_round(residual_radius: ArrayLike, radius: ArrayLike, limit: float = 0.01) -> Found:

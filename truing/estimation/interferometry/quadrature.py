@@ -21,6 +21,7 @@ Mask = NDArray[np.bool_]
 PARAMETERS = ("x0", "y0", "a", "b", "lag")
 _NEAREST_STEPS = 6  # of Newton, to the nearest point of the ellipse
 _MOST_ITERATIONS = 40  # an arc that fixes the ellipse needs some ten
+_FEWEST = 10  # samples, twice the ellipse's numbers
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 96, endpoint=False)
 
 
@@ -30,6 +31,7 @@ class EllipseStatus(StrEnum):
     OK = "ok"
     SHORT_ARC = "short-arc"
     NO_ELLIPSE = "no-ellipse"
+    FEW_SAMPLES = "few-samples"
 
     @property
     def remedy(self) -> str:
@@ -41,6 +43,7 @@ _REMEDIES = {
     EllipseStatus.OK: "Nothing to do.",
     EllipseStatus.SHORT_ARC: "The signals trace too little of the ellipse to fix it: move through a whole fringe, or "
     "take the correction of another run of the same channel.",
+    EllipseStatus.FEW_SAMPLES: "Too few samples to tell the noise about the ellipse: take ten or more.",
     EllipseStatus.NO_ELLIPSE: "The signals lie on no ellipse: look at the offsets, the gains and the wiring.",
 }
 
@@ -85,11 +88,11 @@ def fit_ellipse(signals: Array, used: Mask | None = None, largest_phase_sigma: f
     values = _positive(solution.x)
     arc = traced_arc(corrected_phase(filled, values), weight > 0.0)
     spread = np.sqrt(_correction_variance(values, covariance, _ROUND).max(-1))
-    settled = (solution.status == SolverStatus.CONVERGED) & (weight.sum(-1) > len(PARAMETERS))
-    shaped = np.isfinite(values).all(-1)
-    short = ~(settled & (spread <= largest_phase_sigma))
-    words = [np.str_(s) for s in (EllipseStatus.NO_ELLIPSE, EllipseStatus.SHORT_ARC, EllipseStatus.OK)]
-    status: NDArray[np.str_] = np.select([~shaped, short], words[:2], words[2])
+    few, settled = weight.sum(-1) < _FEWEST, solution.status == SolverStatus.CONVERGED
+    shaped, sharp = np.isfinite(values).all(-1), settled & (spread <= largest_phase_sigma)
+    words = ("FEW_SAMPLES", "NO_ELLIPSE", "SHORT_ARC", "OK")
+    told = [np.str_(EllipseStatus[word]) for word in words]
+    status: NDArray[np.str_] = np.select([few, ~shaped, ~sharp], told[:3], told[3])
     return EllipseFit(values, covariance, sigma, arc, np.where(settled, spread, np.inf), status)
 
 
