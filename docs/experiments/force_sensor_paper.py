@@ -24,6 +24,7 @@ FIGURES = {"force-sensor-figure8.svg": 0, "force-sensor-figure9.svg": 1}
 TABLES: dict[str, Callable[[], str]] = {
     "as-printed": deformation.as_printed,
     "conditions": statics.conditions,
+    "sensitivities": statics.scaled_sensitivities,
     "twists": statics.twists,
     "bound": statics.bound,
     "gauges": statics.gauges,

@@ -43,6 +43,17 @@ def conditions() -> str:
     return table([*head, "that length, m", "isotropy", "of forces", "of torques"], rows)
 
 
+def scaled_sensitivities() -> str:
+    """Return the sensitivities of the sets, raw and with moments over the characteristic length."""
+    rows = []
+    for name, each in SETS.items():
+        G = influence_matrix(each.joints())
+        length = float(characteristic_length(G))
+        rows.append([name, "1 m", *row(merit(G).sensitivity)])
+        rows.append([name, f"{length:.3f} m", *row(merit(G, length).sensitivity)])
+    return table(["set", "moments over", *(f"S {load}" for load in LOADS)], rows)
+
+
 def twists() -> str:
     """Return the twists of three-fold legs at which cond(G) is what the paper prints."""
     wanted, rows = published().condition.G, []

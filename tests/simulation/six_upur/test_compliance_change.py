@@ -19,6 +19,7 @@ from tests.simulation.six_upur.sensors import (
 )
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
+from truing.simulation.six_upur import elements
 from truing.simulation.six_upur.assembly import SOURCES
 from truing.simulation.six_upur.closure import assembled
 from truing.simulation.six_upur.compliance_change import (
@@ -81,6 +82,24 @@ def test_derivatives_are_a_complex_step_of_the_assembled_sensor(seed: int) -> No
     _same(sensor.compliance, moved.real, rounding)
     stiffer = compliance_with(joints, leg, 4, np.zeros((6, 5)), 1.0 - 1j * STEP * soften)
     _same(np.einsum("ik,ikpq->pq", soften, change.by_stiffness), stiffer.imag / STEP, rounding)
+
+
+def test_without_a_force_sensor_the_installation_is_at_the_middle_of_the_leg() -> None:
+    rod = (206e9, 0.3)
+    leg = [
+        elements.cylinder(0.1, 0.012, *rod),
+        elements.rigid(),
+        elements.leaf(0.02, 0.03, 0.006, *rod, "s1"),
+        elements.cylinder(0.08, 0.016, *rod),
+    ]
+    joints, errors = joints_of("A"), np.zeros((6, 5))
+    errors[:, INSTALLED] = np.arange(1.0, 7.0)
+    found = np.einsum("ik,ikpq->pq", errors, compliance_change(elastic_sensor(joints, leg)).by_source)
+    middle, further_out = (
+        compliance_with(joints, leg, seat, 1j * STEP * errors, np.ones((6, 3))).imag / STEP for seat in (1, 3)
+    )
+    _same(found, middle, 1e-9)
+    assert np.abs(levered(middle - further_out)).max() > 1e-3 * np.abs(levered(middle)).max()
 
 
 def _same(found: NDArray, expected: NDArray, rounding: float) -> None:
