@@ -56,13 +56,17 @@ def test_steps_go_wrong_as_often_as_noise_makes_them(step: float, sigma: float) 
     assert found.doubtful[wrong, 1].mean() > 0.99
 
 
-def test_the_risk_is_the_share_that_goes_wrong() -> None:
+@pytest.mark.parametrize("steady", [False, True])
+def test_the_risk_is_the_share_that_goes_wrong(steady: bool) -> None:
+    """All steps, or changes of the step, up to half a turn are as likely."""
     rng = np.random.default_rng(12)
-    sigma, n = 0.3, 40000
-    seen = np.stack([np.zeros(n), rng.uniform(-np.pi, np.pi, n)], -1) + sigma * rng.standard_normal((n, 2))
-    found = count_fringes(within_a_turn(seen), sigma)
-    wrong = np.abs(np.diff(found.phase) - np.diff(seen))[:, 0] > np.pi
-    risk = found.risk[:, 1]
+    sigma, n = 0.2, 40000
+    last = rng.uniform(-np.pi, np.pi, n)
+    true = np.stack([np.zeros(n), np.full(n, 0.4), 0.8 + last], -1) if steady else np.stack([np.zeros(n), last], -1)
+    seen = true + sigma * rng.standard_normal(true.shape)
+    found = count_fringes(within_a_turn(seen), sigma, steady=steady)
+    wrong = np.abs(np.diff(found.phase) - np.diff(seen))[:, -1] > np.pi
+    risk = found.risk[:, -1]
     for low, high in ((1e-3, 0.05), (0.05, 0.3), (0.3, 0.5)):
         some = (risk > low) & (risk <= high)
         spread = 4.0 * np.sqrt((risk[some] * (1.0 - risk[some])).sum())

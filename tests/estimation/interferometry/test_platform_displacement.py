@@ -106,6 +106,11 @@ def test_readings_that_say_the_same_twice_are_averaged_and_judged() -> None:
     assert_between(float(np.sum(np.square(error))), 200 - 80, 200 + 80)
 
 
+def test_drifts_count_from_the_first_reading_of_their_run() -> None:
+    found = drift_columns(np.array([0, 1, 0, 1, 1]), [100.0, 7.0, 130.0, 9.0, 5.0])
+    assert_close(found, [[0, 0], [0, 2], [30, 0], [0, 4], [0, 0]], atol=0.0)
+
+
 def test_drift_is_taken_out_where_loads_come_back_and_is_stated_where_they_do_not() -> None:
     """A load met on both ways is one case: its drift is found. A case of its own for every step leaves the drift to
     what is known of it, and nothing known is an error."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -75,6 +77,24 @@ def test_signals_exchanged_turn_the_other_way() -> None:
     turned = np.pi / 2.0 - first.values[:, 4:] - corrected_phase(seen, first.values)
     off = apart(corrected_phase(seen[..., ::-1], second.values), turned)
     assert_close(off, np.zeros_like(phase), atol=1e-7)
+
+
+@given(st.integers(0, 2**31))
+def test_what_an_unsure_ellipse_does_to_a_phase(seed: int) -> None:
+    """A covariance of one direction alone: the phase's sigma is how far it moves along it, and noise adds its own."""
+    rng = np.random.default_rng(seed)
+    along = rng.standard_normal(5) * [5.0, 5.0, 5.0, 5.0, 0.01]
+    phase = rng.uniform(0.0, 2.0 * np.pi, 20)
+    step = 1e-5
+    ends = [corrected_phase(signals(phase), TRUE + way * step * along) for way in (1.0, -1.0)]
+    moved = np.abs(apart(ends[0], ends[1])) / (2.0 * step)
+    fit = replace(fit_ellipse(signals(phase)), covariance=np.outer(along, along)[None], sigma=np.zeros(1))
+    assert_close(phase_sigma(fit, phase[None])[0], moved, atol=1e-8)
+    noise = rng.standard_normal()
+    shifted = [corrected_phase(signals(phase) + way * step * np.eye(2)[k], TRUE) for k in (0, 1) for way in (1.0, -1.0)]
+    slopes = [apart(shifted[2 * k], shifted[2 * k + 1]) / (2.0 * step) for k in (0, 1)]
+    alone = replace(fit, covariance=np.zeros((1, 5, 5)), sigma=np.abs([noise]))
+    assert_close(phase_sigma(alone, phase[None])[0], np.abs(noise) * np.hypot(*slopes), atol=1e-8)
 
 
 @pytest.mark.parametrize("degrees", [360.0, 180.0, 150.0])
