@@ -17,6 +17,8 @@ from truing.estimation.sensor.exchanged_loads import exchanged_loads, with_loads
 from truing.estimation.sensor.held_out_loads import HeldOut, choose_calibration, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.estimation.sensor.loops import Loops, loops
+from truing.simulation.six_upur.geometry import joint_centres
+from truing.simulation.six_upur.influence import influence_matrix
 
 FORCES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LINEAR = CalibrationModel(zero="common")
@@ -182,9 +184,8 @@ def stewart_influence(data: Path) -> NDArray:
         for radius, angle in (("Rb", np.radians(config["thetaB"])), ("Rp", np.radians(config["thetaP"])))
     )
     length = 1e-3 * config["legLength"]
-    height = np.sqrt(length**2 - np.sum((upper - lower) ** 2, axis=1))
-    way = (upper - lower + height[:, None] * [0, 0, 1]) / length
-    return np.concatenate([way.T, np.cross(upper, way).T])
+    height = float(np.sqrt(length**2 - np.sum((upper[0] - lower[0]) ** 2)))  # the same by every leg
+    return influence_matrix(joint_centres(lower, upper, height))
 
 
 # 6-Axial_Measurement.xlsx: applied, mean reading, error in per cent (the sheet's own formulas); N and N mm.

@@ -15,8 +15,9 @@ from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.observability import observe
 
 _LEAST = 1e-8  # share of the unit columns' largest singular value that is no zero
-# Times that noise alone would make a combination of signals as strong as it is, before it counts as a signal.
-_OVER_NOISE = 3.0
+# Power of a combination of signals over that of its noise, below which it counts as noise; and, of the scatter of the
+# latter in few rows, how many sigmas.
+_OVER_NOISE, _SIGMAS = 2.0, 6.0
 
 
 class UndeterminedCalibrationError(ValueError):
@@ -56,7 +57,8 @@ def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence
         return
     level = np.sqrt(np.diag(signal_cov))
     known = level > 0
-    least = _OVER_NOISE * np.sqrt(len(signals))
+    rows = len(signals)
+    least = np.sqrt(rows * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / rows)))
     used = [label for label, noisy in zip(labels, known, strict=True) if noisy]
     seen = observe(signals[:, known], 1.0 / level[known], used, unidentifiable=1.0 / least)
     if seen.rank < known.sum():
