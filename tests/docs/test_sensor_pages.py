@@ -1,4 +1,4 @@
-"""What the pages sensor-calibration.md and error-classes.md show is what their commands write, and bears their words."""
+"""What the pages on the calibration and the errors of force sensors show is what their commands write."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.eccentric_load import CommonPoint, LineOfAction, common_point, line_of_action
+from truing.estimation.sensor.error_classes import creep
 from truing.estimation.sensor.exchanged_loads import exchanged_loads, with_loads_exchanged
 from truing.estimation.sensor.held_out_loads import HeldOut, choose_calibration, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
@@ -87,6 +88,39 @@ def three_axis(data: Path) -> dict[int, dict[str, Any]]:
             "published": float(line.split("|")[3].split()[0]),
         }
     return facts
+
+
+def beams(data: Path) -> dict[str, float]:
+    """Largest residual, gram, of a line through each single-axis cell's readings under weights of both signs."""
+    found = {}
+    for name in ("CZL635", "degraw", "tal220"):
+        raw = pd.read_csv(data / "fareke-loadcells" / f"beam_temp_{name}.csv").to_numpy(float)
+        fit = fit_calibration(load_table(raw[:, 1:], raw[:, :1]), LINEAR)
+        found[name] = float(np.abs(fit.residuals).max())
+    return found
+
+
+def repeated_load(data: Path) -> dict[str, Any]:
+    """A beam cell loaded again and again for an hour: creep from 30 to 180 s of every long load, and its zeros.
+
+    Shares of the cell's own step from unloaded to loaded.
+    """
+    raw = pd.read_csv(data / "fareke-loadcells" / "beam_loadingTest.csv.gz").to_numpy(float)
+    time, reading = (raw[:, 1] - raw[0, 1]) / 1e3, raw[:, 3]
+    order = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0]))
+    time, reading = time[order], reading[order]
+    loaded = reading < 0.5 * (np.median(reading[:1000]) + np.percentile(reading, 5))
+    step = float(abs(np.median(reading[loaded]) - np.median(reading[~loaded])))
+    noise = float(np.median(np.abs(np.diff(reading))) / 0.6745 / np.sqrt(2))
+    creeps, zeros = [], []
+    edges = np.flatnonzero(np.diff(loaded)) + 1
+    for part in np.split(np.arange(len(time)), edges):
+        age = time[part] - time[part[0]]
+        if loaded[part[0]] and age[-1] > 180.0:
+            creeps.append(creep(age, reading[part], noise, step, 30.0, 180.0))
+        if not loaded[part[0]] and age[-1] > 60.0:
+            zeros.append(float(np.median(reading[part][age > 30.0])) / step)
+    return {"creep": creeps, "zeros": np.array(zeros), "seconds": float(time[-1])}
 
 
 OPTICAL = {

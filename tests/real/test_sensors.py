@@ -107,3 +107,17 @@ def test_the_moments_applied_were_the_sensor_s_own_force_times_an_arm(real_data)
     for axis, place in (("Mx", 1), ("My", 0)):
         assert found["fz_of_moments"][axis] == pytest.approx(2.63, abs=0.02)
         assert abs(found["arm_mm"][axis][place]) == pytest.approx(40.5, abs=1.5)
+
+
+def test_beam_cells_leave_the_stated_residual_from_a_line(real_data):
+    assert sensor_facts.beams(real_data)["CZL635"] == pytest.approx(11.5, abs=0.06)
+
+
+def test_a_cell_under_repeated_load_creeps_far_beyond_its_noise(real_data):
+    found = sensor_facts.repeated_load(real_data)
+    assert found["seconds"] == pytest.approx(3433, abs=1)
+    assert len(found["creep"]) == 7
+    sizes = np.array([abs(one.value) for one in found["creep"]])
+    assert np.all(sizes > [3 * one.limit for one in found["creep"]])
+    assert 0.003 < float(np.median(sizes)) < 0.006
+    assert 0.005 < float(np.ptp(found["zeros"])) < 0.01

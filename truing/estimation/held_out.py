@@ -78,8 +78,9 @@ def _refuted(contenders: Sequence[Contender]) -> NDArray:
     poses = squares.shape[1]
     if poses < 2:
         return np.zeros(len(contenders), bool)
-    freedom = [float(np.sum(np.broadcast_to(one.freedom, poses))) for one in contenders]
-    missed = np.array([chdtrc(n, one.squares.sum()) < _UNLIKELY for n, one in zip(freedom, contenders, strict=True)])
-    worse = squares - squares[np.argmin(squares.mean(1))]
+    freedom = np.array([np.broadcast_to(one.freedom, poses) for one in contenders])
+    missed = chdtrc(freedom.sum(1), squares.sum(1)) < _UNLIKELY
+    # counted in each pose's own freedom, so that a pose with many equations does not hide the others
+    worse = (squares - squares[np.argmin(squares.mean(1))]) / freedom
     error = worse.std(1, ddof=1) / np.sqrt(poses)
     return np.asarray(missed & (worse.mean(1) > stdtrit(poses - 1, 1.0 - _UNLIKELY) * error))

@@ -94,3 +94,12 @@ def test_a_fit_with_hardly_a_row_to_spare_is_never_chosen():
     made = choose_calibration(table, [PLAIN, PLAIN_PRODUCTS])
     assert made.choice.chosen == 0
     assert made.contenders[1].log_density == -np.inf
+
+
+def test_a_model_that_the_loads_do_not_determine_does_not_contend():
+    table = replace(_table(4, cases=4, steps=5), signal_cov=None, load_cov=None)
+    made = choose_calibration(table, [PLAIN_PRODUCTS, PLAIN])
+    assert made.chosen.fit.model is PLAIN
+    assert "15 rows for 27 terms" in made.refused[PLAIN_PRODUCTS.name]
+    with pytest.raises(UndeterminedCalibrationError, match="15 rows for 27 terms"):
+        choose_calibration(table, [PLAIN_PRODUCTS])

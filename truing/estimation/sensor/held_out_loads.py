@@ -6,7 +6,7 @@ random row of the same case cannot catch it at that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,10 +43,11 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class CalibrationChoice:
-    """Held-out predictions of every contender, and which of them is chosen."""
+    """Held-out predictions of every contender, which of them is chosen, and why others could not contend, by name."""
 
     contenders: tuple[HeldOut, ...]
     choice: Choice
+    refused: Mapping[str, str]
 
     @property
     def chosen(self) -> HeldOut:
@@ -88,8 +89,9 @@ def choose_calibration(table: LoadTable, models: Sequence[CalibrationModel]) -> 
     A model is refuted where it misses held-out cases by more than the declared noise (where none is declared: than the
     best contender's errors) and is worse than the best, case against case; of the others the one whose predictions were
     most probable beforehand (the log density of what was held out, Geisser and Eddy 1979), the simplest of equals.
+    Models that the loads do not determine are left out; raises UndeterminedCalibrationError where none is left.
     """
-    held = tuple(hold_out(table, model) for model in models)
+    held, refused = _contending(table, models)
     undeclared = None if table.load_cov is not None else _smallest(held)
     contenders = [
         Contender(
@@ -101,7 +103,19 @@ def choose_calibration(table: LoadTable, models: Sequence[CalibrationModel]) -> 
         )
         for one in held
     ]
-    return CalibrationChoice(held, choose_model(contenders))
+    return CalibrationChoice(held, choose_model(contenders), refused)
+
+
+def _contending(table: LoadTable, models: Sequence[CalibrationModel]) -> tuple[tuple[HeldOut, ...], dict[str, str]]:
+    held, refused = [], {}
+    for model in models:
+        try:
+            held.append(hold_out(table, model))
+        except UndeterminedCalibrationError as error:
+            refused[model.name] = str(error)
+    if not held:
+        raise UndeterminedCalibrationError("; ".join(refused.values()) or "found no model, expected at least one")
+    return tuple(held), refused
 
 
 def _without(table: LoadTable, model: CalibrationModel, case: object) -> Calibration:
