@@ -46,7 +46,7 @@ def test_where_all_miss_the_floor_the_comparison_is_left():
 
 
 def test_poses_may_differ_in_freedom():
-    freedom = np.array([6, 6, 6, 6, 60, 60, 60, 60])
+    freedom = np.repeat([6, 60], 8)
     squares = np.random.default_rng(4).chisquare(freedom)
     one = Contender(squares, freedom, -100.0, 50)
     assert choose_model([one, Contender(squares * 0.9, freedom, -110.0, 90)]).chosen == 0
