@@ -31,7 +31,7 @@ from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
 from truing.estimation.sensor.determined import UndeterminedCalibrationError
 from truing.estimation.sensor.exchanged_loads import exchanged_loads
-from truing.estimation.sensor.held_out_loads import choose_calibration
+from truing.estimation.sensor.held_out_loads import choose_calibration, covariance_by_case
 from truing.estimation.sensor.load_cases import (
     LoadLimits,
     bench_loads,
@@ -142,6 +142,36 @@ def channels() -> str:
         error, scatter = channel_errors(name, DRAWS)
         rows.append([name, f"{error:.1f}", f"{scatter:.1f}"])
     return table(["channels and estimator", "wrench error, 10⁻⁴ of the range", "scatter of G_B, N/mV"], rows)
+
+
+SHARED = (0.0, 2e-3, 5e-3)
+
+
+def shared_pulls(share: float, draws: int) -> tuple[float, float]:
+    """Return rms pulls of the entries of G_B by the covariance of the fit, and by that from case to case.
+
+    share: of the range, the error that all loads of a run have in common.
+    """
+    bench, pulls = six_channels(), []
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        loads, case = along_rays(rng)
+        made = bench.recorded(rng, loads, case)
+        made = replace(made, loads=made.loads + share * RANGE * rng.normal(size=(24, 6))[case])
+        fit = calibration_matrix(fit_calibration(made))
+        miss = fit.value - np.linalg.inv(bench.A)
+        by_case = covariance_by_case(made, CalibrationModel())
+        pulls.append((float(np.mean((miss / fit.sigma) ** 2)), float(np.mean((miss / by_case.sigma) ** 2))))
+    return _root(pulls, 0), _root(pulls, 1)
+
+
+def shared() -> str:
+    """The table of pulls."""
+    rows = []
+    for share in SHARED:
+        words = f"an error of {100 * share:g} % of the range" if share else "nothing"
+        rows.append([words, *(f"{pull:.1f}" for pull in shared_pulls(share, DRAWS))])
+    return table(["loads of a run share", "pulls by the fit", "pulls by cases"], rows)
 
 
 MISSING: dict[str, Callable[[NDArray, NDArray], tuple[NDArray, NDArray]]] = {
@@ -307,6 +337,7 @@ def rows() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "estimators": estimators,
     "channels": channels,
+    "shared": shared,
     "missing": missing,
     "choice": choice,
     "heart": heart,

@@ -63,6 +63,14 @@ def test_eight_channels_determine_the_matrix_only_forwards():
     assert few[0] > 10 * few[1]
 
 
+def test_sigmas_by_cases_stay_honest_where_runs_share_an_error():
+    told = [[float(x) for x in line[1:]] for line in _cells(CALIBRATION, "shared")]
+    assert len(told) == len(sensor_calibration.SHARED)
+    assert all(0.8 < by_case < 1.2 for _, by_case in told)
+    assert told[0][0] < 1.1 < 1.7 < told[-1][0]
+    assert sensor_calibration.shared_pulls(5e-3, 2)[0] > 1.4
+
+
 def test_the_model_that_is_there_is_chosen():
     lines = _cells(CALIBRATION, "choice")
     assert [line[0] for line in lines] == list(sensor_calibration.TRUTHS)

@@ -9,9 +9,11 @@ import pytest
 
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
 from tests.tolerance import assert_between
+from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
+from truing.estimation.sensor.calibration_matrix import calibration_matrix
 from truing.estimation.sensor.determined import UndeterminedCalibrationError
-from truing.estimation.sensor.held_out_loads import choose_calibration, hold_out
+from truing.estimation.sensor.held_out_loads import choose_calibration, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 
 LINEAR = CalibrationModel("errors in both", "forward")
@@ -103,3 +105,22 @@ def test_a_model_that_the_loads_do_not_determine_does_not_contend():
     assert "15 rows for 27 terms" in made.refused[PLAIN_PRODUCTS.name]
     with pytest.raises(UndeterminedCalibrationError, match="15 rows for 27 terms"):
         choose_calibration(table, [PLAIN_PRODUCTS])
+
+
+def test_errors_that_a_case_shares_are_seen_from_case_to_case():
+    """Pulls of the entries of G_B, rms: 1 where sigmas are honest; jackknives of 24 cases scatter and are cautious."""
+    plain, by_case = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        toy = sensor(rng, signal=1e-3)
+        applied, case = loads(rng, 24, 8)
+        shared = 5e-3 * RANGE * rng.normal(size=(24, 6))[case]
+        table = toy.table(rng, applied, case)
+        table = replace(table, loads=table.loads + shared)
+        truth = np.linalg.inv(toy.A)
+        fit = calibration_matrix(fit_calibration(table, PLAIN))
+        found = covariance_by_case(table, PLAIN)
+        plain.append(np.mean(((fit.value - truth) / fit.sigma) ** 2))
+        by_case.append(np.mean(((found.value - truth) / found.sigma) ** 2))
+    assert_between(float(np.sqrt(np.mean(by_case))), 0.75, 1.2, what="pull by cases")
+    assert np.sqrt(np.mean(plain)) > 2.0  # of eight rows that share an error

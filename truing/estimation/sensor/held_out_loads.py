@@ -16,7 +16,7 @@ from truing.estimation.held_out import Choice, Contender, choose_model
 from truing.estimation.least_squares.solver import SolverStatus
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel
-from truing.estimation.sensor.calibration_matrix import Wrenches, wrenches
+from truing.estimation.sensor.calibration_matrix import MatrixEstimate, Wrenches, calibration_matrix, wrenches
 from truing.estimation.sensor.determined import UndeterminedCalibrationError
 from truing.estimation.sensor.load_table import LoadTable
 
@@ -72,6 +72,22 @@ def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOut:
         log_density += density
         errors[out] = miss - miss.mean(0) if model.zero == "case" else miss
     return HeldOut(fit_calibration(table, model), errors, squares, freedom, log_density)
+
+
+def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstimate:
+    """Return G_B with the covariance that its change from case to case gives it: a jackknife over whole load cases.
+
+    Honest where rows of a case share an error of load, lever arm or mounting, which the covariance of a fit takes for
+    independent; a little too large where they do not, and itself uncertain by 1 / sqrt(2 cases). Raises as `hold_out`.
+    """
+    values = []
+    for case in table.cases:
+        rest = table.rows(table.case != case)
+        values.append(calibration_matrix(_without(rest, model, case), table.signal_cov).value.ravel())
+    whole = calibration_matrix(fit_calibration(table, model), table.signal_cov)
+    apart = np.array(values) - np.mean(values, axis=0)
+    count = len(values)
+    return MatrixEstimate(whole.value, (count - 1) / count * apart.T @ apart)
 
 
 def predicted_loads(fit: Calibration, table: LoadTable) -> Wrenches:
