@@ -131,3 +131,9 @@ def test_creep_is_the_change_between_two_times():
     assert found.value > found.limit
     with pytest.raises(ValueError, match="from 0 to 200 s, expected 30 to 300 s"):
         creep(time[:11], reading[:11], 0.1, 1000.0)
+
+
+def test_a_load_that_is_held_stays_on_its_branch():
+    load = np.array([0.0, 1, 1, 2, 2, 1, 1, 0, 0, -1, -1, 0])
+    held = AxisSeries(load, np.zeros((12, 6)), AXIS, np.zeros(12, int), np.ones(6), np.ones(6))
+    assert held.rising.tolist() == [True] * 5 + [False] * 4 + [True] * 2 + [False]

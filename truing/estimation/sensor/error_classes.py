@@ -33,11 +33,16 @@ class AxisSeries:
 
     @property
     def rising(self) -> NDArray:
-        """Return which steps (N,) were reached by loading: the load moved away from zero, or turned its sign."""
+        """Return which steps (N,) were reached by loading: the load moved away from zero, or turned its sign.
+
+        A load that was held stays on the branch on which it was reached.
+        """
         before = np.concatenate([[0.0], self.load[:-1]])
         start = np.concatenate([[True], self.cycle[1:] != self.cycle[:-1]])
         before = np.where(start, 0.0, before)
-        return (np.abs(self.load) > np.abs(before) + self._same) | (self.load * before < 0) | start
+        away = (np.abs(self.load) > np.abs(before) + self._same) | (self.load * before < 0) | start
+        moved = start | (np.abs(self.load - before) > self._same)
+        return away[np.maximum.accumulate(np.where(moved, np.arange(len(moved)), 0))]
 
     @property
     def _same(self) -> float:
