@@ -271,3 +271,12 @@ def test_loads_that_are_exactly_known_may_be_fitted_with_errors_in_both():
     both = calibration_matrix(fit_calibration(table, BOTH))
     forward = calibration_matrix(fit_calibration(table, CalibrationModel("weighted", "forward")), toy.signal_cov)
     assert np.max(np.abs(both.value - forward.value) / both.sigma) < 1e-3
+    with pytest.raises(ValueError, match="exactly known"):
+        fit_calibration(table, CalibrationModel("weighted"))
+
+
+def test_signals_that_are_exactly_known_are_no_noise():
+    rng, toy, applied, case = _made(8, signal=0.0)
+    found = fit_calibration(toy.table(rng, applied, case), BOTH)
+    plain = fit_calibration(toy.table(rng, applied, case), CalibrationModel("weighted"))
+    assert_close(found.sigma / plain.sigma, np.ones((6, 6)), atol=1e-9)

@@ -124,3 +124,8 @@ def test_errors_that_a_case_shares_are_seen_from_case_to_case():
         by_case.append(np.mean(((found.value - truth) / found.sigma) ** 2))
     assert_between(float(np.sqrt(np.mean(by_case))), 0.75, 1.2, what="pull by cases")
     assert np.sqrt(np.mean(plain)) > 2.0  # of eight rows that share an error
+
+
+def test_a_case_of_one_row_has_no_zero_of_its_own():
+    with pytest.raises(ValueError, match="case 0: found one row"):
+        hold_out(_table(0, cases=60, steps=1), replace(LINEAR, zero="case"))

@@ -101,7 +101,10 @@ def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> 
         return _both(problem)
     prior = problem.prior()
     if problem.model.estimator == "weighted":
-        found = weighted_fit(problem.columns, problem.y, _declared(problem, 0), prior)
+        cov = _declared(problem, 0)
+        if np.linalg.eigvalsh(cov).min() <= 0:
+            raise ValueError("found a response that is exactly known, expected an error of each, or errors in both")
+        found = weighted_fit(problem.columns, problem.y, cov, prior)
     elif prior is not None:
         found = weighted_fit(problem.columns, problem.y, _first_noise(problem), prior)
     else:

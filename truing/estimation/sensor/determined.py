@@ -57,6 +57,8 @@ def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence
         return
     level = np.sqrt(np.diag(signal_cov))
     known = level > 0
+    if not known.any():
+        return
     rows = len(signals)
     least = np.sqrt(rows * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / rows)))
     used = [label for label, noisy in zip(labels, known, strict=True) if noisy]

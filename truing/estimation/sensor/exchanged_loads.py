@@ -17,6 +17,7 @@ _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _CLOSE = 30, 0.1  # residuals nearer than that, in sigmas, do not gain more weight
 _SELECTIONS, _GROSS = 3, 5.0
 _ROUNDS = 50  # exchanges looked for, one after the other
+_SUSPECT = 2.5  # of a row's residuals in sigmas, below which it cannot be part of an exchange that is no chance
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
 _FALSE_ALARM = 1e-3  # of any exchange named in a table without one
 
@@ -105,9 +106,12 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float)
     """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise."""
     from scipy.special import chdtrc, chdtri
 
-    width = loads.shape[1]
-    first, second = np.triu_indices(len(loads), 1)
-    trials = len(first) * (2**width - 1)
+    pairs = len(loads) * (len(loads) - 1) // 2
+    trials = pairs * (2 ** loads.shape[1] - 1)
+    suspects = np.flatnonzero(np.any(np.abs(whitened) > _SUSPECT, axis=1))
+    if len(suspects) < 2:
+        return None
+    first, second = suspects[np.array(np.triu_indices(len(suspects), 1))]
     way = (loads[first] - loads[second]) / sigma
     before = whitened[first] ** 2 + whitened[second] ** 2
     after = (whitened[first] - way) ** 2 + (whitened[second] + way) ** 2
@@ -121,7 +125,7 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float)
     places = np.flatnonzero(taken[best])
     p_value = min(1.0, trials * float(chdtrc(len(places), total[best] / 2))) if len(places) else 1.0
     left = float(np.sum(after[best, places]))
-    if p_value > false_alarm or left > float(chdtri(2 * len(places), false_alarm / len(first))):
+    if p_value > false_alarm or left > float(chdtri(2 * len(places), false_alarm / pairs)):
         return None
     count = 2 * len(places)
     return RowExchange(

@@ -58,8 +58,12 @@ class CalibrationChoice:
 def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOut:
     """Return the predictions of every load case by a fit to all others.
 
-    Raises UndeterminedCalibrationError, naming the case, where the others do not determine the model.
+    Raises UndeterminedCalibrationError, naming the case, where the others do not determine the model, and ValueError
+    where a case has but the row that tells its own zero.
     """
+    alone = [case for case in table.cases if np.sum(table.case == case) < 2]
+    if model.zero == "case" and alone:
+        raise ValueError(f"case {alone[0]}: found one row, expected two at least where every case has its own zero")
     errors = np.empty_like(table.loads)
     squares, freedom, log_density = np.zeros(len(table.cases)), np.zeros(len(table.cases)), 0.0
     for place, case in enumerate(table.cases):
