@@ -53,6 +53,14 @@ def test_gross_errors_are_no_exchange():
         assert exchanged_loads(replace(table, loads=written)) == []
 
 
+def test_an_exchange_is_found_among_larger_gross_errors():
+    table = _exchanged(_table(9), 20, 43, [0])
+    written = table.loads.copy()
+    written[[5, 50], 3] += [0.5 * RANGE[3], -0.5 * RANGE[3]]
+    found = exchanged_loads(replace(table, loads=written))
+    assert [(one.first, one.second, one.components) for one in found] == [(20, 43, (0,))]
+
+
 def test_a_component_that_was_never_applied_does_not_disturb():
     table = _table(8)
     without = replace(table, loads=table.loads * (np.arange(6) != 4))

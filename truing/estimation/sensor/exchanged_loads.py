@@ -120,19 +120,19 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float)
     of_first = whitened[first] ** 2 - (whitened[first] - way) ** 2
     of_second = whitened[second] ** 2 - (whitened[second] + way) ** 2
     taken = (gain > _TELLS) & (of_first > 0) & (of_second > 0)
-    total = np.sum(np.where(taken, gain, 0.0), 1)
-    best = int(np.argmax(total))
-    places = np.flatnonzero(taken[best])
-    p_value = min(1.0, trials * float(chdtrc(len(places), total[best] / 2))) if len(places) else 1.0
-    left = float(np.sum(after[best, places]))
-    if p_value > false_alarm or left > float(chdtri(2 * len(places), false_alarm / pairs)):
+    count = taken.sum(1)
+    total, left = (np.sum(np.where(taken, one, 0.0), 1) for one in (gain, after))
+    p_value = np.where(count > 0, np.minimum(1.0, trials * chdtrc(np.maximum(count, 1), total / 2)), 1.0)
+    right = left <= chdtri(2 * np.maximum(count, 1), false_alarm / pairs)
+    valid = (p_value <= false_alarm) & right
+    if not valid.any():
         return None
-    count = 2 * len(places)
+    best = int(np.argmax(np.where(valid, total, -np.inf)))
     return RowExchange(
         int(first[best]),
         int(second[best]),
-        tuple(places.tolist()),
-        float(np.sqrt(np.sum(before[best, places]) / count)),
-        float(np.sqrt(left / count)),
-        p_value,
+        tuple(np.flatnonzero(taken[best]).tolist()),
+        float(np.sqrt(np.sum(before[best, taken[best]]) / (2 * count[best]))),
+        float(np.sqrt(left[best] / (2 * count[best]))),
+        float(p_value[best]),
     )
