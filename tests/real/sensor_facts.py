@@ -15,7 +15,7 @@ from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.eccentric_load import CommonPoint, LineOfAction, common_point, line_of_action
 from truing.estimation.sensor.error_classes import creep
 from truing.estimation.sensor.exchanged_loads import exchanged_loads, with_loads_exchanged
-from truing.estimation.sensor.held_out_loads import HeldOut, choose_calibration, hold_out
+from truing.estimation.sensor.held_out_loads import HeldOut, choose_calibration, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.estimation.sensor.loops import Loops, loops
 from truing.simulation.six_upur.geometry import joint_centres
@@ -189,6 +189,7 @@ def pier(data: Path) -> dict[str, Any]:
         "steps": int(small.sum()),
         "stiffness": held.fit.matrix,
         "sigma": held.fit.sigma,
+        "sigma_by_loop": covariance_by_case(table, LINEAR).sigma,
         "weakest": float(np.linalg.svd(scaled, compute_uv=False)[-1] / np.sqrt(small.sum())),
         "r2": 1.0 - np.mean(held.fit.residuals**2, 0) / spread**2,
         "held_out_r2": 1.0 - held.rms**2 / spread**2,

@@ -72,7 +72,8 @@ def test_a_quadratic_that_shines_on_fitted_rows_fails_on_poses_left_out(real_dat
 
 def test_a_pier_has_its_stiffness_and_loops(real_data):
     found = sensor_facts.pier(real_data)
-    assert found["stiffness"][0, 0] == pytest.approx(400, abs=40)
+    assert abs(found["stiffness"][0, 0] - 414) < found["sigma_by_loop"][0, 0] < 80
+    assert found["sigma_by_loop"][0, 0] > 3 * found["sigma"][0, 0]  # steps of a loop are not independent
     assert np.all(found["r2"] - found["held_out_r2"] > 0)
     assert_close(found["held_out_r2"][[0, 1, 4, 5]], [0.98, 0.96, 0.98, 0.98], atol=0.02)
     assert found["weakest"] < 0.02  # one direction was driven: the six displacements hardly differ in five of six ways
