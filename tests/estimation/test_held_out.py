@@ -45,6 +45,15 @@ def test_where_all_miss_the_floor_the_comparison_is_left():
     assert steady.chosen == 1
 
 
+def test_poses_may_differ_in_freedom():
+    freedom = np.repeat([6, 60], 8)
+    squares = np.random.default_rng(4).chisquare(freedom)
+    one = Contender(squares, freedom, -100.0, 50)
+    assert choose_model([one, Contender(squares * 0.9, freedom, -110.0, 90)]).chosen == 0
+    missing = Contender(squares * 10, freedom, -10.0, 50)
+    assert choose_model([missing, one]).chosen == 1
+
+
 def test_no_model_is_no_choice():
     with pytest.raises(ValueError, match="at least one"):
         choose_model([])

@@ -29,11 +29,11 @@ def held_out_misfit(
 
 @dataclass(frozen=True)
 class Contender:
-    """A fitted model: chi-square (B,) of each held-out pose and its freedom, log of the marginal likelihood, number of
-    parameters, and whether the fit has settled."""
+    """A fitted model: chi-square (B,) of each held-out pose and its freedom, one for all or (B,), log of the marginal
+    likelihood, number of parameters, and whether the fit has settled."""
 
     squares: NDArray
-    freedom: int
+    freedom: int | NDArray
     log_evidence: float
     parameters: int
     settled: bool = True
@@ -78,7 +78,9 @@ def _refuted(contenders: Sequence[Contender]) -> NDArray:
     poses = squares.shape[1]
     if poses < 2:
         return np.zeros(len(contenders), bool)
-    missed = np.array([chdtrc(one.freedom * poses, one.squares.sum()) < _UNLIKELY for one in contenders])
-    worse = squares - squares[np.argmin(squares.mean(1))]
+    freedom = np.array([np.broadcast_to(one.freedom, poses) for one in contenders])
+    missed = chdtrc(freedom.sum(1), squares.sum(1)) < _UNLIKELY
+    # counted in each pose's own freedom, so that a pose with many equations does not hide the others
+    worse = (squares - squares[np.argmin(squares.mean(1))]) / freedom
     error = worse.std(1, ddof=1) / np.sqrt(poses)
     return np.asarray(missed & (worse.mean(1) > stdtrit(poses - 1, 1.0 - _UNLIKELY) * error))

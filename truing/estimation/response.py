@@ -101,7 +101,7 @@ def _design(u: Array, free: NDArray[np.bool_], group: NDArray[np.int64]) -> Arra
 
 def _precision(cov: Array, seen: NDArray[np.bool_]) -> Array:
     """(N, L, L) pseudo-inverse of the covariance of what was seen; zero for what was not."""
-    masked = cov * seen[:, :, None] * seen[:, None, :]
+    masked = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)  # of what was not seen it may be infinite
     values, vectors = np.linalg.eigh(masked)
     kept = values > _RANK_CUTOFF * values[:, -1:]
     inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)

@@ -1,0 +1,62 @@
+"""Lines of action and the point where they meet: exact without noise, within their covariance with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.tolerance import assert_between, assert_close
+from truing.estimation.sensor.eccentric_load import common_point, line_of_action
+
+COV = np.diag([2.0, 3.0, 2.5, 0.1, 0.2, 0.15]) ** 2
+
+
+def _wrenches(rng: np.random.Generator, count: int, point: np.ndarray) -> np.ndarray:
+    force = rng.normal(size=(count, 3)) * 500.0
+    return np.concatenate([force, np.cross(np.broadcast_to(point, force.shape), force)], axis=1)
+
+
+def test_the_line_is_that_of_the_force_and_nothing_else_explains_the_rest():
+    rng = np.random.default_rng(0)
+    point = np.array([0.02, -0.05, 0.01])
+    wrench = _wrenches(rng, 20, point)
+    found = line_of_action(wrench, np.broadcast_to(COV, (20, 6, 6)))
+    way = wrench[:, :3] / np.linalg.norm(wrench[:, :3], axis=1)[:, None]
+    assert_close(found.arm, point - (way @ point)[:, None] * way, atol=1e-12)
+    assert_close(found.along, np.zeros(20), atol=1e-9)
+    twisted = wrench + np.concatenate([0 * way, 3.0 * way], axis=1)
+    assert_close(line_of_action(twisted, np.broadcast_to(COV, (20, 6, 6))).along, np.full(20, 3.0), atol=1e-9)
+
+
+def test_arms_scatter_as_they_say():
+    rng = np.random.default_rng(1)
+    wrench = np.repeat(_wrenches(rng, 1, np.array([0.02, -0.05, 0.01])), 4000, axis=0)
+    noisy = wrench + rng.multivariate_normal(np.zeros(6), COV, 4000)
+    true, found = (line_of_action(w, np.broadcast_to(COV, (4000, 6, 6))) for w in (wrench, noisy))
+    scatter = np.cov((found.arm - true.arm).T)
+    assert_close(scatter / np.trace(scatter), true.covariance[0] / np.trace(scatter), atol=0.05)
+    assert_between(float(found.along.std() / true.along_sigma[0]), 0.95, 1.05, what="moment along the force")
+
+
+def test_the_common_point_is_recovered_within_its_covariance():
+    total, chi_square, draws = 0.0, 0.0, 60
+    point = np.array([0.02, -0.05, 0.01])
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        wrench = _wrenches(rng, 4, point) + rng.multivariate_normal(np.zeros(6), COV, 4)
+        found = common_point(wrench, np.broadcast_to(COV, (4, 6, 6)))
+        error = found.point - point
+        total += float(error @ np.linalg.solve(found.covariance, error))
+        chi_square += found.chi_square / found.freedom
+    assert_between(total / draws, 3 - 4 * np.sqrt(6 / draws), 3 + 4 * np.sqrt(6 / draws), what="squared error")
+    assert_between(chi_square / draws, 1 - 4 * np.sqrt(2 / 9 / draws), 1 + 4 * np.sqrt(2 / 9 / draws), what="misfit")
+
+
+def test_parallel_forces_and_pure_moments_are_refused():
+    wrench = np.zeros((2, 6))
+    wrench[:, 2], wrench[:, 4] = [100.0, 200.0], [5.0, 10.0]
+    cov = np.broadcast_to(COV, (2, 6, 6))
+    with pytest.raises(ValueError, match="parallel forces alone"):
+        common_point(wrench, cov)
+    with pytest.raises(ValueError, match="without a force"):
+        line_of_action(wrench * (np.arange(6) > 2), cov)

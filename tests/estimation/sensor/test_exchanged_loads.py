@@ -1,0 +1,69 @@
+"""Exchanged rows of loads are named, with their components; gross errors and good tables are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
+from tests.tolerance import assert_close
+from truing.estimation.sensor.exchanged_loads import exchanged_loads, with_loads_exchanged
+from truing.estimation.sensor.load_table import LoadTable
+
+
+def _table(seed: int, cases: int = 12) -> LoadTable:
+    rng = np.random.default_rng(seed)
+    return sensor(rng).table(rng, *loads(rng, cases))
+
+
+def _exchanged(table: LoadTable, first: int, second: int, components: list[int]) -> LoadTable:
+    written = table.loads.copy()
+    written[np.ix_([first, second], components)] = written[np.ix_([second, first], components)]
+    return replace(table, loads=written)
+
+
+@pytest.mark.parametrize("components", [[1], [0, 1, 2], list(range(6))])
+def test_an_exchange_is_named_by_rows_and_components(components):
+    for seed in range(4):
+        table = _table(seed)
+        found = exchanged_loads(_exchanged(table, 13, 27, components))
+        assert [(one.first, one.second, list(one.components)) for one in found] == [(13, 27, components)]
+        assert found[0].p_value < 1e-6
+        assert found[0].after < 3.0 < found[0].before
+        assert_close(with_loads_exchanged(_exchanged(table, 13, 27, components).loads, found), table.loads, atol=0.0)
+
+
+def test_several_exchanges_are_found_one_after_the_other():
+    table = _exchanged(_exchanged(_table(5), 3, 40, [2]), 11, 12, list(range(6)))
+    assert {(one.first, one.second) for one in exchanged_loads(table)} == {(3, 40), (11, 12)}
+
+
+def test_nothing_is_exchanged_in_good_tables():
+    assert sum(len(exchanged_loads(_table(seed))) for seed in range(20)) == 0
+
+
+def test_gross_errors_are_no_exchange():
+    for seed in range(5):
+        table, rng = _table(seed), np.random.default_rng(seed)
+        written = table.loads.copy()
+        rows = rng.choice(60, 5, replace=False)
+        written[rows, rng.integers(6, size=5)] += rng.choice([-1, 1], 5) * 0.3 * RANGE[0]
+        assert exchanged_loads(replace(table, loads=written)) == []
+
+
+def test_an_exchange_is_found_among_larger_gross_errors():
+    table = _exchanged(_table(9), 20, 43, [0])
+    written = table.loads.copy()
+    written[[5, 50], 3] += [0.5 * RANGE[3], -0.5 * RANGE[3]]
+    found = exchanged_loads(replace(table, loads=written))
+    assert [(one.first, one.second, one.components) for one in found] == [(20, 43, (0,))]
+
+
+def test_a_component_that_was_never_applied_does_not_disturb():
+    table = _table(8)
+    without = replace(table, loads=table.loads * (np.arange(6) != 4))
+    rest = table.signals - np.outer(table.loads[:, 4], np.linalg.lstsq(table.loads, table.signals, rcond=None)[0][4])
+    found = exchanged_loads(_exchanged(replace(without, signals=rest), 4, 30, [5]))
+    assert [(one.first, one.second, one.components) for one in found] == [(4, 30, (5,))]

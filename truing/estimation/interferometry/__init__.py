@@ -1,0 +1,1 @@
+"""What interferometer logs say: fringes, readings, runs, displacements of a loaded platform, positioning of an axis."""

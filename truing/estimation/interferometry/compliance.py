@@ -1,0 +1,181 @@
+"""Compliance of a loaded platform from displacements, entry by entry beside the simulated one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.response import ResponseFit, fit_response
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LOST = 1e-9  # share of an entry in directions that the loads leave open, above which it is unknown
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """K of ``displacement = zero of the run + K wrench``; m/N, rad/N, m/(N m), rad/(N m).
+
+    entries (6, 6) and sigma (6, 6): NaN and infinite where unknown, zero and zero where the model holds an entry at
+    zero; covariance (36, 36) row by row, zero beside what is unknown or held; known (6, 6), also where held. fit: the
+    response fit that it comes from.
+    """
+
+    entries: Array
+    sigma: Array
+    covariance: Array
+    known: Mask
+    fit: ResponseFit
+
+
+def fit_compliance(
+    wrench: ArrayLike,
+    displacement: ArrayLike,
+    covariance: ArrayLike,
+    run: NDArray[np.int64],
+    *,
+    form: Literal["linear", "matrix"] = "matrix",
+    zero_covariance: Array | None = None,
+    beside: Array | None = None,
+) -> Compliance:
+    """Fit displacements (N, 6), NaN where unknown, of wrenches (N, 6) in N and N m; covariance (N, 6, 6).
+
+    run (N,): which zero 0 .. G-1 a step counts from, free in every run or of zero_covariance (6, 6). A channel that was
+    read alone is a displacement with five unknown components. beside (N, C), for the matrix alone: what every component
+    may follow beside the load (``platform_displacement.drift_columns``, a temperature), fitted with it. Entries that
+    no run tells, or not from what is beside, are unknown.
+    """
+    u, y = np.asarray(wrench, float), np.asarray(displacement, float)
+    if beside is not None:
+        if form != "matrix":
+            raise ValueError(f"beside: found the {form} model, expected the matrix model")
+        u = np.column_stack([u, np.asarray(beside, float)])
+    fit = fit_response(u, y, np.asarray(covariance, float), form=form, offset_cov=zero_covariance, group=run)
+    determined = _determined(u, np.isfinite(y), run, form, zero_covariance is None)[:, :6]
+    by_load = fit.free[:, :6]
+    known = determined | ~by_load
+    told = np.zeros(fit.free.shape, bool)
+    told[:, :6] = determined & by_load
+    whole = np.zeros((36, 36))
+    at, of_fit = np.flatnonzero(told[:, :6].ravel()), np.flatnonzero(told[fit.free])
+    whole[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
+    sigma = np.sqrt(np.diag(whole)).reshape(6, 6)
+    return Compliance(
+        np.where(known, fit.coefficients[:, :6], np.nan), np.where(known, sigma, np.inf), whole, known, fit
+    )
+
+
+def _determined(u: Array, seen: Mask, run: NDArray[np.int64], form: str, free_zero: bool) -> Mask:
+    """Which entries (6, D) the drives determine: of each component, by the steps in which it was seen."""
+    weight = seen.T.astype(float)  # (6, N)
+    moved = np.broadcast_to(u, (len(weight), *u.shape))
+    if free_zero:
+        member = (run[:, None] == np.arange(int(run.max(initial=-1)) + 1)).astype(float)  # (N, G)
+        count = np.maximum(weight @ member, 1.0)
+        mean = np.einsum("cn,ng,nd->cgd", weight, member, u) / count[..., None]
+        moved = moved - np.einsum("ng,cgd->cnd", member, mean)
+    moved = moved * weight[..., None]
+    size = np.sqrt(np.sum(moved**2, axis=1))
+    touched = size > _LOST * np.max(np.abs(u), axis=0, initial=0.0)
+    if form == "linear":
+        return np.eye(6, dtype=bool) & touched
+    scaled = moved / np.where(touched, size, np.inf)[:, None, :]
+    values, vectors = np.linalg.eigh(np.swapaxes(scaled, 1, 2) @ scaled)
+    lost = np.einsum("cde,ce->cd", vectors**2, values < _LOST)
+    return touched & (lost < np.sqrt(_LOST))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A measured compliance less the simulated one.
+
+    difference (6, 6) and z (6, 6), NaN where unknown or held; chi_square and dof of all entries together, p_value of
+    the two being the same; ratio (6, 6) measured over simulated.
+    """
+
+    difference: Array
+    z: Array
+    ratio: Array
+    chi_square: float
+    dof: int
+    p_value: float
+
+
+def compare(measured: Compliance, simulated: ArrayLike, simulated_covariance: ArrayLike | None = None) -> Comparison:
+    """Compare entry by entry with a simulated compliance (6, 6), its covariance (36, 36) row by row, or none of it."""
+    from scipy.special import chdtrc
+
+    model = np.asarray(simulated, float)
+    total = measured.covariance + (0.0 if simulated_covariance is None else np.asarray(simulated_covariance, float))
+    judged = measured.known & measured.fit.free[:, :6]
+    difference = np.where(judged, measured.entries - model, np.nan)
+    spread = np.sqrt(np.diag(total)).reshape(6, 6)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(judged & (spread > 0.0), difference / spread, np.nan)
+        ratio = np.where(judged, measured.entries / model, np.nan)
+    at = np.flatnonzero(np.isfinite(z))
+    scale = spread.ravel()[at]
+    correlation = total[np.ix_(at, at)] / np.outer(scale, scale)
+    standard = z.ravel()[at]
+    chi_square = float(standard @ np.linalg.pinv(correlation, hermitian=True, rcond=1e-12) @ standard)
+    rank = int(np.linalg.matrix_rank(correlation, hermitian=True, tol=1e-12 * max(len(at), 1))) if len(at) else 0
+    return Comparison(difference, z, ratio, chi_square, rank, float(chdtrc(rank, chi_square)) if rank else float("nan"))
+
+
+def scaled_uncertainty(simulated: ArrayLike, relative: float) -> Array:
+    """Return the covariance (36, 36) of a simulated compliance whose elastic parameters are known to ``relative``,
+    one sigma, all together: its size is uncertain and its pattern is not."""
+    entries = np.asarray(simulated, float).ravel()
+    return relative**2 * np.outer(entries, entries)
+
+
+@dataclass(frozen=True)
+class AxisCurve:
+    """What a figure of load against displacement along the same axis needs, step by step (M,).
+
+    load in N or N m; measured, its sigma, and simulated with its sigma in m or rad, from the zero of the run; branch
+    as ``load_run.branches`` has it. Not a number where the component was not measured.
+    """
+
+    load: Array
+    measured: Array
+    sigma: Array
+    simulated: Array
+    simulated_sigma: Array
+
+    @property
+    def largest(self) -> float:
+        """The measured value farthest on the positive side; NaN where none was measured."""
+        return float(np.max(self.measured, where=np.isfinite(self.measured), initial=-np.inf))
+
+    @property
+    def smallest(self) -> float:
+        """The measured value farthest on the negative side."""
+        return float(np.min(self.measured, where=np.isfinite(self.measured), initial=np.inf))
+
+
+def axis_curve(
+    axis: int,
+    wrench: ArrayLike,
+    displacement: ArrayLike,
+    covariance: ArrayLike,
+    simulated: ArrayLike,
+    simulated_covariance: ArrayLike | None = None,
+) -> AxisCurve:
+    """Return the curve of one axis (0 .. 5) over the steps whose load is along that axis alone, or none.
+
+    Arguments as ``fit_compliance`` and ``compare`` take them.
+    """
+    u, y, cov = np.asarray(wrench, float), np.asarray(displacement, float), np.asarray(covariance, float)
+    alone = (np.delete(u, axis, axis=1) == 0.0).all(1) & np.isfinite(y[:, axis])
+    u = u[alone]
+    entry = 7 * axis
+    spread = 0.0 if simulated_covariance is None else float(np.sqrt(np.asarray(simulated_covariance)[entry, entry]))
+    model = float(np.asarray(simulated, float)[axis, axis])
+    return AxisCurve(
+        u[:, axis], y[alone, axis], np.sqrt(cov[alone, axis, axis]), model * u[:, axis], spread * np.abs(u[:, axis])
+    )

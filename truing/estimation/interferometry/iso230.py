@@ -1,0 +1,163 @@
+"""Positioning of a linear axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy, and how sure.
+
+Deviations x (..., P, D, C): actual less target position at P positions, in D directions (forward, backward) and C
+cycles. Scatter s with C - 1; uncertainties by Monte Carlo (JCGM 101), because most of the quantities are maxima.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+FORWARD, BACKWARD = 0, 1
+
+
+@dataclass(frozen=True)
+class Positioning:
+    """Quantities of ISO 230-2, clause 3, in the unit of the deviations; leading dimensions (...) are kept.
+
+    At positions: mean (..., P, 2) of each direction, scatter (..., P, 2), reversal_at (..., P), forward less backward,
+    repeatability_at (..., P, 2) and bidirectional_at (..., P). Of the axis: reversal B, mean_reversal, repeatability
+    (..., 2) and bidirectional_repeatability R, systematic (..., 2) and bidirectional_systematic E, mean_deviation M,
+    accuracy (..., 2) and bidirectional_accuracy A.
+    """
+
+    mean: Array
+    scatter: Array
+    reversal_at: Array
+    repeatability_at: Array
+    bidirectional_at: Array
+    reversal: Array
+    mean_reversal: Array
+    repeatability: Array
+    bidirectional_repeatability: Array
+    systematic: Array
+    bidirectional_systematic: Array
+    mean_deviation: Array
+    accuracy: Array
+    bidirectional_accuracy: Array
+
+
+def positioning(deviation: ArrayLike) -> Positioning:
+    """Evaluate deviations (..., P, 2, C) of a test in both directions; raises ValueError for fewer than two cycles."""
+    x = np.asarray(deviation, float)
+    if x.ndim < 3 or x.shape[-2] != 2 or x.shape[-1] < 2:
+        raise ValueError(f"deviation {x.shape}: expected (..., positions, 2 directions, at least 2 cycles)")
+    mean, scatter = x.mean(-1), x.std(-1, ddof=1)
+    return _positioning(mean, scatter)
+
+
+def _positioning(mean: Array, scatter: Array) -> Positioning:
+    reversal_at = mean[..., FORWARD] - mean[..., BACKWARD]
+    repeatability_at = 4.0 * scatter
+    both = 2.0 * scatter.sum(-1) + np.abs(reversal_at)
+    bidirectional_at = np.maximum(both, repeatability_at.max(-1))
+    high, low = mean + 2.0 * scatter, mean - 2.0 * scatter
+    return Positioning(
+        mean=mean,
+        scatter=scatter,
+        reversal_at=reversal_at,
+        repeatability_at=repeatability_at,
+        bidirectional_at=bidirectional_at,
+        reversal=np.abs(reversal_at).max(-1),
+        mean_reversal=reversal_at.mean(-1),
+        repeatability=repeatability_at.max(-2),
+        bidirectional_repeatability=bidirectional_at.max(-1),
+        systematic=np.ptp(mean, axis=-2),
+        bidirectional_systematic=mean.max((-1, -2)) - mean.min((-1, -2)),
+        mean_deviation=np.ptp(mean.mean(-1), axis=-1),
+        accuracy=high.max(-2) - low.min(-2),
+        bidirectional_accuracy=high.max((-1, -2)) - low.min((-1, -2)),
+    )
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What the instrument and its surroundings leave uncertain, one sigma each.
+
+    scale: relative, common to the whole test (wavelength, device); expansion_sigma (1/K) with warmer_by (K from 20
+    degrees), temperature_sigma (K) with expansion (1/K): both stretch the axis; misalignment (rad): the beam is
+    off by up to that angle, which reads too little; drift: of a reading since the start of its cycle, in the
+    deviations' unit.
+    """
+
+    scale: float = 0.0
+    expansion: float = 0.0
+    expansion_sigma: float = 0.0
+    temperature_sigma: float = 0.0
+    warmer_by: float = 0.0
+    misalignment: float = 0.0
+    drift: float = 0.0
+
+    @property
+    def stretch(self) -> float:
+        """Relative standard deviation of every length along the axis."""
+        parts = self.scale, self.warmer_by * self.expansion_sigma, self.expansion * self.temperature_sigma
+        return float(np.linalg.norm(parts))
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A quantity: value, standard uncertainty, and the interval of 95 %."""
+
+    value: float
+    sigma: float
+    low: float
+    high: float
+
+
+QUANTITIES = {
+    "B": "reversal",
+    "R": "bidirectional_repeatability",
+    "E": "bidirectional_systematic",
+    "M": "mean_deviation",
+    "A": "bidirectional_accuracy",
+}
+
+
+def positioning_uncertainty(
+    deviation: ArrayLike,
+    target: ArrayLike,
+    rng: np.random.Generator,
+    instrument: Instrument | None = None,
+    draws: int = 4000,
+) -> dict[str, Uncertain]:
+    """Return B, R, E, M and A of one test with their uncertainties.
+
+    deviation (P, 2, C), target (P,) in the same unit. Drawn are the means and scatters that so few cycles leave open,
+    of each position and direction by itself, and what the instrument leaves open. Values are those of
+    ``positioning``: maxima of noisy numbers lie above the truth, which the intervals allow for.
+    """
+    x, at = np.asarray(deviation, float), np.asarray(target, float)
+    own = positioning(x)
+    cycles = x.shape[-1]
+    freedom = cycles - 1
+    # what repetitions of the same test would give, its truth being what was found: their spread, and their bias
+    scatter = own.scatter * np.sqrt(rng.chisquare(freedom, (draws, *own.scatter.shape)) / freedom)
+    off = own.scatter / np.sqrt(cycles) * rng.standard_normal(scatter.shape)
+    by_instrument = _by_instrument(at, instrument or Instrument(), rng, draws, cycles)
+    drawn = _positioning(own.mean + off + by_instrument, scatter)
+    # the scatter that spreads the means is itself known from few cycles: Student's law instead of the normal one
+    wider = off / np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
+    apart = _positioning(own.mean + wider + by_instrument, scatter)
+    out = {}
+    for symbol, field in QUANTITIES.items():
+        value = float(getattr(own, field))
+        low, high = np.quantile(getattr(apart, field), [0.025, 0.975])
+        sigma = float(np.std(getattr(drawn, field)))
+        out[symbol] = Uncertain(value, sigma, max(0.0, 2.0 * value - float(high)), 2.0 * value - float(low))
+    return out
+
+
+def _by_instrument(at: Array, instrument: Instrument, rng: np.random.Generator, draws: int, cycles: int) -> Array:
+    """Errors (draws, P, 2) of mean deviations: of the axis' length, of the beam's angle, and of the drift."""
+    along = at - at[0]
+    stretch = instrument.stretch * rng.standard_normal((draws, 1))
+    angle = instrument.misalignment * rng.standard_normal((draws, 1))
+    lengths = (stretch - 0.5 * angle**2) * along
+    drift = instrument.drift / np.sqrt(cycles) * rng.standard_normal((draws, len(at), 2))
+    return lengths[..., None] + drift

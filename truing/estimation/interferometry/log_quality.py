@@ -1,0 +1,258 @@
+"""What may be wrong with a log of loads and readings: questions to arrays, each answered by where and how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.interferometry.fringes import Jump, find_jump
+from truing.estimation.interferometry.load_run import RunFit
+from truing.estimation.quality import Scatter
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+_SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses are of a size
+_FEWEST_AT_WALL, _FEWEST_AT_DRIVES = 8, 3
+_MOST_NEIGHBOURS = 4.0  # a value that is limited comes so many times as often as the one beside it
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where (F,) something is wrong, as indices of rows or of runs, and how much (F,), against a limit."""
+
+    where: Index
+    size: Array
+    limit: float
+
+    def __len__(self) -> int:
+        return len(self.where)
+
+
+def _found(wrong: Mask, size: ArrayLike, limit: float) -> Found:
+    where = np.flatnonzero(wrong)
+    return Found(where, np.broadcast_to(np.asarray(size, float), wrong.shape)[where], limit)
+
+
+def loads_beyond(load: ArrayLike, limit: ArrayLike) -> Found:
+    """Return rows whose load (N,) lies beyond its range (N,) or one number; size: load over range, NaN where it is no
+    number."""
+    with np.errstate(invalid="ignore"):
+        share = np.abs(np.asarray(load, float)) / np.asarray(limit, float)
+    return _found(~(share <= 1.0), share, 1.0)
+
+
+def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm: float = 0.01) -> Found:
+    """Return runs whose response has the sign opposite to that of most runs of the same load axis and channel.
+
+    slope (G,): response per load of each run, with sigma (G,); alike (G,): the same number for the same axis and
+    channel, the simulated response being one of them where there is one. Size: slope over the median of its
+    kind. Only sizes that agree but for the sign count; where two runs contradict each other and no third decides, both
+    are returned.
+    """
+    from scipy.special import ndtri
+
+    value, spread = np.asarray(slope, float), np.asarray(sigma, float)
+    limit = float(-ndtri(0.5 * false_alarm / max(len(value), 1)))
+    _, kind = np.unique(alike, return_inverse=True)
+    sure = np.isfinite(value) & (np.abs(value) > limit * spread)
+    positive = np.bincount(kind, sure & (value > 0.0))[kind]
+    negative = np.bincount(kind, sure & (value < 0.0))[kind]
+    against = np.where(value > 0.0, negative, positive)
+    along = np.where(value > 0.0, positive, negative)
+    typical = _typical(np.where(sure, np.abs(value), np.nan), kind)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = value / (np.where(value > 0.0, -1.0, 1.0) * typical)
+        alike_in_size = np.abs(np.log(np.abs(ratio))) < _SAME_SIZE
+    wrong = sure & alike_in_size & (against >= along) & (against > 0)
+    return _found(wrong, ratio, limit)
+
+
+def _typical(size: Array, kind: Index) -> Array:
+    """Median (G,) of sizes (G,) over those of the same kind; NaN where there is none."""
+    out = np.full(len(size), np.nan)
+    for one in np.unique(kind[np.isfinite(size)]):
+        out[kind == one] = np.nanmedian(size[kind == one])
+    return out
+
+
+UNIT_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 206264.806, 1.0 / 206264.806, 3600.0, 1.0 / 3600.0)
+
+
+def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tolerance: float = 0.3) -> Found:
+    """Return runs whose response is that expected times a factor between units: mm for um, degrees or rad for arcsec.
+
+    slope (G,), expected (G,): of the simulation, or the median of the like runs; sigma (G,): of the slope by the run's
+    own scatter (``RunFit.noise_ratio``), as noise comes in the wrong unit too; tolerance: how far off the
+    expectation may be, relative. Size: the factor by which the readings are too large.
+    """
+    value = np.asarray(slope, float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.abs(value / np.asarray(expected, float))
+        share = np.abs(np.asarray(sigma, float) / value)
+        off = np.abs(np.log(ratio)[:, None] - np.log(np.asarray(UNIT_FACTORS)))
+    near = np.where(np.isfinite(off), off, np.inf)
+    factor = np.asarray(UNIT_FACTORS)[near.argmin(1)]
+    wrong = (near.min(1) < np.log1p(tolerance)) & (share < tolerance)
+    return _found(wrong, factor, tolerance)
+
+
+def steps_missing(run: Index, step: Index) -> Found:
+    """Return rows after which steps are missing; size: how many. Steps of a run count up by one, in whatever order the
+    rows stand; the first of every run is the lowest first of all."""
+    order = np.lexsort((step, run))
+    same = np.diff(run[order]) == 0
+    gap = np.where(same, np.diff(step[order]) - 1, 0)
+    first = np.concatenate([[True], ~same]) if len(run) else np.zeros(0, bool)
+    begin = step[order][first]
+    late = begin - begin.min(initial=np.iinfo(np.int64).max) if len(begin) else begin
+    missing = np.zeros(len(run))
+    missing[order[:-1]] += np.maximum(gap, 0) if len(run) else 0
+    missing[order[first]] += late
+    return _found(missing > 0.0, missing, 0.0)
+
+
+def runs_cut_short(run: Index, step: Index, alike: Index) -> Found:
+    """Return the last rows of runs that have fewer steps than most of the same kind, alike (N,); size: how many."""
+    runs, at = np.unique(run, return_inverse=True)
+    last = np.full(len(runs), -1)
+    np.maximum.at(last, at, step)
+    kind = np.zeros(len(runs), alike.dtype)
+    kind[at] = alike
+    usual = np.array([np.median(last[kind == one]) for one in kind], float) if len(runs) else np.zeros(0)
+    fewer = np.where(step == last[at], usual[at] - last[at], 0.0)
+    return _found(fewer >= 1.0, fewer, 0.0)
+
+
+def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) -> Found:
+    """Return rows that repeat the run, step and channel of an earlier row; size: by how much their readings differ."""
+    value = np.asarray(reading, float)
+    keys = np.stack([run, step, channel], -1)
+    _, first, at = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    earlier = first[at.ravel()]
+    repeated = earlier != np.arange(len(value))
+    return _found(repeated, np.abs(value - value[earlier]), 0.0)
+
+
+def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> Found:
+    """Return samples (N,) that stand at an end of a signal's range which it meets as a wall; size: the value there.
+
+    A value is a wall where it is the largest or the smallest of all, comes many times as often as the values next to it
+    (a signal that turns there of itself comes close nearly as often), and eight times at least; with the drive
+    (N,) that the signal follows, three times and at different drives, which a load held or repeated is not.
+    """
+    value = np.asarray(signal, float)
+    levels, count = np.unique(value[np.isfinite(value)], return_counts=True)
+    fewest = _FEWEST_AT_WALL if drive is None else _FEWEST_AT_DRIVES
+    wall = np.zeros(len(value), bool)
+    if len(levels) < 3:
+        return _found(wall, value, float(fewest))
+    resolution = float(np.min(np.diff(levels)))
+    for end, sign in ((0, 1.0), (-1, -1.0)):
+        distance = sign * (levels - levels[end])
+        beside = float(count[(distance > 0.0) & (distance < 3.5 * resolution)].max(initial=0))
+        there = value == levels[end]
+        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (drive is None or _differ(drive, there)):
+            wall |= there
+    return _found(wall, value, float(fewest))
+
+
+def _differ(drive: ArrayLike, there: Mask) -> bool:
+    """Whether drives (N,) differ among some samples by more than a hundredth of their range."""
+    level = np.asarray(drive, float)
+    return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
+
+
+def signals_not_round(residual_radius: ArrayLike, radius: ArrayLike, limit: float = 0.01) -> Found:
+    """Return channels (C,) whose corrected signals still leave more than ``limit`` of their mean radius (C,) in the
+    standard deviation of the radius (C,): what is left is no noise of the signals; size: that share."""
+    share = np.asarray(residual_radius, float) / np.asarray(radius, float)
+    return _found(~(share <= limit), share, limit)
+
+
+@dataclass(frozen=True)
+class JumpFound:
+    """Runs (F,) with a jump, the step before which it is, its size and sigma, and its p-value."""
+
+    where: Index
+    onset: Index
+    size: Array
+    sigma: Array
+    p_value: Array
+
+
+def jumps(reading: Array, sigma: ArrayLike, columns: Array, false_alarm: float = 0.01) -> JumpFound:
+    """Return runs of readings (G, N) with a jump beside their columns (N, P) or (G, N, P).
+
+    false_alarm: for all runs together.
+    """
+    found: Jump = find_jump(reading, sigma, columns)
+    at = np.flatnonzero(found.p_value <= false_alarm / max(len(found.p_value), 1))
+    return JumpFound(at, found.onset[at], found.size[at], found.sigma[at], found.p_value[at])
+
+
+def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.01) -> Found:
+    """Return runs whose zero drifts; size: over the duration of the run, in the unit of its readings."""
+    p = np.array([fit.p_value("drift") for fit in fits])
+    rate = np.array([fit.value("drift")[0] for fit in fits])
+    limit = false_alarm / max(len(fits), 1)
+    with np.errstate(invalid="ignore"):
+        return _found(p <= limit, rate * np.asarray(duration_s, float), limit)
+
+
+def noise_of_runs(fits: list[RunFit]) -> Scatter:
+    """Scatter of runs about their own fits, in units of the declared noise: ``ratio``, ``p_above`` and ``p_below``."""
+    return Scatter(np.array([fit.chi_square for fit in fits]), np.array([float(fit.dof) for fit in fits]))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """How a quantity of the surroundings went in each run (G,): first value, span, largest change from the first, and
+    the share of rows without a value."""
+
+    first: Array
+    span: Array
+    change: Array
+    missing: Array
+
+
+def surroundings(value: ArrayLike, run: Index) -> Surroundings:
+    """Follow a temperature, pressure or humidity (N,) through the runs 0 .. G-1 of its rows (N,), in their order."""
+    value = np.asarray(value, float)
+    count = int(run.max(initial=-1)) + 1
+    seen = np.isfinite(value)
+    rows = np.bincount(run, minlength=count)
+    low, high, first = np.full(count, np.inf), np.full(count, -np.inf), np.full(count, np.nan)
+    np.minimum.at(low, run[seen], value[seen])
+    np.maximum.at(high, run[seen], value[seen])
+    begin, at = np.unique(run[seen], return_index=True)
+    first[begin] = value[seen][at]
+    change = np.zeros(count)
+    np.maximum.at(change, run[seen], np.abs(value[seen] - first[run[seen]]))
+    with np.errstate(invalid="ignore"):
+        missing = 1.0 - np.bincount(run, seen, minlength=count) / np.where(rows > 0, rows, 1)
+    known = np.isfinite(first)
+    span = np.where(known, np.where(known, high, 0.0) - np.where(known, low, 0.0), np.nan)
+    return Surroundings(first, span, np.where(known, change, np.nan), missing)
+
+
+def worth_of_air(index_change: ArrayLike, dead_path: ArrayLike, displacement: ArrayLike) -> Array:
+    """Return how far (m) an uncompensated reading is off by a change of the index, over dead path and displacement."""
+    return np.abs(np.asarray(index_change, float)) * (
+        np.asarray(dead_path, float) + np.abs(np.asarray(displacement, float))
+    )
+
+
+def temperatures_out_of_reach(value_c: ArrayLike, lowest_c: float = -10.0, highest_c: float = 50.0) -> Found:
+    """Return rows whose temperature no laboratory has: other units, or a sensor that is off; size: the value."""
+    value = np.asarray(value_c, float)
+    return _found(np.isfinite(value) & ((value < lowest_c) | (value > highest_c)), value, highest_c)
+
+
+def pressures_out_of_reach(value_pa: ArrayLike, lowest_pa: float = 6e4, highest_pa: float = 1.1e5) -> Found:
+    """Return rows whose air pressure no laboratory has: other units, or a sensor that is off; size: the value."""
+    value = np.asarray(value_pa, float)
+    return _found(np.isfinite(value) & ((value < lowest_pa) | (value > highest_pa)), value, highest_pa)

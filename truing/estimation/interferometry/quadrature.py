@@ -1,0 +1,210 @@
+"""Quadrature signals of an interferometer: the ellipse that they trace, and the phase without its periodic errors.
+
+Signals are ``x = x0 + a cos p, y = y0 + b sin(p + lag)``: offsets, unequal gains, and a lag from quadrature make the
+plain arctangent err once or twice a fringe. P. L. M. Heydemann, Appl. Opt. 20 (1981) 3382.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.interferometry.ellipse_start import ellipse_start
+from truing.estimation.least_squares.solver import SolverStatus, least_squares
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PARAMETERS = ("x0", "y0", "a", "b", "lag")
+_NEAREST_STEPS = 6  # of Newton, to the nearest point of the ellipse
+_MOST_ITERATIONS = 40  # an arc that fixes the ellipse needs some ten
+_FEWEST = 10  # samples, twice the ellipse's numbers
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 96, endpoint=False)
+
+
+class EllipseStatus(StrEnum):
+    """What became of the fit, and ``remedy`` says what to do about it."""
+
+    OK = "ok"
+    SHORT_ARC = "short-arc"
+    NO_ELLIPSE = "no-ellipse"
+    FEW_SAMPLES = "few-samples"
+
+    @property
+    def remedy(self) -> str:
+        """One sentence for the person who reads the status."""
+        return _REMEDIES[self]
+
+
+_REMEDIES = {
+    EllipseStatus.OK: "Nothing to do.",
+    EllipseStatus.SHORT_ARC: "The signals trace too little of the ellipse to fix it: move through a whole fringe, or "
+    "take the correction of another run of the same channel.",
+    EllipseStatus.FEW_SAMPLES: "Too few samples to tell the noise about the ellipse: take ten or more.",
+    EllipseStatus.NO_ELLIPSE: "The signals lie on no ellipse: look at the offsets, the gains and the wiring.",
+}
+
+
+@dataclass(frozen=True)
+class EllipseFit:
+    """Ellipses of B channels.
+
+    values (B, 5): x0, y0, a, b in the unit of the signals, lag in rad; covariance (B, 5, 5) of them, sigma (B,) the
+    noise of one signal, both from the scatter about the ellipse; arc (B,) rad of the ellipse that the signals
+    trace; phase_sigma (B,) rad: the largest error, one sigma, that the correction itself makes anywhere on the circle.
+    """
+
+    values: Array
+    covariance: Array
+    sigma: Array
+    arc: Array
+    phase_sigma: Array
+    status: NDArray[np.str_]
+
+    @property
+    def ok(self) -> Mask:
+        """(B,) where the correction is known everywhere on the circle."""
+        return np.asarray(self.status == str(EllipseStatus.OK), bool)
+
+
+def fit_ellipse(signals: Array, used: Mask | None = None, largest_phase_sigma: float = 0.05) -> EllipseFit:
+    """Fit ellipses by the distances of the samples from them (maximum likelihood for equal noise of both signals).
+
+    signals (B, N, 2) or (N, 2); used (B, N), by default all that is finite. A fit whose correction is not known to
+    ``largest_phase_sigma`` rad (one sigma) all round the circle is a ``short-arc``, as is one without a minimum.
+    """
+    signals = np.asarray(signals, float)
+    signals = signals[None] if signals.ndim == 2 else signals
+    finite = np.asarray(np.isfinite(signals).all(-1))
+    weight = (finite if used is None else finite & np.broadcast_to(used, finite.shape)).astype(float)
+    filled = np.where(finite[..., None], signals, 0.0)
+    solution = least_squares(_distances, ellipse_start(filled, weight), filled, weight, max_iterations=_MOST_ITERATIONS)
+    freedom = np.maximum(weight.sum(-1) - len(PARAMETERS), 1.0)
+    sigma = np.sqrt(solution.cost / freedom)
+    covariance = solution.covariance * sigma[:, None, None] ** 2
+    values = _positive(solution.x)
+    arc = traced_arc(corrected_phase(filled, values), weight > 0.0)
+    spread = np.sqrt(_correction_variance(values, covariance, _ROUND).max(-1))
+    few, settled = weight.sum(-1) < _FEWEST, solution.status == SolverStatus.CONVERGED
+    shaped, sharp = np.isfinite(values).all(-1), settled & (spread <= largest_phase_sigma)
+    words = ("FEW_SAMPLES", "NO_ELLIPSE", "SHORT_ARC", "OK")
+    told = [np.str_(EllipseStatus[word]) for word in words]
+    status: NDArray[np.str_] = np.select([few, ~shaped, ~sharp], told[:3], told[3])
+    return EllipseFit(values, covariance, sigma, arc, np.where(settled, spread, np.inf), status)
+
+
+def _positive(values: Array) -> Array:
+    """The same ellipses with both amplitudes positive, and the lag nearest to zero."""
+    out = values.copy()
+    out[:, 4] += np.pi * ((values[:, 2] < 0.0) ^ (values[:, 3] < 0.0))
+    out[:, 2:4] = np.abs(values[:, 2:4])
+    out[:, 4] = (out[:, 4] + np.pi) % (2.0 * np.pi) - np.pi
+    return out
+
+
+def _distances(values: Array, signals: Array, weight: Array) -> tuple[Array, Array]:
+    """Signed distances (B, N) of the samples from their ellipses, and the derivatives (B, N, 5)."""
+    p = corrected_phase(signals, values)
+    for _ in range(_NEAREST_STEPS):
+        point, first, second = _curve(values, p)
+        off = point - signals
+        slope = np.sum(first * first + off * second, -1)
+        p = p - np.sum(off * first, -1) / np.where(slope > 0.0, slope, np.sum(first * first, -1))
+    point, along, _ = _curve(values, p)
+    normal = np.stack([along[..., 1], -along[..., 0]], -1) / np.linalg.norm(along, axis=-1, keepdims=True)
+    distance = np.sum(normal * (signals - point), -1)
+    by_value = _by_value(values, p)
+    return weight * distance, -weight[..., None] * np.einsum("bnk,bnkp->bnp", normal, by_value)
+
+
+def _curve(values: Array, p: Array) -> tuple[Array, Array, Array]:
+    """Points (B, N, 2) at phases (B, N), and their first and second derivatives."""
+    x0, y0, a, b, lag = values.T[..., None]
+    turn = p + lag
+    point = np.stack([x0 + a * np.cos(p), y0 + b * np.sin(turn)], -1)
+    first = np.stack([-a * np.sin(p), b * np.cos(turn)], -1)
+    return point, first, np.stack([-a * np.cos(p), -b * np.sin(turn)], -1)
+
+
+def _by_value(values: Array, p: Array) -> Array:
+    """Derivatives (B, N, 2, 5) of the points at fixed phases."""
+    b, lag = values[:, 3, None], values[:, 4, None]
+    out = np.zeros((*p.shape, 2, 5))
+    out[..., 0, 0] = out[..., 1, 1] = 1.0
+    out[..., 0, 2], out[..., 1, 3] = np.cos(p), np.sin(p + lag)
+    out[..., 1, 4] = b * np.cos(p + lag)
+    return out
+
+
+def corrected(signals: Array, values: Array) -> Array:
+    """Return cos p, sin p (..., N, 2) of signals (..., N, 2) by ellipses (..., 5): a unit circle but for noise."""
+    x0, y0, a, b, lag = np.moveaxis(np.asarray(values, float), -1, 0)[..., None]
+    cosine = (signals[..., 0] - x0) / a
+    sine = ((signals[..., 1] - y0) / b - cosine * np.sin(lag)) / np.cos(lag)
+    return np.stack([cosine, sine], -1)
+
+
+def corrected_phase(signals: Array, values: Array) -> Array:
+    """Return phases (..., N) in rad, within one turn."""
+    circle = corrected(signals, values)
+    return np.arctan2(circle[..., 1], circle[..., 0])
+
+
+def residual_radius(signals: Array, values: Array, used: Mask | None = None) -> Array:
+    """Return the standard deviation (...) of the corrected radius, in the unit of the signals."""
+    radius = np.linalg.norm(corrected(signals, values), axis=-1) * np.sqrt(np.prod(values[..., 2:4], -1))[..., None]
+    return np.std(radius, axis=-1, where=True if used is None else used)
+
+
+def phase_sigma(fit: EllipseFit, phase: Array) -> Array:
+    """Return the standard deviation (B, N) in rad of corrected phases (B, N): noise of the sample, and of the fit."""
+    _, _, a, b, lag = fit.values.T[..., None]
+    by_noise = (np.sin(phase + lag) / a) ** 2 + (np.cos(phase) / b) ** 2
+    by_noise = fit.sigma[:, None] ** 2 * by_noise / np.cos(lag) ** 2
+    return np.sqrt(by_noise + _correction_variance(fit.values, fit.covariance, phase))
+
+
+def _correction_variance(values: Array, covariance: Array, phase: Array) -> Array:
+    """Variance (B, N) in rad^2 that uncertain ellipses give to corrected phases (N,) or (B, N)."""
+    _, _, a, b, lag = values.T[..., None]
+    p = np.broadcast_to(phase, (len(values), np.shape(phase)[-1]))
+    sine, cosine = np.sin(p + lag), np.cos(p)
+    by_value = [sine / a, -cosine / b, sine * cosine / a, -sine * cosine / b, -cosine * np.cos(p + lag)]
+    slopes = np.stack(by_value, -1) / np.cos(lag)[..., None]
+    return np.einsum("bni,bij,bnj->bn", slopes, covariance, slopes)
+
+
+def uncorrected_error(values: Array, phase: Array) -> Array:
+    """Return what the plain arctangent errs (B, N) in rad at phases (N,), about its mean: the periodic error."""
+    point = _curve(values, np.broadcast_to(phase, (len(values), np.shape(phase)[-1])))[0]
+    off = np.exp(1j * (np.arctan2(point[..., 1], point[..., 0]) - phase))
+    return np.angle(off / off.mean(-1, keepdims=True))
+
+
+def traced_arc(phase: Array, used: Mask) -> Array:
+    """Return how much of the circle (B,) phases (B, N) reach, in rad: a turn less the widest gap between them."""
+    within = phase % (2.0 * np.pi)
+    last = np.max(np.where(used, within, -np.inf), axis=-1, keepdims=True, initial=-np.inf)
+    turned = np.sort(np.where(used, within, np.where(used.any(-1, keepdims=True), last, 0.0)), axis=-1)
+    inner = np.max(np.diff(turned, axis=-1), axis=-1, initial=0.0)
+    around = 2.0 * np.pi - (turned[:, -1] - turned[:, 0])
+    return np.where(used.any(-1), 2.0 * np.pi - np.maximum(inner, around), 0.0)
+
+
+def radius_waves(signals: Array, values: Array, orders: int, used: Mask | None = None) -> Array:
+    """Return the amplitudes (B, orders) of the waves 1, 2, ... per fringe that the corrected radius keeps, relative.
+
+    A true ellipse leaves none; waves of order 4 are those of signals that are not sines, such as clipped ones.
+    """
+    circle = corrected(signals, values)
+    radius = np.linalg.norm(circle, axis=-1)
+    p = np.arctan2(circle[..., 1], circle[..., 0])
+    weight = np.ones_like(p) if used is None else np.broadcast_to(used, p.shape).astype(float)
+    angle = p[..., None] * np.arange(1, orders + 1)
+    design = np.concatenate([np.ones_like(p)[..., None], np.cos(angle), np.sin(angle)], -1)
+    weighted = np.swapaxes(design * weight[..., None], 1, 2)
+    found = np.linalg.pinv(weighted @ design, hermitian=True) @ (weighted @ radius[..., None])
+    return np.hypot(found[:, 1 : orders + 1, 0], found[:, orders + 1 :, 0])

@@ -1,0 +1,188 @@
+"""Fits a calibration to a table of loads: plainly, weighted, or with errors in loads and signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.errors_in_variables.descent import Prior
+from truing.estimation.errors_in_variables.fit import fit_errors_in_variables
+from truing.estimation.least_squares.solver import SolverStatus
+from truing.estimation.sensor.both_errors import TermEquations
+from truing.estimation.sensor.calibration import Calibration, CalibrationModel
+from truing.estimation.sensor.determined import (
+    UndeterminedCalibrationError,
+    check_determined,
+    check_loads,
+    check_signals,
+)
+from truing.estimation.sensor.linear_fit import LinearFit, least_squares_fit, weighted_fit
+from truing.estimation.sensor.load_table import LoadTable
+from truing.estimation.sensor.terms import Terms
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """A table seen in the direction of a model: response y (N, W), inputs x (N, C), columns of the zeros (N, G)."""
+
+    model: CalibrationModel
+    table: LoadTable
+
+    @property
+    def direct(self) -> bool:
+        return self.model.direction == "direct"
+
+    @property
+    def y(self) -> NDArray:
+        return self.table.loads if self.direct else self.table.signals
+
+    @property
+    def x(self) -> NDArray:
+        return self.table.signals if self.direct else self.table.loads
+
+    @property
+    def response_names(self) -> tuple[str, ...]:
+        return self.table.load_names if self.direct else self.table.signal_names
+
+    @property
+    def covariances(self) -> tuple[NDArray | None, NDArray | None]:
+        """Return what was declared of the response and of the inputs."""
+        pair = self.table.load_cov, self.table.signal_cov
+        return pair if self.direct else (pair[1], pair[0])
+
+    @cached_property
+    def terms(self) -> Terms:
+        inputs = self.table.signal_names if self.direct else self.table.load_names
+        model = self.model
+        return Terms(inputs, self.table.covariate_names, model.drift, model.gain, model.powers)
+
+    @cached_property
+    def zeros(self) -> NDArray:
+        if self.model.zero == "case":
+            return (self.table.case[:, None] == self.table.cases).astype(float)
+        return np.ones((len(self.y), int(self.model.zero == "common")))
+
+    @cached_property
+    def columns(self) -> NDArray:
+        return np.concatenate([self.terms.at(self.x, self.table.covariates), self.zeros], axis=1)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        zero = {"none": [], "common": ["zero"], "case": [f"zero of {case}" for case in self.table.cases]}
+        return (*self.terms.labels, *zero[self.model.zero])
+
+    def prior(self) -> Prior | None:
+        """Return the prior of all coefficients, row by row; None where the model has none."""
+        if self.model.ridge is None and self.model.shrink is None:
+            return None
+        count, width = self.columns.shape[1], self.y.shape[1]
+        share = np.full(count, np.inf)
+        inputs, terms = len(self.terms.inputs), len(self.terms.labels)
+        share[:inputs] = np.inf if self.model.ridge is None else self.model.ridge
+        share[inputs:terms] = np.inf if self.model.shrink is None else self.model.shrink
+        rms = np.sqrt(np.mean(self.columns**2, 0))
+        size = np.sqrt(np.mean(self.y**2, 0))
+        information = (rms / (share * np.where(size > 0, size, 1.0)[:, None])) ** 2
+        return Prior(np.zeros(width * count), np.diag(information.ravel()))
+
+
+def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> Calibration:
+    """Return the calibration of a table of loads.
+
+    Raises UndeterminedCalibrationError, naming what is missing, where loads or signals do not determine it, and
+    ValueError where the estimator needs a covariance that was not declared, or a covariate that the table has not.
+    """
+    problem = _Problem(model or CalibrationModel(), table)
+    _check(problem)
+    if problem.model.estimator == "errors in both":
+        return _both(problem)
+    prior = problem.prior()
+    if problem.model.estimator == "weighted":
+        cov = _declared(problem, 0)
+        if np.linalg.eigvalsh(cov).min() <= 0:
+            raise ValueError("found a response that is exactly known, expected an error of each, or errors in both")
+        found = weighted_fit(problem.columns, problem.y, cov, prior)
+    elif prior is not None:
+        found = weighted_fit(problem.columns, problem.y, _first_noise(problem), prior)
+    else:
+        found = least_squares_fit(problem.columns, problem.y)
+    return _result(problem, found)
+
+
+def _check(problem: _Problem) -> None:
+    model, table = problem.model, problem.table
+    if (model.drift or model.gain) and not table.covariate_names:
+        raise ValueError(f"model {model.name!r} needs a covariate such as a temperature, found none in the table")
+    if model.ridge is None and model.shrink is None and len(problem.y) <= problem.columns.shape[1]:
+        raise UndeterminedCalibrationError(
+            f"found {len(problem.y)} rows for {problem.columns.shape[1]} terms of each component, expected more rows"
+        )
+    check_loads(table.loads, table.load_names)
+    if model.ridge is not None:
+        return
+    if problem.direct:
+        check_signals(table.signals, table.signal_cov, table.signal_names)
+    if model.shrink is None:
+        check_determined(problem.columns, problem.labels, "the terms are not independent")
+
+
+def _declared(problem: _Problem, which: int) -> NDArray:
+    """Return the covariance that was declared of the response (0) or the inputs (1)."""
+    cov = problem.covariances[which]
+    if cov is None:
+        of_loads = problem.direct == (which == 0)
+        raise ValueError(
+            f"estimator {problem.model.estimator!r} needs the covariance of the {'loads' if of_loads else 'signals'}, "
+            "found none declared"
+        )
+    return cov
+
+
+def _first_noise(problem: _Problem) -> NDArray:
+    """Return the noise (W, W) left by inputs and zeros alone, for weighing data against a prior."""
+    if (declared := problem.covariances[0]) is not None:
+        return declared
+    inputs = len(problem.terms.inputs)
+    columns = np.delete(problem.columns, np.s_[inputs : len(problem.terms.labels)], axis=1)
+    values, _, rank, _ = np.linalg.lstsq(columns / np.linalg.norm(columns, axis=0), problem.y, rcond=1e-8)
+    residual = problem.y - columns / np.linalg.norm(columns, axis=0) @ values
+    return np.asarray(residual.T @ residual / max(len(columns) - int(rank), 1))
+
+
+def _result(problem: _Problem, found: LinearFit, status: SolverStatus = SolverStatus.CONVERGED) -> Calibration:
+    terms = len(problem.terms.labels)
+    return Calibration(
+        model=problem.model,
+        terms=problem.terms,
+        response_names=problem.response_names,
+        matrix=found.matrix[:, :terms],
+        zeros=found.matrix[:, terms:],
+        covariance=found.covariance,
+        residuals=problem.y - problem.columns @ found.matrix.T,
+        noise=found.noise,
+        chi_square=found.chi_square,
+        dof=found.dof,
+        status=status,
+    )
+
+
+def _both(problem: _Problem) -> Calibration:
+    """Return the maximum-likelihood fit with errors in response and inputs, from the weighted one."""
+    rows, width, count = len(problem.y), problem.y.shape[1], problem.x.shape[1]
+    own, other = _declared(problem, 0), _declared(problem, 1)
+    cov = np.zeros((rows, width + count, width + count))
+    cov[:, :width, :width], cov[:, width:, width:] = own, other
+    prior = problem.prior()
+    spread = np.linalg.eigvalsh(own).min() > 0  # loads that are exactly known have no weighted fit to start from
+    columns, y = problem.columns, problem.y
+    start = weighted_fit(columns, y, own, prior) if spread else least_squares_fit(columns, y)
+    equations = TermEquations(problem.terms, problem.y, problem.x, problem.table.covariates, problem.zeros)
+    fit = fit_errors_in_variables(equations.constrain, cov, start.matrix.ravel(), prior, robust=False)
+    matrix = fit.values.reshape(width, -1)
+    residuals = problem.y - problem.columns @ matrix.T
+    dof = float(rows * width - len(fit.values))
+    noise = residuals.T @ residuals / max(dof / width, 1.0)
+    return _result(problem, LinearFit(matrix, fit.covariance, noise, fit.cost, dof), fit.status)

@@ -1,0 +1,86 @@
+"""Where a force passes: its line of action from the wrench that it makes, and what moment no line explains.
+
+A force f along a line through r has the moment r x f. From one wrench r follows but for a shift along f; wrenches of
+several directions through one point give the point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.covariance import symmetric
+from truing.estimation.rotation import skew
+
+_ROUNDS = 10  # of weighing anew at the point found
+
+
+@dataclass(frozen=True)
+class LineOfAction:
+    """The lines of B forces: arm (B, 3), m, to the point nearest to the origin, with covariance (B, 3, 3); along (B,),
+    N m: the moment about the force's own direction, which no line explains, with its sigma (B,)."""
+
+    arm: NDArray
+    covariance: NDArray
+    along: NDArray
+    along_sigma: NDArray
+
+    @property
+    def length(self) -> NDArray:
+        """Return the lever arm (B,), m."""
+        return np.sqrt(np.sum(self.arm**2, -1))
+
+
+def line_of_action(wrench: NDArray, covariance: NDArray) -> LineOfAction:
+    """Return the lines of forces from wrenches (B, 6), N and N m, of covariance (B, 6, 6): ``r = f x m / |f|^2``.
+
+    Raises ValueError where a wrench holds no force.
+    """
+    f, m = wrench[:, :3], wrench[:, 3:]
+    square = np.sum(f * f, -1)
+    if not np.all(square > 0):
+        raise ValueError("found a wrench without a force, expected one that has a line of action")
+    arm = np.cross(f, m) / square[:, None]
+    # by f: (-[m]x - 2 r f^T) / |f|^2; by m: [f]x / |f|^2
+    by_force = (-skew(m) - 2.0 * arm[:, :, None] * f[:, None]) / square[:, None, None]
+    by = np.concatenate([by_force, skew(f) / square[:, None, None]], axis=2)
+    size = np.sqrt(square)
+    along = np.sum(f * m, -1) / size
+    turn = np.concatenate([(m - (along / size)[:, None] * f), f], axis=1) / size[:, None]
+    spread = np.einsum("bi,bij,bj->b", turn, covariance, turn)
+    return LineOfAction(arm, symmetric(by @ covariance @ np.swapaxes(by, 1, 2)), along, np.sqrt(spread))
+
+
+@dataclass(frozen=True)
+class CommonPoint:
+    """The point (3,), m, that all lines pass, covariance (3, 3), and how well they do: chi_square of freedom."""
+
+    point: NDArray
+    covariance: NDArray
+    chi_square: float
+    freedom: int
+
+
+def common_point(wrench: NDArray, covariance: NDArray) -> CommonPoint:
+    """Return the point through which B forces of different directions pass, from their wrenches (B, 6).
+
+    Least squares of ``m = r x f`` under the covariance that wrenches (B, 6, 6) give ``m + [f]x r``, iterated once the
+    point is known. Raises ValueError where all forces are parallel, so that the point may lie anywhere along them.
+    """
+    f, m = wrench[:, :3], wrench[:, 3:]
+    values = np.linalg.svd(f, compute_uv=False)
+    if len(values) < 2 or values[1] <= 1e-6 * values[0]:
+        raise ValueError("found parallel forces alone, expected at least two directions")
+    point, cross = np.zeros(3), skew(f)
+    by = np.zeros((3, 6))
+    by[:, 3:] = np.eye(3)
+    for _ in range(_ROUNDS):
+        by[:, :3] = -skew(point)
+        weight = np.linalg.inv(by @ covariance @ by.T)
+        information = np.einsum("bki,bkl,blj->ij", cross, weight, cross)
+        point = -np.linalg.solve(information, np.einsum("bki,bkl,bl->i", cross, weight, m))
+    rest = m + np.einsum("bij,j->bi", cross, point)
+    square = float(np.einsum("bi,bij,bj->", rest, weight, rest))
+    return CommonPoint(point, np.linalg.inv(information), square, 3 * len(f) - 3)

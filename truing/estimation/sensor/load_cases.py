@@ -1,0 +1,142 @@
+"""Which loads to apply for the best calibration: the choice of poses, with wrenches in place of configurations.
+
+Every channel sees the same loads, so that the determinant of the information about the sensitivities A (V = A F) is a
+power of that about one row, whatever the sensor: a candidate's row is its terms, one "leg" for all channels. Loads are
+counted in their limits, and may be bounded by what each measuring leg bears.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.design.design_bound import bound_design, efficiency, sum_log_det
+from truing.estimation.design.feasible_region import FeasibleRegion
+from truing.estimation.design.pose_selection import exchange, information_of, one_by_one, rounded_design
+from truing.estimation.sensor.load_table import LOADS
+from truing.estimation.sensor.terms import Powers, Terms
+
+_STARTS = 5
+_LEAST = 1e-9  # share of the largest eigenvalue that a start has to have in every direction
+
+
+@dataclass(frozen=True)
+class LoadLimits:
+    """What may be applied: each component up to limits (W,), N and N m, and the legs' own limits where they are known.
+
+    legs (L, W): forces in the legs per unit of load (G^-1), leg_limit (L,) N, both empty where legs bear anything.
+    """
+
+    limits: NDArray
+    legs: NDArray | None = None
+    leg_limit: NDArray | None = None
+
+    @property
+    def region(self) -> FeasibleRegion:
+        """Return the region of loads counted in their limits."""
+        size = len(self.limits)
+        normals, half = np.eye(size), np.ones(size)
+        if self.legs is not None and self.leg_limit is not None:
+            normals = np.concatenate([normals, self.legs * self.limits])
+            half = np.concatenate([half, self.leg_limit])
+        none = np.empty((0, len(half)))
+
+        def quantities(x: NDArray) -> tuple[NDArray, NDArray]:
+            return x @ normals.T, np.broadcast_to(normals, (len(x), *normals.shape))
+
+        return FeasibleRegion(size, quantities, half, none, none)
+
+
+def corner_loads(limits: LoadLimits) -> NDArray:
+    """Return the corners (C, W) of what may be applied; for a linear calibration no other loads tell more."""
+    return limits.region.corners() * limits.limits
+
+
+def bench_loads(limits: LoadLimits, levels: NDArray, at_once: int) -> NDArray:
+    """Return loads (C, W) with at most so many components at once, each at some share of its limit of either sign.
+
+    Those beyond a leg's limit are scaled down to it. levels: shares in (0, 1].
+    """
+    steps, size = np.concatenate([-np.asarray(levels), levels]), len(limits.limits)
+    grids = []
+    for count in range(1, at_once + 1):
+        shares = np.array(list(product(steps, repeat=count)))
+        for axes in combinations(range(size), count):
+            grids.append(shares @ np.eye(size)[list(axes)])
+    return np.unique(np.round(limits.region.pulled_in(np.concatenate(grids)), 12), axis=0) * limits.limits
+
+
+@dataclass(frozen=True)
+class LoadDesign:
+    """Chosen loads (N, W), one row per load step, and how good they are.
+
+    log_det: of the information about one channel's terms, loads counted in their limits; upper: what no choice among
+    the candidates can exceed; efficiency: the share of as many loads that the best would need.
+    """
+
+    loads: NDArray
+    log_det: float
+    upper: float
+    efficiency: float
+
+
+def choose_loads(
+    candidates: NDArray,
+    count: int,
+    limits: LoadLimits,
+    *,
+    zero: bool = True,
+    powers: Powers = "linear",
+    rng: np.random.Generator,
+) -> LoadDesign:
+    """Return ``count`` of the candidate loads (C, W), repeated where that is best, that determine a calibration best.
+
+    zero: whether the zero is unknown; powers: the terms of the calibration. Raises ValueError where the candidates, or
+    so few loads, do not determine it.
+    """
+    rows = load_rows(candidates, limits, zero=zero, powers=powers)
+    if count < rows.shape[2]:
+        raise ValueError(f"found {count} loads, expected at least {rows.shape[2]}, one for each term of a channel")
+    bound = bound_design(rows, count)
+    starts = [rounded_design(bound, count), one_by_one(rows, count, bound)]
+    starts += [rng.choice(len(rows), count, replace=len(rows) < count) for _ in range(_STARTS)]
+    found = [exchange(rows, s) for s in starts if _determines(rows[s])]
+    best = max(found, key=lambda one: one.log_det)
+    share = efficiency(best.log_det, bound.upper, rows.shape[2])
+    return LoadDesign(candidates[best.chosen], best.log_det, bound.upper, share)
+
+
+def _determines(rows: NDArray) -> bool:
+    strength = np.linalg.eigvalsh(information_of(rows))
+    return bool(np.all(strength[:, 0] > _LEAST * strength[:, -1]))
+
+
+def judge_loads(
+    loads: NDArray, candidates: NDArray, limits: LoadLimits, *, zero: bool = True, powers: Powers = "linear"
+) -> LoadDesign:
+    """Return how good given loads (N, W) are beside the best among candidates (C, W); efficiency 0 where they do not
+    determine the calibration."""
+    value = sum_log_det(information_of(load_rows(loads, limits, zero=zero, powers=powers)))
+    rows = load_rows(candidates, limits, zero=zero, powers=powers)
+    bound = bound_design(rows, len(loads))
+    return LoadDesign(loads, value, bound.upper, efficiency(value, bound.upper, rows.shape[2]))
+
+
+def load_rows(loads: NDArray, limits: LoadLimits, *, zero: bool, powers: Powers) -> NDArray:
+    """Return what each load (N, W) tells of one channel: rows (N, 1, Q)."""
+    terms = Terms(LOADS[: loads.shape[1]], powers=powers)
+    columns = terms.at(loads / limits.limits, np.empty((len(loads), 0)))
+    return np.concatenate([columns, np.ones((len(loads), int(zero)))], axis=1)[:, None]
+
+
+def predicted_sigma(loads: NDArray, signal_sigma: NDArray, limits: LoadLimits, *, zero: bool = True) -> NDArray:
+    """Return the standard deviation (C, W) of each sensitivity, per unit of load, that loads (N, W) will leave.
+
+    signal_sigma (C,): of one reading of each channel.
+    """
+    rows = load_rows(loads, limits, zero=zero, powers="linear")[:, 0]
+    spread = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[: loads.shape[1]]
+    return np.asarray(signal_sigma)[:, None] * (spread / limits.limits)

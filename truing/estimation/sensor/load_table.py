@@ -1,0 +1,113 @@
+"""A table of calibration loads: what was applied, what every channel said, and how sure both are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+@dataclass(frozen=True)
+class LoadTable:
+    """N rows of W applied loads (N, N m), C signals and K covariates less their reference (such as T - T_ref, K).
+
+    case (N,): the load case or run of every row, which is held out as a whole. signal_cov (C, C), load_cov (W, W) or
+    (N, W, W): covariances of one row's errors, None where nobody declared them.
+    """
+
+    signals: NDArray
+    loads: NDArray
+    case: NDArray
+    covariates: NDArray = field(default_factory=lambda: np.empty((0, 0)))
+    signal_cov: NDArray | None = None
+    load_cov: NDArray | None = None
+    signal_names: tuple[str, ...] = ()
+    load_names: tuple[str, ...] = ()
+    covariate_names: tuple[str, ...] = ()
+
+    @property
+    def cases(self) -> NDArray:
+        """Return the names of the load cases, sorted."""
+        return np.unique(self.case)
+
+    def rows(self, which: NDArray) -> LoadTable:
+        """Return some rows, by mask or index."""
+        cov = self.load_cov
+        return replace(
+            self,
+            signals=self.signals[which],
+            loads=self.loads[which],
+            case=self.case[which],
+            covariates=self.covariates[which],
+            load_cov=cov[which] if cov is not None and cov.ndim == 3 else cov,
+        )
+
+
+def load_table(
+    signals: NDArray,
+    loads: NDArray,
+    case: NDArray | None = None,
+    *,
+    covariates: NDArray | None = None,
+    signal_cov: NDArray | None = None,
+    load_cov: NDArray | None = None,
+    signal_names: Sequence[str] | None = None,
+    load_names: Sequence[str] | None = None,
+    covariate_names: Sequence[str] | None = None,
+) -> LoadTable:
+    """Return a checked table; every row is a case of its own where none are given.
+
+    Raises ValueError for shapes that do not agree, a name that stands twice, and values that are missing, by row.
+    """
+    v, f = _matrix(signals, "signals"), _matrix(loads, "loads")
+    z = np.empty((len(v), 0)) if covariates is None else _matrix(covariates, "covariates")
+    cases = np.arange(len(v)) if case is None else np.asarray(case)
+    if not len(v) == len(f) == len(z) == len(cases):
+        raise ValueError(
+            f"found {len(v)} rows of signals, {len(f)} of loads, {len(z)} of covariates, {len(cases)} cases"
+        )
+    return LoadTable(
+        v,
+        f,
+        cases,
+        z,
+        _covariance(signal_cov, v.shape[1], len(v), "signal_cov"),
+        _covariance(load_cov, f.shape[1], len(v), "load_cov"),
+        _names(signal_names, [f"v{i + 1}" for i in range(v.shape[1])], "signal"),
+        _names(load_names, list(LOADS[: f.shape[1]]), "load"),
+        _names(covariate_names, [f"z{i + 1}" for i in range(z.shape[1])], "covariate"),
+    )
+
+
+def _matrix(values: NDArray, what: str) -> NDArray:
+    array = np.asarray(values, float)
+    if array.ndim != 2:
+        raise ValueError(f"{what}: found shape {array.shape}, expected rows and columns")
+    missing = np.flatnonzero(~np.isfinite(array).all(1))
+    if len(missing):
+        rows = ", ".join(str(i) for i in missing[:10]) + (", .." if len(missing) > 10 else "")
+        raise ValueError(f"{what}: found no value in {len(missing)} rows (from 0: {rows}), expected numbers")
+    return array
+
+
+def _covariance(cov: NDArray | None, size: int, rows: int, what: str) -> NDArray | None:
+    if cov is None:
+        return None
+    array = np.asarray(cov, float)
+    if array.shape not in ((size, size), (rows, size, size)) or (array.ndim == 3 and what == "signal_cov"):
+        raise ValueError(f"{what}: found shape {array.shape}, expected ({size}, {size})")
+    return array
+
+
+def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[str, ...]:
+    found = tuple(default if names is None else names)
+    if len(found) != len(default):
+        raise ValueError(f"found {len(found)} {what} names, expected {len(default)}")
+    twice = [name for name in dict.fromkeys(found) if found.count(name) > 1]
+    if twice:
+        raise ValueError(f"found the {what} {twice[0]!r} twice, expected each once")
+    return found

@@ -1,0 +1,77 @@
+"""Loops of a load that goes back and forth at no fixed steps: how far apart its two ways pass the same drive.
+
+Where a drive crosses a level it does so rising or falling; the response there is interpolated. The gap between a
+crossing and its two neighbours of the other way is the loop's width; a drift that is even in time drops out of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Loops:
+    """L gaps (L, W), rising less falling, at steps (L,) of the middle crossing; amplitude (L, W): half the response's
+    range over the loop."""
+
+    step: NDArray
+    gap: NDArray
+    amplitude: NDArray
+
+    @property
+    def share(self) -> NDArray:
+        """Return each gap (L, W) as a share of the loop's whole range."""
+        return self.gap / (2.0 * self.amplitude)
+
+    @property
+    def mean(self) -> NDArray:
+        """Return the mean share (W,)."""
+        return np.asarray(self.share.mean(0))
+
+    @property
+    def sigma(self) -> NDArray:
+        """Return the standard deviation (W,) of the mean, from the scatter of the loops; NaN for one loop alone.
+
+        Neighbouring gaps have a crossing in common, so that there are half as many independent ones.
+        """
+        count = len(self.gap)
+        if count < 2:
+            return np.full(self.gap.shape[1], np.nan)
+        return np.asarray(self.share.std(0, ddof=1) / np.sqrt(count / 2))
+
+
+def loops(drive: NDArray, response: NDArray, level: float, least: float = 0.0) -> Loops:
+    """Return the loops of a response (N, W) to a drive (N,) that went back and forth through a level.
+
+    Only crossings between which the drive went at least so far (``least``) from the level count: others are noise.
+    Raises ValueError where the drive does not cross the level three times.
+    """
+    place, rising = _crossings(drive - level, least)
+    if len(place) < 3:
+        raise ValueError(f"found {len(place)} crossings of {level:g}, expected at least three for one loop")
+    share = (level - drive[place]) / (drive[place + 1] - drive[place])
+    at = response[place] + share[:, None] * (response[place + 1] - response[place])
+    sign = np.where(rising[1:-1], 1.0, -1.0)
+    gap = sign[:, None] * (at[1:-1] - 0.5 * (at[:-2] + at[2:]))
+    parts = [response[a + 1 : b + 1] for a, b in zip(place[:-2], place[2:], strict=True)]
+    amplitude = np.array([np.ptp(part, axis=0) / 2.0 for part in parts])
+    return Loops(place[1:-1], gap, amplitude)
+
+
+def _crossings(offset: NDArray, least: float) -> tuple[NDArray, NDArray]:
+    """Return the steps before crossings of zero, of alternating ways, and whether each is rising.
+
+    The last crossing before the drive has gone far enough counts: the way there may go to and fro about the level.
+    """
+    far = np.flatnonzero(np.abs(offset) >= max(least, np.finfo(float).tiny))
+    turns = np.flatnonzero(offset[far[:-1]] * offset[far[1:]] < 0)
+    place, rising = [], []
+    for first, last in zip(far[turns], far[turns + 1], strict=True):
+        sign = np.sign(offset[last])
+        inside = np.arange(first, last)
+        place.append(int(inside[offset[inside] * sign <= 0][-1]))
+        rising.append(bool(sign > 0))
+    return np.array(place, np.int64), np.array(rising, bool)

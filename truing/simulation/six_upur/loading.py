@@ -1,0 +1,100 @@
+"""The wrench that a bench really applies: one axis, off its line, and driven by two units.
+
+A force acts off the origin or a torque brings a force along; two units share a load otherwise when they push than when
+they pull, and their difference is a moment. All follow from the nominal load alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+def wrench_of(axis: str, load: ArrayLike) -> NDArray:
+    """Return wrenches (..., 6), N and N m, of loads (...) along one axis; raises ValueError for another name."""
+    if axis not in AXES:
+        raise ValueError(f"load axis: found {axis!r}, expected one of {', '.join(AXES)}")
+    return np.asarray(load)[..., None] * np.eye(6)[AXES.index(axis)]
+
+
+def eccentric_wrench(
+    axis: str, load: ArrayLike, offset_m: ArrayLike = (0.0, 0.0, 0.0), force_per_m: ArrayLike = (0.0, 0.0, 0.0)
+) -> NDArray:
+    """Return wrenches (..., 6) of loads (...) whose line of action is off the origin.
+
+    offset_m: of a force, whose moment is offset x force; force_per_m: what a torque brings along, N per N m. What does
+    not concern the axis has no effect.
+    """
+    wrench = wrench_of(axis, load)
+    force, moment = wrench[..., :3], wrench[..., 3:]
+    along = moment.sum(-1, keepdims=True) * np.asarray(force_per_m)
+    return np.concatenate([force + along, moment + np.cross(np.asarray(offset_m), force)], -1)
+
+
+@dataclass(frozen=True)
+class Imbalance:
+    """A parasitic wrench per load (6,): 1 or m where a force is driven, 1/m or 1 where a torque is.
+
+    ratio: on average; asymmetry: how much larger it is for positive loads than for negative ones; growth: by how much
+    it grows from no load to the largest.
+    """
+
+    ratio: NDArray
+    asymmetry: NDArray
+    growth: NDArray
+
+
+def imbalance(ratio: ArrayLike = 0.0, asymmetry: ArrayLike = 0.0, growth: ArrayLike = 0.0) -> Imbalance:
+    """Return an imbalance, each of its numbers one for all components or six of them."""
+    return Imbalance(*(np.broadcast_to(np.asarray(each), (6,)) for each in (ratio, asymmetry, growth)))
+
+
+def imbalanced_wrench(axis: str, load: ArrayLike, found: Imbalance, largest: float) -> NDArray:
+    """Return wrenches (..., 6) of loads (...): each and, of it, ratio + asymmetry/2 sign + growth |load| / largest."""
+    wrench, F = wrench_of(axis, load), np.asarray(load)[..., None]
+    size = F * np.sign(F.real)
+    return wrench + F * found.ratio + 0.5 * size * found.asymmetry + F * size / largest * found.growth
+
+
+@dataclass(frozen=True)
+class LoadingUnits:
+    """Units that drive one axis together: where they act (U, 3), m from the platform's origin, and how.
+
+    pushing and pulling: the force (U, 3) of each per nominal load, for positive and for negative loads.
+    """
+
+    at: NDArray
+    pushing: NDArray
+    pulling: NDArray
+
+    def wrench(self, load: ArrayLike) -> NDArray:
+        """Return the wrenches (..., 6), N and N m, of nominal loads (...)."""
+        F = np.asarray(load)[..., None]
+        pushing, pulling = (_wrench_per_load(self.at, force) for force in (self.pushing, self.pulling))
+        return F * np.where(F.real < 0.0, pulling, pushing)
+
+    def imbalance(self, axis: str) -> Imbalance:
+        """Return what these units do beside driving the axis."""
+        per_load = [_wrench_per_load(self.at, force) for force in (self.pushing, self.pulling)]
+        mean, apart = 0.5 * (per_load[0] + per_load[1]), per_load[0] - per_load[1]
+        return imbalance(mean - wrench_of(axis, 1.0), apart)
+
+
+def two_units(axis: str, arm_m: ArrayLike, pushing: float = 0.0, pulling: float = 0.0) -> LoadingUnits:
+    """Return two units at +arm and -arm (3,), m, that share a force axis: the first takes 1/2 + its excess of the load.
+
+    pushing, pulling: the excess for positive and for negative loads, 1. Raises ValueError for a torque.
+    """
+    if axis not in AXES[:3]:
+        raise ValueError(f"load axis: found {axis!r}, expected a force: {', '.join(AXES[:3])}")
+    along, arm = np.eye(3)[AXES.index(axis)], np.asarray(arm_m)
+    shares = ([0.5 + excess, 0.5 - excess] for excess in (pushing, pulling))
+    return LoadingUnits(np.stack([arm, -arm]), *(np.outer(share, along) for share in shares))
+
+
+def _wrench_per_load(at: NDArray, force: NDArray) -> NDArray:
+    return np.concatenate([force.sum(-2), np.cross(at, force).sum(-2)], -1)
