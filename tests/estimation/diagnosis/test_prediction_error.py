@@ -13,13 +13,13 @@ from truing.estimation.diagnosis.prediction_error import PredictionError, predic
 TRIALS, TARGETS = 4000, 8
 
 
-def _error(whitened: NDArray) -> PredictionError:
-    poses = len(whitened)
-    seen = np.ones(whitened.shape[:2], bool)
-    measured = MeasuredPoints(whitened, np.broadcast_to(np.eye(3), (*whitened.shape, 3)), seen)
+def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
+    poses, whitened = len(gap), gap / sigma
+    seen = np.ones(gap.shape[:2], bool)
+    measured = MeasuredPoints(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
     frames = Frames(np.broadcast_to(np.eye(3), (poses, 3, 3)), np.zeros((poses, 3)))
     none = np.zeros((poses, 0))
-    return PredictionError(whitened, measured, whitened, frames, none, none[..., None], none[..., None], None, none[0])
+    return PredictionError(gap, measured, whitened, frames, none, none[..., None], none[..., None], None, none[0])
 
 
 def _vetoes(poses: int, size: float, share: float) -> float:
@@ -43,3 +43,8 @@ def test_what_is_half_right_is_refused_as_rarely_as_stated(poses: int) -> None:
 def test_what_is_right_is_never_refused_and_what_is_wrong_is_though_poses_are_few() -> None:
     assert _vetoes(3, 2.0, 1.0) == 0.0
     assert _vetoes(3, 8.0, 0.0) > 0.99
+
+
+def test_noise_that_is_told_smaller_with_the_cause_makes_no_prediction_worse() -> None:
+    noise = np.random.default_rng(3).standard_normal((40, TARGETS, 3))
+    assert not predicts_worse(_error(noise), _error(0.999 * noise, sigma=0.9), np.ones(40, bool))

@@ -139,8 +139,10 @@ def predicts_worse(before: PredictionError | None, after: PredictionError | None
         return False
     from scipy.special import stdtrit
 
-    worse = (after.squares - before.squares)[covered]
-    of_noise = 4.0 * np.sum((after.whitened - before.whitened)[covered] ** 2, (1, 2)).mean()
+    whitener = before.measured.whitener * after.seen[..., None, None]  # after another fit the noise is told anew
+    former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (before, after))
+    worse = np.sum(latter**2 - former**2, (1, 2))
+    of_noise = 4.0 * np.sum((latter - former) ** 2, (1, 2)).mean()
     freedom = len(worse) - 1 + _POSES_OF_NOISE
     variance = (np.sum((worse - worse.mean()) ** 2) + _POSES_OF_NOISE * of_noise) / freedom
     return bool(worse.mean() > stdtrit(freedom, 1.0 - _WORSE) * np.sqrt(variance / len(worse)))
