@@ -9,6 +9,7 @@ from tests.simulation.telescope import KAPPA, LINEAR, MATRIX, K, sample_model, s
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Effect
+from truing.simulation.causes.flexure_shift import FlexureShift
 from truing.simulation.causes.unexplained import APPROACH, OWN_DRIVE, Unexplained
 from truing.simulation.chain import simulate
 from truing.simulation.point_model import PointModel
@@ -177,3 +178,26 @@ def test_unknowns_and_geometry_are_two_ways_to_say_the_same(model: PointModel, p
     back = model.unknowns(model.legs(shared), values)
     kept = np.setdiff1d(np.arange(model.shared_size), np.r_[model.layout["shape"], model.layout["seat"]])
     assert_close(back[kept], shared[kept], atol=1e-9, what="unknowns, prior sigmas")
+
+
+def test_flexures_are_straight_where_the_machine_stands_at_its_reference_and_not_where_its_drawing_does() -> None:
+    model = sample_model(np.random.default_rng(8), 5, (FlexureShift(),))
+    shared, local = np.zeros(model.shared_size), np.zeros((5, model.local_size))
+    for name in ("a", "b", "l"):
+        place = model.layout[name]
+        shared[place] = np.random.default_rng(9).standard_normal(place.stop - place.start)
+    shared[model.layout[FlexureShift().key]] = 0.2
+    found = model.state(shared, local)
+    expected = simulate(model.legs(shared), model.conditions.readings, model.effects(shared))
+    assert_close(found.p, expected.p, atol=1e-13, what="position")
+    assert_close(found.R, expected.R, atol=1e-12, what="rotation")
+
+
+def test_where_flexures_are_straight_follows_the_geometry_in_derivative_too() -> None:
+    rng = np.random.default_rng(10)
+    model = sample_model(rng, 3, (FlexureShift(), LINEAR))
+    shared, local = 0.3 * rng.standard_normal(model.shared_size), 0.3 * rng.standard_normal((3, model.local_size))
+    found = model.predict(shared, local).by_shared
+    for direction in rng.standard_normal((4, model.shared_size)):
+        expected = model.points(shared + 1j * STEP * direction, local + 0j).imag / STEP
+        assert _worst(found @ direction, expected) < 1e-9

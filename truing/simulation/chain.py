@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause, Effect, Step
-from truing.simulation.kinematics import forward, leg_vectors, pose_change, unit
+from truing.simulation.home_pose import home_pose
+from truing.simulation.kinematics import forward, pose_change
 from truing.simulation.legs import Change, Legs
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ Met = tuple[Effect, "State"]
 POSE = "pose"
 _OF_STATE = ("indicated", "rho", "delta_bz", "moved", "points")
 _OF_LEGS = ("a", "b", "u", "l")
+REFERENCE = ("straight", "home")
 # An effect that depends on the pose moves it by less than a hundredth of what moved it: six rounds reach rounding.
 _ROUNDS = 6
 _TINY = 1e-30
@@ -41,7 +43,7 @@ class State:
     ``moved`` by how much they sit elsewhere, pose by pose. Once the structure has answered: the pose p, R of the
     platform in the base frame, ``points`` (the targets in the base frame, as recorded so far) and ``turn``, the
     rotations from the axes of the bodies' surveys to the base. ``upright`` are the legs' directions at the
-    nominal reference, ``home`` the platform's rotation there.
+    nominal reference. At that of the machine as it is, ``straight`` are they and ``home`` is the platform's rotation.
     """
 
     legs: Legs
@@ -59,6 +61,7 @@ class State:
     turn: NDArray = field(default_factory=lambda: np.empty((0, 0, 3, 3)))  # (B, K, 3, 3)
     reference_temperature_c: float = 20.0
     upright: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
+    straight: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
     home: NDArray = field(default_factory=lambda: np.eye(3))  # (3, 3)
 
     @property
@@ -127,10 +130,9 @@ def simulate(
     legs: Legs, rho: NDArray, effects: Sequence[Effect] = (), covariates: Mapping[str, NDArray] | None = None
 ) -> State:
     """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
-    home = forward(legs, legs.rho0[None])
-    upright = unit(leg_vectors(legs, home.p, home.R, legs.rho0[None]))[0]
+    home = home_pose(legs)
     start = State(legs, rho, np.zeros_like(rho), indicated=rho, covariates=covariates or {})
-    return passed(replace(start, upright=upright, home=home.R[0]), effects).state
+    return passed(replace(start, upright=home.z[0], straight=home.z[0], home=home.R[0]), effects).state
 
 
 def passed(start: State, effects: Sequence[Effect]) -> Passage:
@@ -237,6 +239,7 @@ def _nudged(state: State, driven: Mapping[str, NDArray], size: int) -> State:
     own: dict[str, Any] = {
         name: copies(getattr(state, name), driven.get(name)) for name in ("indicated", "rho", "delta_bz", *posed)
     }
+    own |= {name: copies(getattr(state, name)[None], driven[name]) for name in REFERENCE if name in driven}
     joints = {}
     for name in _OF_LEGS:
         array, rank = getattr(state.legs, name), 1 if name == "l" else 2

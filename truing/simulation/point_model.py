@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
-from truing.simulation.chain import Passage, State, carried, moved_by_shape, passed, settled, simulate
+from truing.simulation.chain import REFERENCE, Passage, State, carried, moved_by_shape, passed, settled, simulate
+from truing.simulation.home_pose import home_change, home_pose
 from truing.simulation.kinematics import forward, leg_vectors, unit
 from truing.simulation.legs import Change, Legs
 from truing.simulation.recording import Recording, designs, record
@@ -125,9 +126,10 @@ class PointModel(Unknowns):
     def _passage(self, shared: NDArray, local: NDArray) -> Passage:
         """Return how the readings pass drive and structure."""
         rho = self.conditions.readings + self._actuators(local) * self.known.reading_sigma
-        shape = self.shape(shared)
+        shape, legs = self.shape(shared), self.legs(shared)
+        reference = home_pose(legs)
         start = State(
-            self.legs(shared),
+            legs,
             rho,
             np.zeros_like(rho),
             indicated=rho,
@@ -137,7 +139,8 @@ class PointModel(Unknowns):
             moved=np.zeros((1, *shape.shape)),
             reference_temperature_c=self.known.reference_temperature_c,
             upright=self.upright,
-            home=self.home.R[0],
+            straight=reference.z[0],
+            home=reference.R[0],
         )
         return passed(start, self.effects(shared))
 
@@ -150,7 +153,8 @@ class PointModel(Unknowns):
 
     def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, Cause | None]]:
         """Yield every change upstream of instruments by shared unknowns: its place among these, its cause."""
-        yield from ((self.layout[name], change, None) for name, change in self.geometry_changes(shared))
+        for name, change in self.geometry_changes(shared):
+            yield self.layout[name], self._with_reference(shared, change), None
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is not Step.INSTRUMENT:
@@ -166,6 +170,16 @@ class PointModel(Unknowns):
         count = self.nominal.count
         shift = np.eye(count)[None] * self.known.reading_sigma
         return Change({"indicated": shift, "rho": shift}, count)
+
+    def _with_reference(self, shared: NDArray, change: Change) -> Change:
+        """Return a change of the geometry with what it does to the reference, where an effect counts from that."""
+        if not any(cause.reads.intersection(REFERENCE) for cause in self.causes):
+            return change
+        legs = self.legs(shared)
+        home = home_pose(legs)
+        moved = home_change(legs, home, change)
+        turned = np.einsum("aij,bjk,bap->bikp", skew(np.eye(3)), home.R, moved.twist[:, 3:])
+        return Change({**change.fields, "straight": moved.z, "home": turned}, change.size)
 
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""

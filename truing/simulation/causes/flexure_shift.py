@@ -21,12 +21,13 @@ _PLAUSIBLE_M = 0.01
 class FlexureShift(Cause):
     """Legs end in flexures of one length whose ends stay on a circle as they bend (telescope report, eq. 13-17).
 
-    They are straight at the nominal reference; bent ones change the distance between the joints' ideal pivots.
+    They are straight at the machine's reference, where it was assembled; bent ones change the distance between the
+    joints' ideal pivots.
     """
 
     id = "flexure-shift"
     step = Step.STRUCTURE
-    reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz"})
+    reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "straight", "home"})
     says = "the flexures shift their joints as they bend, as beams do and ideal joints do not"
     confirm = "Measure poses that tilt the platform as far as it goes, to either side."
 
@@ -41,8 +42,8 @@ class FlexureShift(Cause):
     def change(self, state: State, values: NDArray) -> Change:
         """Return how much longer a leg is between its pivots per length of its flexures: two ends less two halves."""
         z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
-        seen = np.einsum("...ij,kj,lk->...li", state.R, state.home, state.upright)
-        low, high = np.sum(z * state.upright, -1), np.sum(z * seen, -1)
+        seen = np.einsum("...ij,...kj,...lk->...li", state.R, state.home, state.straight)
+        low, high = np.sum(z * state.straight, -1), np.sum(z * seen, -1)
         one = np.ones_like(low)
         shift = circle_distance(one, low).value + circle_distance(one, high).value - 1.0
         return Change({"l": shift[..., None]}, 1)
