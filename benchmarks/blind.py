@@ -1,6 +1,6 @@
 """How well the diagnosis does on campaigns that it has never seen: hundreds of them, with effects hidden at random.
 
-    python -m benchmarks.blind [--campaigns 40] [--workers 2] [--seed 1] [--results FILE] [--write]
+    python -m benchmarks.blind [--campaigns 40] [--workers 2] [--seed 2] [--results FILE] [--write]
 
 Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
 Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
@@ -29,6 +29,7 @@ RESULTS = Path("runs") / "blind.jsonl"
 CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 PER_CALL = 4
+SEED = 2  # of the campaigns that the page tells of
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaigns", type=int, default=40)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
