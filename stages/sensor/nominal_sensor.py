@@ -1,0 +1,95 @@
+"""The sensor that campaign.toml describes: joints, elements or a given compliance, and how well they are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column
+from stages.sensor.reading_arrays import CHANNELS, LOADS
+from truing.simulation.six_upur import elements
+from truing.simulation.six_upur.assembly import SOURCES
+from truing.simulation.six_upur.geometry import JointCentres, joint_centres
+from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.six_upur.tolerances import sigma_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Element, SensorMechanism
+
+Array = NDArray[np.float64]
+_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class NominalSensor:
+    """A sensor as it was designed, and one standard deviation of what may differ from that.
+
+    ``elastic`` is None where only a compliance is given; ``compliance`` (6, 6), SI, is None where neither is.
+    ``length_sigma`` (5,), m: platform and base radius, the clearances, the sensor's installation; ``stiffness_sigma``
+    relative.
+    """
+
+    joints: JointCentres
+    elastic: ElasticSensor | None
+    compliance: Array | None
+    length_sigma: Array
+    stiffness_sigma: float
+
+
+def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> NominalSensor:
+    """The sensor of [mechanism], with the compliance of compliance_file where there is one.
+
+    Raises ValueError where elements do not fit the legs, or leave them rigid, or a compliance cannot be one.
+    """
+    joints = sensor_joints(section)
+    elastic = elastic_sensor(joints, [_element(one) for one in section.elements]) if section.elements else None
+    compliance = elastic.compliance if elastic is not None else None
+    if given is not None:
+        compliance = elements.passive(given_matrix(given), "compliance_file")
+    tolerance = section.tolerance
+    widths = [getattr(tolerance, f"{source}_um") or 0.0 for source in SOURCES]
+    return NominalSensor(joints, elastic, compliance, sigma_of(widths) * 1e-6, tolerance.stiffness)
+
+
+def sensor_joints(section: SensorMechanism) -> JointCentres:
+    """The joint centres of [mechanism], unloaded, m."""
+    lower, upper = (np.array([getattr(leg, name) for leg in section.legs]) * _MM for name in ("B_mm", "b_mm"))
+    return joint_centres(lower, upper, section.height_mm * _MM)
+
+
+def given_matrix(table: pa.Table) -> Array:
+    """The (6, 6) matrix of a long table: response, load, coefficient."""
+    found = np.full((6, 6), np.nan)
+    rows = [CHANNELS.index(name) for name in table.column("response").to_pylist()]
+    columns = [LOADS.index(name) for name in table.column("load").to_pylist()]
+    found[rows, columns] = number_column(table, "coefficient")
+    return found
+
+
+def _element(one: Element) -> elements.Element:
+    length = None if one.length_mm is None else one.length_mm * _MM
+    modulus = (_si(one.youngs_gpa, 1e9), float(one.poisson or 0.0))
+    if one.kind == "cylinder":
+        return elements.cylinder(length or 0.0, _si(one.diameter_mm, _MM), *modulus)
+    if one.kind == "leaf":
+        width, thickness = _si(one.width_mm, _MM), _si(one.thickness_mm, _MM)
+        return elements.leaf(length or 0.0, width, thickness, *modulus, one.soft or "s1")
+    if one.kind == "notch":
+        width, web, radius = (_si(value, _MM) for value in (one.width_mm, one.web_mm, one.radius_mm))
+        return elements.notch(width, web, radius, *modulus, one.soft or "s1")
+    if one.kind == "spring":
+        return elements.spring(one.axial_n_per_m, one.torsion_n_m_per_rad, length or 0.0)
+    if one.kind == "compliance":
+        return elements.compliance(np.array(one.matrix), length or 0.0)
+    return elements.rigid(length)
+
+
+def _si(value: float | None, unit: float) -> float:
+    """A number that the schema has checked to be there, in SI."""
+    assert value is not None
+    return value * unit
