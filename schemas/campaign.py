@@ -15,6 +15,7 @@ from pydantic import (
     Field,
     Tag,
     ValidationError,
+    field_validator,
     model_validator,
 )
 
@@ -136,11 +137,29 @@ class SensorLeg(Section):
     b_mm: Vector = Field(description="upper joint centre, platform frame")
 
 
+# What each kind of element needs; a rigid one without length takes up the rest of its leg, a notch is 2 radius long.
+_ELASTIC = ("youngs_gpa", "poisson")
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "cylinder": ("length_mm", "diameter_mm", *_ELASTIC),
+    "leaf": ("length_mm", "width_mm", "thickness_mm", "soft", *_ELASTIC),
+    "notch": ("width_mm", "web_mm", "radius_mm", "soft", *_ELASTIC),
+    "spring": (),
+    "rigid": (),
+    "compliance": ("matrix",),
+}
+_ALLOWED: dict[str, tuple[str, ...]] = {
+    "notch": ("length_mm", *_NEEDED["notch"]),
+    "spring": ("length_mm", "axial_n_per_m", "torsion_n_m_per_rad"),
+    "rigid": ("length_mm",),
+    "compliance": ("length_mm", "matrix"),
+}
+
+
 class Element(Section):
-    """One element of a sensor's leg, from the base to the platform."""
+    """One element of a sensor's leg, from the base to the platform; what it needs depends on its kind."""
 
     kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"]
-    length_mm: NotNegative = 0.0
+    length_mm: NotNegative | None = Field(None, description="along the leg; absent: rigid takes up what is left of it")
     diameter_mm: Positive | None = None
     width_mm: Positive | None = None
     thickness_mm: Positive | None = None
@@ -152,6 +171,23 @@ class Element(Section):
     axial_n_per_m: Positive | None = None
     torsion_n_m_per_rad: Positive | None = None
     matrix: tuple[tuple[Finite, ...], ...] | None = None
+
+    @model_validator(mode="after")
+    def _keys_fit_the_kind(self) -> Element:
+        needed, kind = _NEEDED[self.kind], f"for kind {self.kind}"
+        given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"kind"}
+        if lacking := [name for name in needed if name not in given]:
+            raise ValueError(f"{', '.join(lacking)} {kind}")
+        if foreign := sorted(given - {*needed, *_ALLOWED.get(self.kind, ())}):
+            allowed = ", ".join(_ALLOWED.get(self.kind, needed))
+            raise ValueError(f"{allowed} {kind}, not {', '.join(foreign)}")
+        own = 2.0 * (self.radius_mm or 0.0)
+        if self.kind == "notch" and abs((self.length_mm or own) - own) > _TYPED * own:
+            raise ValueError(f"length_mm to be 2 radius_mm, {own:g}, {kind}; absent it is that")
+        rows = [len(row) for row in self.matrix or ()]
+        if rows and rows != [6] * 6:
+            raise ValueError(f"a matrix of 6 x 6 numbers, not rows of {', '.join(map(str, rows))}")
+        return self
 
 
 class SensorTolerance(Section):
@@ -172,8 +208,14 @@ class SensorMechanism(MechanismSection):
     legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6)
     height_mm: Positive
     elements: tuple[Element, ...] = ()
-    compliance_file: str | None = None
+    compliance_file: str | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
     tolerance: SensorTolerance = SensorTolerance()
+
+    @model_validator(mode="after")
+    def _one_simulation(self) -> SensorMechanism:
+        if self.elements and self.compliance_file is not None:
+            raise ValueError("either elements or compliance_file, not both")
+        return self
 
 
 def _tag(section: Any) -> str:
@@ -200,12 +242,29 @@ class Loading(Section):
     mz_nm: Positive | None = None
 
 
+class DeadPaths(Section):
+    """dead_path_mm of the linear channels; an angle is the difference of two beams, whose dead paths cancel."""
+
+    dx: NotNegative = 0.0
+    dy: NotNegative = 0.0
+    dz: NotNegative = 0.0
+
+
 class Interferometer(Section):
     """[interferometer]: wavelength, dead path, and whether readings are compensated for air."""
 
     wavelength_nm: Positive = 632.990577
-    dead_path_mm: float | dict[str, float] = 0.0
+    dead_path_mm: DeadPaths = Field(DeadPaths(), description="one number, or one per linear channel")
     compensated: bool = True
+
+    @field_validator("dead_path_mm", mode="before")
+    @classmethod
+    def _one_for_all(cls, given: Any) -> Any:
+        if isinstance(given, int | float):
+            return dict.fromkeys(("dx", "dy", "dz"), given)
+        if not isinstance(given, dict | DeadPaths):
+            raise ValueError("one number, or one per linear channel: { dx = .., dy = .., dz = .. }")
+        return given
 
 
 class Signals(Section):
@@ -213,6 +272,7 @@ class Signals(Section):
 
     sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = None
     sensitivity_tolerance: NotNegative | None = None
+    range_mv: Positive | None = Field(None, description="what the amplifier passes either way; at it, a signal is cut")
 
 
 class Workspace(Section):

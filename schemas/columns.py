@@ -130,6 +130,13 @@ _LOADS = (
     *(_real(f"m{a}_nm", "N m", f"torque about {a} on the platform", nullable=True) for a in "xyz"),
     Column("response", "text", "component of the response", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
     Column("load", "text", "component of the wrench", choices=("fx", "fy", "fz", "mx", "my", "mz")),
+    Column("channel", "text", "what the instrument read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
+    _real("reading", "", "motion of the platform since the start of the run, in the unit of its row"),
+    Column("signal", "real", "signal of that channel of the force sensor", "mV", nullable=True, family=r"v[1-8]_mv"),
+    _real("air_temperature_c", "degC", "temperature of the air along the beams", minimum=-273.15, nullable=True),
+    _real("air_pressure_hpa", "hPa", "pressure of the air", minimum=0.0, nullable=True),
+    _real("relative_humidity_pct", "%", "humidity of the air", minimum=0.0, maximum=100.0, nullable=True),
+    _real("material_temperature_c", "degC", "temperature of the platform and its legs", minimum=-273.15, nullable=True),
 )
 
 _QUALITY = (

@@ -10,6 +10,7 @@ _CORRELATION = ("corr_xy", "corr_xz", "corr_yz")
 _PLACE = ("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad")
 _COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+_SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
 
 MEASUREMENT = (
     Artifact(
@@ -58,11 +59,37 @@ MEASUREMENT = (
         key=("pose",),
     ),
     Artifact(
+        "readings",
+        "observations.parquet",
+        "readings (um, arcsec) of an interferometer, compensated for air, one row per load step and channel",
+        ("run", "step", "time_s", *_WRENCH, "channel", "reading", "unit", "sigma"),
+        optional=("role", *_SURROUNDINGS),
+        covariates=True,
+        key=("run", "step", "channel"),
+    ),
+    Artifact(
+        "signals",
+        "signals.parquet",
+        "signals of a force sensor, one row per load step",
+        ("run", "step", "time_s", *_WRENCH),
+        optional=("role", *_SURROUNDINGS),
+        families=("signal",),
+        covariates=True,
+        key=("run", "step"),
+    ),
+    Artifact(
+        "given_compliance",
+        "given_compliance.parquet",
+        "the simulated compliance that the campaign's compliance_file gives, SI",
+        ("response", "load", "coefficient", "unit"),
+        key=("response", "load"),
+    ),
+    Artifact(
         "displacement",
         "displacement.parquet",
-        "six-component displacement against six-component load",
+        "six-component displacement of the platform per load step; empty where a component was never measured",
         ("run", "step", "time_s", *_WRENCH, "dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"),
-        optional=("role",),
+        optional=("role", *_COVARIANCE),
         covariates=True,
         key=("run", "step"),
     ),

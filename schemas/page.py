@@ -24,7 +24,8 @@ def artifacts_page() -> str:
 
 
 def _artifact(artifact: Artifact) -> str:
-    lines = [f"## `{artifact.file}`", "", f"{artifact.meaning[0].upper()}{artifact.meaning[1:]}.", ""]
+    of = "" if artifact.file.startswith(f"{artifact.name}.") else f" ({artifact.name})"
+    lines = [f"## `{artifact.file}`{of}", "", f"{artifact.meaning[0].upper()}{artifact.meaning[1:]}.", ""]
     if artifact.is_table:
         lines += list(_facts(artifact))
     return "\n".join(lines) + "\n"

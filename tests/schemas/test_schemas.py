@@ -15,6 +15,7 @@ from schemas.page import artifacts_page
 
 TABLES = [artifact for artifact in ARTIFACTS.values() if artifact.is_table]
 SUFFIXES = {"_mm": "mm", "_um": "um", "_rad": "rad", "_s": "s", "_c": "degC", "_n": "N", "_nm": "N m"}
+SUFFIXES |= {"_mv": "mV", "_hpa": "hPa", "_pct": "%"}
 
 
 def test_every_column_is_used_by_some_table():
@@ -24,7 +25,7 @@ def test_every_column_is_used_by_some_table():
 
 @pytest.mark.parametrize("column", COLUMNS.values(), ids=lambda column: column.name)
 def test_name_and_unit_agree(column):
-    name = column.name if not column.family else "rho1_mm"
+    name = column.name if not column.family else column.family.split("]")[-1].removeprefix("\\d*")
     promised = next((unit for suffix, unit in SUFFIXES.items() if name.endswith(suffix)), None)
     assert promised in (None, column.unit)
     assert column.meaning
@@ -66,6 +67,11 @@ def test_page_is_what_is_enforced():
     assert page.read_text(encoding="utf-8") == artifacts_page(), "run `python -m schemas`"
 
 
+def sensor(*elements):
+    legs = [{"B_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0]}] * 6
+    return {"type": "6-upur", "height_mm": 300.0, "legs": legs, "elements": list(elements)}
+
+
 LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
 
 
@@ -79,6 +85,19 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
         ({"mechanism": {"type": "ups", "legs": [LEG] * 2}}, "expected at least three legs for a ups, not 2"),
         ({"mechanism": {"type": "ups", "legs": [{**LEG, "u": [0, 0, 2]}] * 3}}, "u must have unit length"),
         ({"mechanism": {"tolerance": {"a_mm": 1}}}, "column mechanism.tolerance: expected a known key"),
+        (
+            {"mechanism": sensor({"kind": "rigid"}, {"kind": "cylinder", "length_mm": 2})},
+            "elements.2: expected diameter_mm",
+        ),
+        (
+            {"mechanism": sensor({"kind": "rigid", "soft": "s1"})},
+            "elements.1: expected length_mm for kind rigid, not soft",
+        ),
+        ({"mechanism": sensor({"kind": "compliance", "matrix": [[1.0]]})}, "expected a matrix of 6 x 6 numbers"),
+        (
+            {"interferometer": {"dead_path_mm": {"rx": 1.0}}},
+            "dead_path_mm.rx: expected a known key, one of: dx, dy, dz",
+        ),
         ({"files": {"points": {"path": "x", "seperator": ";"}}}, "did you mean separator?"),
         ({"exclude": [{"target": "P1", "by": "me"}]}, "column exclude.1.reason: expected this key to be present"),
         ({"format": 2}, "column format: found '2'; expected 1"),
