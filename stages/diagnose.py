@@ -145,7 +145,7 @@ def _left_out(gathered: Gathered, gross: int) -> str:
 
 def _figure(table: pa.Table, final: Stand) -> str:
     found = [row for row in table.to_pylist() if row["verdict"] == "found"]
-    left = f"{(final.error.rms or 0.0) * 1e6:.2f} um rms, noise alone leaves {final.floor * 1e6:.2f}"
+    left = f"{(final.error.rms or 0.0) * 1e6:.2f} um rms, noise alone leaves {final.floor.rms_of() * 1e6:.2f}"
     if not found:
         return f"nothing found: {left}"
     return f"found {', '.join(row['cause'] for row in found)}: {found[0]['rms_before']:.2f} -> {left}"

@@ -64,7 +64,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         _um(verdict.before),
         _um(verdict.after),
         held,
-        verdict.floor * 1e6,
+        verdict.floor.rms_of() * 1e6,
         verdict.reason,
         words.detectable.get(cause.key, ""),
         not cause.catalogued,
@@ -124,7 +124,7 @@ def _noise_row(level: NoiseLevel, final: Stand) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves the points that nothing here explains."""
     from truing.report.diagnosis.findings import noise_explanation
 
-    said = noise_explanation(level.ratio, level.sigma, _um(final.error), final.floor * 1e6)
+    said = noise_explanation(level.ratio, level.sigma, _um(final.error), final.floor.rms_of() * 1e6)
     return _of_noise(level, final) | {"explanation": said, "next_measurement": _SCATTER}
 
 
@@ -134,7 +134,7 @@ def _following_row(own: NoiseFollowing, final: Stand) -> dict[str, Any]:
 
     names = [final.model.targets.names[target] for target in own.driver.targets]
     follows = own.driver.name or f"target {names[0]}"
-    said = noise_explanation(own.ratio, own.sigma, _um(final.error), final.floor * 1e6, [follows])
+    said = noise_explanation(own.ratio, own.sigma, _um(final.error), final.floor.rms_of() * 1e6, [follows])
     return _of_noise(own, final) | {
         "subject": f"target {names[0]}" if names else "",
         "follows": own.driver.column,
@@ -159,7 +159,7 @@ def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand) -> dict[str, Any
         "rms_after": rms,
         "heldout_rms_before": held,
         "heldout_rms_after": held,
-        "noise_floor": final.floor * 1e6,
+        "noise_floor": final.floor.rms_of() * 1e6,
         "unit": "um",
     }
 

@@ -121,6 +121,12 @@ class BodyModel(EffectsModel):
         return np.arange(self.local_size) >= _POSE * int(self.known.still.sum())
 
     @property
+    def blocks(self) -> NDArray | None:
+        """Return which poses can be left out together: none, since bodies follow time and drives alone, which a block
+        would have to be told beyond."""
+        return None
+
+    @property
     def scene(self) -> Scene:
         """Return what the campaign offers to causes when they propose candidates."""
         conditions = self.conditions

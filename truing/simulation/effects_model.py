@@ -34,6 +34,16 @@ class EffectsModel(ABC):
         """Return what is recorded with the effects in force."""
 
     @property
+    def zeros(self) -> NDArray | None:
+        """Return which readings share a zero: none, since points have frames."""
+        return None
+
+    @property
+    def together(self) -> NDArray | None:
+        """Return which poses err together: each stands for itself."""
+        return None
+
+    @property
     def shared_size(self) -> int:
         """Return the number of shared unknowns G."""
         return max(part.stop for part in self.layout.values())

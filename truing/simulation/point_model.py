@@ -37,6 +37,13 @@ class PointModel(Unknowns):
     """A mechanism with its targets and readings; a function of the unknowns for a set of effects."""
 
     @property
+    def blocks(self) -> NDArray | None:
+        """Return the poses' ranks in time (B,): any can be left out together."""
+        poses = len(self.conditions.readings)
+        order = self.conditions.covariates.get("order", np.arange(poses))
+        return np.argsort(np.argsort(order, kind="stable"))
+
+    @property
     def scene(self) -> Scene:
         """Return what the campaign offers to causes when they propose candidates."""
         known, conditions = self.known, self.conditions

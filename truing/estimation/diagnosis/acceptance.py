@@ -187,7 +187,8 @@ class Acceptance:
             if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
                 break
             chosen, cause, after = self._fitted(chosen, current)
-            if predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after)):
+            together = self._together(after)
+            if predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after), together):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
                 continue
             following = self._round(after, kinds, len(rounds))
@@ -219,6 +220,12 @@ class Acceptance:
         if held is None:
             return np.ones(len(after.measured.seen), bool)
         return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
+
+    def _together(self, after: Stand) -> NDArray | None:
+        """Return which held-out poses (B,) err together."""
+        held = self._fitter.held_out
+        model = after.model if held is None else after.model.at(held.conditions)
+        return model.together  # type: ignore[no-any-return]
 
     def _dropped(self, found: list[_Accepted], plain: Stand) -> tuple[list[_Accepted], list[Verdict], Stand]:
         """Return what is kept once every accepted cause had to show that the others cannot do without it."""

@@ -144,8 +144,8 @@ def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
 
 
 def _words(subject: str) -> int:
-    """Return of how many words the subject is where it names one thing: ``leg3``, ``target P07``."""
-    return 2 if subject.startswith("target ") else 1
+    """Return of how many words the subject is where it names one thing: ``leg3``, ``target P07``, ``load fz``."""
+    return 1 if subject.startswith("leg") else 2
 
 
 def _sort(cause: Any) -> tuple[Any, ...]:

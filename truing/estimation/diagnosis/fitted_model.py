@@ -20,11 +20,16 @@ from truing.estimation.diagnosis.noise_components import (
 )
 from truing.estimation.diagnosis.noise_following import NoiseFollowing, drivers, noise_following, standardised
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
-from truing.estimation.diagnosis.prediction_error import PredictionError, merged, noise_floor, prediction_error
+from truing.estimation.diagnosis.prediction_error import (
+    NoiseFloor,
+    PredictionError,
+    merged,
+    noise_floor,
+    prediction_error,
+)
 from truing.estimation.diagnosis.screening import gross_errors
 from truing.estimation.diagnosis.signatures import Channels, channels_of
 
-_FRAME = 6
 # How often gross errors are looked for, and the noise estimated anew, before the search.
 _PREPARATIONS = 3
 _SAME_NOISE = 0.05
@@ -56,6 +61,19 @@ class CausalModel(Protocol):
         """Return the number of legs L."""
 
     @property
+    def zeros(self) -> NDArray | None:
+        """Return which readings (B, K) share a zero, by number, -1 for none; None where points have frames."""
+
+    @property
+    def together(self) -> NDArray | None:
+        """Return which poses (B,) err together, by number: those of a run; None where each stands for itself."""
+
+    @property
+    def blocks(self) -> NDArray | None:
+        """Return which poses (B,) can be left out of a fit together, by number in time; None where none can be, since
+        they would have to be predicted from others before and after."""
+
+    @property
     def scene(self) -> Any:
         """Return what the campaign offers to causes."""
 
@@ -75,13 +93,13 @@ class CausalModel(Protocol):
         """Return shared unknowns of this model as those of another."""
 
     def channels(self, shared: NDArray, local: NDArray) -> Mapping[str, NDArray]:
-        """Return how the points (B, K, 3, C), m, follow each channel."""
+        """Return how the points (B, K, d, C) follow each channel."""
 
     def designer(self, shared: NDArray, local: NDArray) -> Callable[[Any], Mapping[str, NDArray]]:
         """Return what tells a cause's change (B or 1, C, P) of each channel that it acts on, per plausible scale."""
 
     def turns(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return the rotations (B, K, 3, 3) from the axes of the targets' bodies to those of the points."""
+        """Return the rotations (B, K, d, d) from the axes of the targets' bodies to those of the points."""
 
     def effect_sigma(self, cause: Any) -> NDArray:
         """Return the prior sigma (P,), SI, that a cause's parameters are fitted with."""
@@ -117,9 +135,10 @@ class Stand:
         return prediction_error(self.model, self.measured, self.fit.frames, self.fit.shared, self.model.unpredicted)
 
     @cached_property
-    def floor(self) -> float:
-        """Return the rms, m, that noise alone leaves in that error."""
-        return noise_floor(self.fit, self.measured, self.model.unpredicted, np.random.default_rng(self.seed))
+    def floor(self) -> NoiseFloor:
+        """Return what noise alone leaves in that error."""
+        rng = np.random.default_rng(self.seed)
+        return noise_floor(self.fit, self.measured, self.model.unpredicted, self.model.zeros, rng)
 
     @cached_property
     def scene(self) -> Any:
@@ -134,12 +153,13 @@ class Stand:
     @property
     def reading_rows(self) -> slice:
         """Return which of a pose's local unknowns are readings."""
-        return slice(_FRAME, _FRAME + int(np.sum(~self.model.unpredicted)))
+        first = self.fit.frames.size
+        return slice(first, first + int(np.sum(~self.model.unpredicted)))
 
     @cached_property
     def noise(self) -> NoiseComponents:
         """Return the noise that the fit leaves, by component."""
-        return components(self.fit.whitened, 3 * self.measured.seen.shape[1], self.reading_rows)
+        return components(self.fit.whitened, _height(self.measured), self.reading_rows)
 
     @property
     def noise_ratio(self) -> float:
@@ -214,15 +234,15 @@ class Fitter:
 
         For campaigns that hold no pose out; None where blocks would have too few poses, or fits take too long.
         """
-        measured, order = stand.measured, stand.scene.covariates.get("order")
-        poses = len(measured.seen)
-        if not stand.model.leg_count:  # bodies follow time and drives alone, which a block would have to be told beyond
+        measured, numbers = stand.measured, stand.model.blocks
+        if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_POINTS:
             return None
-        if poses < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_POINTS:
+        rank = np.unique(numbers, return_inverse=True)[1]
+        count = min(_BLOCKS, int(rank.max()) + 1)
+        block = rank * count // (rank.max() + 1)
+        if count < 2:
             return None
-        rank = np.argsort(np.argsort(np.arange(poses) if order is None else order, kind="stable"))
-        block = rank * _BLOCKS // poses
-        return merged([self._predicted_block(stand, block == number) for number in range(_BLOCKS)], block, measured)
+        return merged([self._predicted_block(stand, block == number) for number in range(count)], block, measured)
 
     def _predicted_block(self, stand: Stand, own: NDArray) -> PredictionError:
         """Return the error of the prediction of poses own (B,) by a fit without them."""
@@ -234,12 +254,12 @@ class Fitter:
 
     def screen(self, stand: Stand) -> bool:
         """Take out what is grossly wrong against a fit, held out or not; return whether there was anything."""
-        seen = self.calibration.measured.seen
-        height = 3 * seen.shape[1] + stand.fit.whitened.problem.local_value.shape[1]
-        rows = stand.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, : 3 * seen.shape[1]]
+        seen, own = self.calibration.measured.seen, _height(self.calibration.measured)
+        height = own + stand.fit.whitened.problem.local_value.shape[1]
+        rows = stand.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, :own]
         axes = self.calibration.measured.whitener @ stand.fit.frames.R[:, None]
         axes = axes @ stand.model.turns(stand.fit.shared, stand.fit.local)
-        wrong = gross_errors(rows.reshape(*seen.shape, 3), seen, axes, stand.scene.covariates.get("order"))
+        wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, stand.scene.covariates.get("order"))
         self.calibration = self.calibration.without(wrong)
         count = int(wrong.sum())
         if self.held_out is not None and stand.held_out is not None:
@@ -257,7 +277,7 @@ class Fitter:
         places = size + np.arange(len(stand.fit.shared))[stand.model.layout["shape"]]
         before = self._ratios
         self._ratios = (
-            reading_ratio(whitened, 3 * measured.seen.shape[1], stand.reading_rows, before[0]),
+            reading_ratio(whitened, _height(measured), stand.reading_rows, before[0]),
             survey_ratio(whitened, places, before[1]),
         )
         self.model = self._declared.rescaled(*self._ratios)
@@ -268,8 +288,9 @@ class Fitter:
 
     def following(self, stand: Stand, level: float) -> NoiseFollowing | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""
-        seen, scene = self.calibration.measured.seen, stand.scene
-        rest, told = told_points(stand.fit.whitened, seen.shape)
+        measured, scene = self.calibration.measured, stand.scene
+        seen = measured.seen
+        rest, told = told_points(stand.fit.whitened, measured.points.shape)
         known = np.where(seen[..., None], standardised(rest, told), np.nan)
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
         return noise_following(known, drivers(columns, scene.shape, stand.model.bodies), level)
@@ -281,3 +302,8 @@ class Fitter:
         self.calibration = replace(
             self.calibration, measured=replace(measured, covariance=measured.covariance * square)
         )
+
+
+def _height(measured: MeasuredPoints) -> int:
+    """Return how many rows the points of a pose are."""
+    return measured.seen.shape[1] * measured.size

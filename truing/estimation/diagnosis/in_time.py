@@ -16,13 +16,12 @@ _REACH, _SUSPECT_REACH = 12.0, 3.5
 # Suspects scatter more, being no part of the fit that they are judged by; they agree within this share of how far off
 # they are: no two gross errors do.
 _ALIKE = 0.25
-_MEDIAN_LENGTH = 1.538  # of three unit normals
 
 
 def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: float = 1e-6) -> NDArray:
     """Return which points (B, T) agree with no others of their target just before or just after them.
 
-    values (B, T, 3): where each target was, less where it should be, along the body's axes, m; NaN where it was not
+    values (B, T, d): where each target was, less where it should be, along the body's axes, m; NaN where it was not
     seen. order (B,): the poses' ranks in time. suspect (B, T): points that another test rejected. least (m): targets
     scatter by no less than this. A target seen in fewer than four poses tells nothing: only its suspects count.
     """
@@ -37,9 +36,12 @@ def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: floa
 
 
 def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
-    """Return which of a target's points (N, 3), in time order, are alone."""
+    """Return which of a target's points (N, d), in time order, are alone."""
+    from scipy.special import chdtri
+
     steps = _lengths(np.diff(own, axis=0))
-    spread = max(float(np.median(steps)) / _MEDIAN_LENGTH / np.sqrt(2.0), least)
+    median = float(np.sqrt(chdtri(own.shape[1], 0.5)))  # length of as many unit normals
+    spread = max(float(np.median(steps)) / median / np.sqrt(2.0), least)
     reach = np.sqrt(2.0) * spread * np.where(doubted, _SUSPECT_REACH, _REACH)
     reach = np.maximum(reach, doubted * _ALIKE * _lengths(own))
     agree = np.zeros((2, len(own)), int)

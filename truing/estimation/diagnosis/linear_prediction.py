@@ -40,10 +40,10 @@ def _moved(
 
 
 def _points_motion(error: PredictionError, cause: object) -> NDArray:
-    """Return how the points (B, K, 3, P), m, follow a candidate's parameters, per plausible scale."""
-    designs, poses = error.designer(cause), len(error.local)
+    """Return how the points (B, K, d, P) follow a candidate's parameters, per plausible scale."""
+    designs, poses, size = error.designer(cause), len(error.local), error.measured.size
     parts = [error.channels[name] @ design[:, None] for name, design in designs.items() if name != POINTS]
     if POINTS in designs:
         own = designs[POINTS]
-        parts.append(np.broadcast_to(own, (poses, *own.shape[1:])).reshape(poses, -1, 3, own.shape[-1]))
+        parts.append(np.broadcast_to(own, (poses, *own.shape[1:])).reshape(poses, -1, size, own.shape[-1]))
     return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]

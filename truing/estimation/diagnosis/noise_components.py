@@ -7,6 +7,7 @@ noise that is wrong by a tenth would otherwise make clean campaigns look wrong, 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,6 @@ NOISE_PRIOR_FREEDOM = 50.0
 # Residuals count less from here on, as those of Student's t with so many degrees of freedom do.
 _TAIL = 5.0
 _ROUNDS = 5
-# What the weighted scatter of unit normals comes to along an axis: E[8 q / (5 + q)] / 3, q of three squares.
-_CONSISTENT = 0.8719
 _LEAST_NOISE = 0.2
 # A declared noise may be wrong by this factor before what exceeds it counts as an effect.
 _MOST_OFF = 1.5
@@ -98,47 +97,65 @@ def rescaled_points(whitened: Whitened, measured: MeasuredPoints, bodies: NDArra
 
     ``bodies`` (K,) numbers each target's body. Residuals of an effect count little (Student's t).
     """
-    rest, told = told_points(whitened, measured.seen.shape)
-    whole = _scatter(rest[measured.seen], told[measured.seen], np.eye(3))
+    rest, told = told_points(whitened, measured.points.shape)
+    axes = np.eye(measured.size)
+    whole = _scatter(rest[measured.seen], told[measured.seen], axes)
     own = []
     for body in range(bodies.max() + 1):
         rows = measured.seen & (bodies == body)
         own.append(_scatter(rest[rows], told[rows], whole))
-    declared = np.linalg.inv(measured.whitener + np.eye(3) * ~measured.seen[..., None, None])
+    declared = np.linalg.inv(measured.whitener + axes * ~measured.seen[..., None, None])
     covariance = declared @ np.stack(own)[bodies] @ np.swapaxes(declared, -1, -2)
     return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
 
 
-def told_points(whitened: Whitened, shape: tuple[int, ...]) -> tuple[NDArray, NDArray]:
-    """Return the points' whitened residuals (B, K, 3), and how much of each point's noise they tell (B, K, 3, 3)."""
-    poses, count = shape
-    height = 3 * count + whitened.problem.local_value.shape[1]
+def told_points(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[NDArray, NDArray]:
+    """Return the points' whitened residuals, of shape (B, K, d), and how much of each point's noise they tell
+    (B, K, d, d)."""
+    poses, count, size = shape
+    height, width = size * count + whitened.problem.local_value.shape[1], whitened.basis.shape[1]
 
-    def of_points(rows: NDArray) -> NDArray:
-        return rows[: poses * height].reshape(poses, height, -1)[:, : 3 * count].reshape(poses, count, 3, -1)
+    def of_points(rows: NDArray, width: int) -> NDArray:
+        own = rows[: poses * height].reshape(poses, height, width)[:, : size * count]
+        return own.reshape(poses, count, size, width)
 
-    basis = of_points(whitened.basis)
-    local = whitened.local_basis[:, : 3 * count].reshape(*basis.shape[:3], -1)
-    told = np.eye(3) - local @ np.swapaxes(local, -1, -2) - basis @ np.swapaxes(basis, -1, -2)
-    return of_points(whitened.rest)[..., 0], told
+    basis = of_points(whitened.basis, width)
+    local = whitened.local_basis[:, : size * count].reshape(*shape, whitened.local_basis.shape[-1])
+    told = np.eye(size) - local @ np.swapaxes(local, -1, -2) - basis @ np.swapaxes(basis, -1, -2)
+    return of_points(whitened.rest, 1)[..., 0], told
 
 
 def _scatter(rest: NDArray, told: NDArray, prior: NDArray) -> NDArray:
-    """Return the scatter matrix of the noise behind residuals (n, 3), of which they tell ``told`` (n, 3, 3); robust.
+    """Return the scatter matrix of the noise behind residuals (n, d), of which they tell ``told`` (n, d, d); robust.
 
     The prior counts as `NOISE_PRIOR_FREEDOM` values. Where residuals tell nothing (across a body of three targets), the
     noise is taken to be what it is on average.
     """
+    size = rest.shape[1]
     amount, axes = np.linalg.eigh(np.sum(told, 0))
-    amount, share = np.maximum(amount, 0.0), np.maximum(np.trace(told, axis1=1, axis2=2), 0.15) / 3.0
-    known = NOISE_PRIOR_FREEDOM / 3.0
+    share = np.maximum(np.trace(told, axis1=1, axis2=2) / size, 0.05)
+    amount, known, consistent = np.maximum(amount, 0.0), NOISE_PRIOR_FREEDOM / size, _consistent(size)
     found = prior
     for _ in range(_ROUNDS):
         square = np.einsum("ni,ij,nj->n", rest, np.linalg.inv(found), rest) / share
-        weight = (_TAIL + 3.0) / (_TAIL + square)
-        own = axes.T @ np.einsum("n,ni,nj->ij", weight, rest, rest) @ axes / _CONSISTENT
-        level = (known * np.trace(prior) + np.trace(own)) / (3.0 * known + amount.sum())
+        weight = (_TAIL + size) / (_TAIL + square)
+        own = axes.T @ np.einsum("n,ni,nj->ij", weight, rest, rest) @ axes / consistent
+        level = (known * np.trace(prior) + np.trace(own)) / (size * known + amount.sum())
         held = known * prior * level / np.mean(np.diag(prior))
-        size = np.sqrt(known + amount)
-        found = axes @ ((axes.T @ held @ axes + own) / np.outer(size, size)) @ axes.T
+        root = np.sqrt(known + amount)
+        found = axes @ ((axes.T @ held @ axes + own) / np.outer(root, root)) @ axes.T
     return found
+
+
+@lru_cache(maxsize=8)
+def _consistent(size: int) -> float:
+    """Return what the weighted scatter of so many unit normals comes to along an axis: E[(5 + d) q / (5 + q)] / d, q
+    the sum of their squares."""
+    from scipy.integrate import quad
+    from scipy.special import gammaln
+
+    def weighed(q: float) -> float:
+        density = np.exp((size / 2 - 1) * np.log(q) - q / 2 - size / 2 * np.log(2.0) - gammaln(size / 2))
+        return float(density * (_TAIL + size) * q / (_TAIL + q))
+
+    return float(quad(weighed, 0.0, np.inf)[0] / size)

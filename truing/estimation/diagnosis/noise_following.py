@@ -1,8 +1,9 @@
 """Noise that is larger in places: whether the size of residuals follows something, and what then.
 
 The logarithm of the squared length of a point's standardised residual is regressed on what it may follow; where there
-is nothing, it is that of a chi-square with three degrees of freedom, whose scatter is known and hardly grows with heavy
-tails. Effects on the mean look like noise that follows something: this is a test for what is left without them.
+is nothing, it is that of a chi-square (one degree of freedom per coordinate), whose scatter is known and hardly grows
+with heavy tails. Effects on the mean look like noise that follows something: this is a test for what is left without
+them.
 """
 
 from __future__ import annotations
@@ -16,8 +17,6 @@ from numpy.typing import NDArray
 
 # A residual tells of its point's noise where the fit left it at least this share of every direction.
 _TOLD = 0.1
-# The variance of the logarithm of a chi-square with three degrees of freedom.
-_LOG_VARIANCE = 0.9348022
 # Logarithms of what is very small say nothing of noise.
 _LEAST = 1e-3
 _FEWEST_POINTS = 20
@@ -54,9 +53,9 @@ class NoiseFollowing:
 
 
 def standardised(rest: NDArray, told: NDArray) -> NDArray:
-    """Return residuals (B, K, 3) brought to unit noise, NaN where a fit leaves too little of a point.
+    """Return residuals (B, K, d) brought to unit noise, NaN where a fit leaves too little of a point.
 
-    ``told`` (B, K, 3, 3) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
+    ``told`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
     """
     amount, axes = np.linalg.eigh(told)
     enough = amount[..., 0] > _TOLD
@@ -90,7 +89,7 @@ def drivers(
 
 
 def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -> NoiseFollowing | None:
-    """Return what the noise behind standardised residuals (B, K, 3) follows; None where p exceeds the level.
+    """Return what the noise behind standardised residuals (B, K, d) follows; None where p exceeds the level.
 
     NaN where a point was not seen. p-values are corrected for the number of candidates (Bonferroni).
     """
@@ -99,7 +98,8 @@ def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -
     if known.sum() < _FEWEST_POINTS or not candidates:
         return None
     logs = np.where(known, np.log(np.maximum(np.nan_to_num(square), _LEAST)), 0.0)
-    scores = [_slope(logs, known, driver) for driver in candidates]
+    spread = _log_variance(rest.shape[-1])
+    scores = [_slope(logs, known, driver, spread) for driver in candidates]
     best = int(np.argmax([_strength(score, driver) for score, driver in zip(scores, candidates, strict=True)]))
     strength = _strength(scores[best], candidates[best])
     tails = 1.0 if candidates[best].targets else 2.0
@@ -109,13 +109,21 @@ def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -
     return _following(candidates[best], scores[best], known, p_value)
 
 
-def _slope(logs: NDArray, known: NDArray, driver: Driver) -> tuple[float, float]:
-    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation."""
+def _log_variance(size: int) -> float:
+    """Return the variance of the logarithm of a chi-square with so many degrees of freedom."""
+    from scipy.special import polygamma
+
+    return float(polygamma(1, size / 2))
+
+
+def _slope(logs: NDArray, known: NDArray, driver: Driver, spread: float) -> tuple[float, float]:
+    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation; they scatter by no less
+    than the variance ``spread``."""
     y, x = _within(logs, known, driver.within), _within(driver.values, known, driver.within)
     size = float(np.sum(x**2))
     if size <= 1e-12 * max(float(np.sum(driver.values[known] ** 2)), 1e-300):
         return 0.0, math.inf
-    variance = max(float(np.sum(y**2) / max(known.sum() - len(np.unique(driver.within)), 1)), _LOG_VARIANCE)
+    variance = max(float(np.sum(y**2) / max(known.sum() - len(np.unique(driver.within)), 1)), spread)
     return float(np.sum(x * y)) / size, math.sqrt(variance / size)
 
 

@@ -24,15 +24,17 @@ class NoiseLevel:
 
 
 def noise_level(whitened: Whitened, measured: MeasuredPoints, declared: NDArray) -> NoiseLevel:
-    """Return the level of the noise that a fit leaves in the points over the declared covariances (B, K, 3, 3), m^2.
+    """Return the level of the noise that a fit leaves in the points over the declared covariances (B, K, d, d).
 
     Its logarithm is tested, one-sided; ``measured`` holds the covariances that the fit used.
     """
     poses, count = measured.seen.shape
-    height = 3 * count + whitened.problem.local_value.shape[1]
+    size = measured.size
+    height = size * count + whitened.problem.local_value.shape[1]
 
     def of_points(rows: NDArray) -> NDArray:
-        return rows[: poses * height].reshape(poses, height)[:, : 3 * count].reshape(poses, count, 3)[measured.seen]
+        own = rows[: poses * height].reshape(poses, height)[:, : size * count]
+        return np.asarray(own.reshape(poses, count, size)[measured.seen])
 
     used, promised = measured.covariance[measured.seen], declared[measured.seen]
     change = np.linalg.solve(np.linalg.cholesky(promised), np.linalg.cholesky(used))

@@ -1,6 +1,7 @@
 """Gauss-Newton fit of a model of points to points of all bodies and poses, each pose in a frame of its own.
 
-Knows no mechanism: the model is a function of shared and local unknowns that returns points and derivatives.
+Knows no mechanism: the model is a function of shared and local unknowns that returns points and derivatives. A point
+has d coordinates: three, or one where an instrument reads a number; numbers have no frame.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from truing.estimation.diagnosis.whitening import Linearised, Whitened, whiten
 from truing.estimation.rotation import exp_so3, skew
 
+_SPACE, _FRAME = 3, 6
 # Nothing is known of a pose's frame; these keep the equations scaled, and bend it by parts in 1e8.
 _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 _MAX_ITERATIONS = 25
@@ -25,11 +27,11 @@ _SETTLED = 1e-4
 
 
 class Predicted(Protocol):
-    """What a model returns: points (B, K, 3) in m in its own frame, derivatives, whitened rows that concern no pose."""
+    """What a model returns: points (B, K, d), SI, in its own frame, derivatives, whitened rows that concern no pose."""
 
     points: NDArray
-    by_shared: NDArray  # (B, K, 3, G)
-    by_local: NDArray  # (B, K, 3, H)
+    by_shared: NDArray  # (B, K, d, G)
+    by_local: NDArray  # (B, K, d, H)
     survey_residual: NDArray  # (E,)
     survey_by_shared: NDArray  # (E, G)
     shared_known: NDArray  # (G,) whose prior is knowledge
@@ -39,28 +41,37 @@ class Predicted(Protocol):
 class Model(Protocol):
     """A model of points; unknowns are counted in standard deviations of their priors."""
 
+    @property
+    def zeros(self) -> NDArray | None:
+        """Return which readings (B, K) share a zero, by number, -1 for none; None where points have frames."""
+
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
 
 
 @dataclass(frozen=True)
 class MeasuredPoints:
-    """Points (B, K, 3) in m, each pose in its own frame, with covariance (B, K, 3, 3) in m^2; seen (B, K)."""
+    """Points (B, K, d), SI, each pose in its own frame, with covariance (B, K, d, d); seen (B, K)."""
 
     points: NDArray
     covariance: NDArray
     seen: NDArray
 
+    @property
+    def size(self) -> int:
+        """Return the number of coordinates d of a point."""
+        return int(self.points.shape[-1])
+
     @cached_property
     def whitener(self) -> NDArray:
-        """Return the matrices (B, K, 3, 3) that make the noise unit and white; zero where a point is missing."""
-        covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(3))
+        """Return the matrices (B, K, d, d) that make the noise unit and white; zero where a point is missing."""
+        covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(self.size))
         return np.linalg.inv(np.linalg.cholesky(covariance)) * self.seen[..., None, None]
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of the poses: R (B, 3, 3) and t (B, 3) in m, from the model's frame to that of the measurement.
+    """Frames of the poses: R (B, d, d) and t (B, d) in m, from the model's frame to that of the measurement.
 
     They are fitted unless ``free`` is false: then the measurement has one frame for the campaign, the model's.
     """
@@ -69,8 +80,28 @@ class Frames:
     t: NDArray
     free: bool = True
 
+    @classmethod
+    def of_numbers(cls, poses: int) -> Frames:
+        """Return the frames of readings that are numbers, d = 1: none."""
+        return cls(np.ones((poses, 1, 1)), np.zeros((poses, 1)), free=False)
+
+    @property
+    def size(self) -> int:
+        """Return how many unknowns a frame is: six, or none where points are numbers."""
+        return _FRAME if self.t.shape[1] == _SPACE else 0
+
+    def columns(self, arms: NDArray) -> NDArray:
+        """Return how points (B, K, d) move with their frames, (B, K, d, size), in units of the frame's scale; arms are
+        the points from their frame's origin, in the measurement's axes."""
+        if not self.size:
+            return np.zeros((*arms.shape, 0))
+        moved = np.concatenate([np.broadcast_to(np.eye(_SPACE), (*arms.shape, _SPACE)), -skew(arms)], -1)
+        return np.asarray(moved * _FRAME_SIGMA * self.free)
+
     def moved(self, step: NDArray) -> Frames:
-        """Return the frames after a step (B, 6) in units of the frame's scale."""
+        """Return the frames after a step (B, size) in units of the frame's scale."""
+        if not self.size:
+            return self
         motion = step * _FRAME_SIGMA
         return Frames(exp_so3(motion[:, 3:]) @ self.R, self.t + motion[:, :3], self.free)
 
@@ -101,8 +132,8 @@ def fit_points(model: Model, measured: MeasuredPoints, frames: Frames, shared: N
         if whitened.explained < _SETTLED:
             return PointFit(shared, local, frames, whitened, FitState.SETTLED, iteration)
         shared_step, local_step = whitened.step()
-        shared, local = shared + shared_step, local + local_step[:, 6:]
-        frames = frames.moved(local_step[:, :6])
+        shared, local = shared + shared_step, local + local_step[:, frames.size :]
+        frames = frames.moved(local_step[:, : frames.size])
     return PointFit(shared, local, frames, whitened, FitState.NOT_SETTLED, _MAX_ITERATIONS)
 
 
@@ -117,23 +148,23 @@ def linearise(
     arms = found.points @ np.swapaxes(frames.R, 1, 2)
     gap = measured.points - arms - frames.t[:, None]
     turned = measured.whitener @ frames.R[:, None]
-    framed = measured.whitener @ np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], -1)
-    by_local = np.concatenate([framed * _FRAME_SIGMA * frames.free, turned @ found.by_local], -1)
-    poses = len(arms)
+    by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
+    poses, height = len(arms), arms.shape[1] * arms.shape[2]
     return Linearised(
         residual=(measured.whitener @ gap[..., None]).reshape(poses, -1),
-        by_local=by_local.reshape(poses, -1, by_local.shape[-1]),
-        by_shared=(turned @ found.by_shared).reshape(poses, 3 * arms.shape[1], -1 if by_shared else 0),
-        local_value=np.concatenate([np.zeros((poses, 6)), local], 1),
+        by_local=by_local.reshape(poses, height, by_local.shape[-1]),
+        by_shared=(turned @ found.by_shared).reshape(poses, height, -1 if by_shared else 0),
+        local_value=np.concatenate([np.zeros((poses, frames.size)), local], 1),
         shared_value=shared,
         extra_residual=found.survey_residual,
         extra_by_shared=found.survey_by_shared,
-        present=np.repeat(measured.seen, 3, axis=1),
-        local_known=np.concatenate([np.zeros(6, bool), found.local_known]),
+        present=np.repeat(measured.seen, measured.size, axis=1),
+        local_known=np.concatenate([np.zeros(frames.size, bool), found.local_known]),
         shared_known=found.shared_known,
     )
 
 
 def whitened_columns(measured: MeasuredPoints, frames: Frames, columns: NDArray) -> NDArray:
-    """Return motions of the points (B, K, 3, P), in m in the model's frame, as whitened rows (B, 3K, P)."""
-    return (measured.whitener @ frames.R[:, None] @ columns).reshape(len(columns), -1, columns.shape[-1])
+    """Return motions of the points (B, K, d, P), in the model's frame, as whitened rows (B, d K, P)."""
+    poses, count, size, parameters = columns.shape
+    return (measured.whitener @ frames.R[:, None] @ columns).reshape(poses, count * size, parameters)

@@ -1,7 +1,7 @@
 """What a model of points gets wrong when it predicts from readings alone, and what pure noise would leave there.
 
-Removed from measured minus predicted are only one motion per pose common to all bodies, and local unknowns that the
-model does not claim to predict (the roll of a leg about its own axis).
+Removed from measured minus predicted are only one motion per pose common to all bodies, local unknowns that the model
+does not claim to predict (the roll of a leg about its own axis), and the zero that readings of one run share.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from truing.estimation.diagnosis.whitening import Whitened
 _ROUNDS = 2
 _FLOOR_DRAWS = 24
 # A cause is rejected where held-out poses are predicted worse, by so much that chance does it this rarely; how much
-# chance does is known from the noise as well as from so many poses.
+# chance does is known from the noise as well as from so many poses (or runs, whose poses go together).
 _WORSE, _POSES_OF_NOISE = 0.006, 10
+# Keeps what is fitted to a pose that lacks targets finite, in units of the noise.
+_HELD = 1e-3
 
 
 _BY_POSE = ("gap", "whitened", "local", "by_shared", "by_fitted")
@@ -30,25 +32,27 @@ _BY_POSE = ("gap", "whitened", "local", "by_shared", "by_fitted")
 
 @dataclass(frozen=True)
 class PredictionError:
-    """Measured minus predicted points (B, K, 3), in m in the measurement's axes, zero where unseen.
+    """Measured minus predicted points (B, K, d), SI, in the measurement's axes, zero where unseen.
 
     ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each pose
     (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,).
+    ``zeros`` (B, K) numbers the readings that share a zero, -1 for none; None where points have frames.
     """
 
     gap: NDArray
     measured: MeasuredPoints
-    whitened: NDArray  # (B, K, 3) the same in units of the noise
+    whitened: NDArray  # (B, K, d) the same in units of the noise
     frames: Frames
     local: NDArray
     by_shared: NDArray
     by_fitted: NDArray
     model: Any
     shared: NDArray
+    zeros: NDArray | None = None
 
     @cached_property
     def channels(self) -> Mapping[str, NDArray]:
-        """Return how the points (B, K, 3, C), m, follow each channel at the prediction."""
+        """Return how the points (B, K, d, C) follow each channel at the prediction."""
         return self.model.channels(self.shared, self.local)  # type: ignore[no-any-return]
 
     @cached_property
@@ -64,7 +68,7 @@ class PredictionError:
     def less(self, columns: NDArray) -> PredictionError:
         """Return the error where the prediction moves by columns (B, M), whitened, and each pose is fitted anew."""
         left = self.whitened.reshape(columns.shape) - columns
-        left = left - np.einsum("bmh,bh->bm", self.by_fitted, _fit(self.by_fitted, left[..., None])[..., 0])
+        left = _freed(left[..., None], self.by_fitted, self.measured, self.zeros)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     @property
@@ -75,7 +79,7 @@ class PredictionError:
     @property
     def rms_by_pose(self) -> NDArray:
         """Return the root mean square per coordinate of each pose (B,) in m, zero where nothing was seen."""
-        return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(3 * self.seen.sum(1), 1)))
+        return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(self.measured.size * self.seen.sum(1), 1)))
 
     @property
     def largest_by_pose(self) -> NDArray:
@@ -85,8 +89,12 @@ class PredictionError:
     @property
     def rms(self) -> float | None:
         """Return the root mean square per coordinate in m, None where nothing was seen."""
-        count = 3 * int(self.seen.sum())
-        return float(np.sqrt(np.sum(self.gap**2) / count)) if count else None
+        return self.rms_of(slice(None))
+
+    def rms_of(self, targets: NDArray | slice) -> float | None:
+        """Return the root mean square per coordinate of some targets, None where nothing of them was seen."""
+        count = self.measured.size * int(self.seen[:, targets].sum())
+        return float(np.sqrt(np.sum(self.gap[:, targets] ** 2) / count)) if count else None
 
     @property
     def largest(self) -> float | None:
@@ -119,43 +127,69 @@ def prediction_error(
 
     Derivatives by the shared unknowns are left out (G = 0) where they are not asked for.
     """
-    kept = np.concatenate([np.ones(6, bool), unpredicted])
+    kept = np.concatenate([np.ones(frames.size, bool), unpredicted])
     local = np.zeros((len(measured.points), len(unpredicted)))
     for _ in range(_ROUNDS):
         at = linearise(model, measured, frames, shared, local, by_shared=False)
         step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
-        frames = frames.moved(step[:, :6])
-        local[:, unpredicted] += step[:, 6:]
+        frames = frames.moved(step[:, : frames.size])
+        local[:, unpredicted] += step[:, frames.size :]
     at = linearise(model, measured, frames, shared, local, by_shared)
-    whitened = at.residual.reshape(*measured.seen.shape, 3)
-    gap = _unwhitened(measured, at.residual)
     fitted = at.by_local[..., kept]
-    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared)
+    zeros = model.zeros
+    rest = at.residual if zeros is None else _freed(at.residual[..., None], fitted, measured, zeros)[..., 0]
+    whitened, gap = rest.reshape(measured.points.shape), _unwhitened(measured, rest)
+    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared, zeros)
 
 
-def predicts_worse(before: PredictionError | None, after: PredictionError | None, covered: NDArray) -> bool:
-    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose."""
-    if before is None or after is None or covered.sum() < 2:
+def predicts_worse(
+    before: PredictionError | None, after: PredictionError | None, covered: NDArray, together: NDArray | None = None
+) -> bool:
+    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose.
+
+    Poses with the same number in ``together`` (B,) err together, and count as one.
+    """
+    if before is None or after is None:
         return False
     from scipy.special import stdtrit
 
+    groups = np.arange(len(covered)) if together is None else together
+    groups = np.unique(groups[covered], return_inverse=True)[1]
+    if not len(groups) or groups.max() < 1:
+        return False
     whitener = before.measured.whitener * after.seen[..., None, None]  # after another fit the noise is told anew
     former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (before, after))
-    worse = np.sum(latter**2 - former**2, (1, 2))
-    of_noise = 4.0 * np.sum((latter - former) ** 2, (1, 2)).mean()
+    worse = np.bincount(groups, np.sum(latter**2 - former**2, (1, 2)))
+    of_noise = 4.0 * np.bincount(groups, np.sum((latter - former) ** 2, (1, 2))).mean()
     freedom = len(worse) - 1 + _POSES_OF_NOISE
     variance = (np.sum((worse - worse.mean()) ** 2) + _POSES_OF_NOISE * of_noise) / freedom
     return bool(worse.mean() > stdtrit(freedom, 1.0 - _WORSE) * np.sqrt(variance / len(worse)))
 
 
 def _unwhitened(measured: MeasuredPoints, rows: NDArray) -> NDArray:
-    """Return whitened rows (B, M) as distances (B, K, 3) in m, zero where a point is missing."""
-    gap = np.linalg.solve(_square(measured), rows.reshape(*measured.seen.shape, 3, 1))[..., 0]
+    """Return whitened rows (B, M) as distances (B, K, d), SI, zero where a point is missing."""
+    gap = np.linalg.solve(_square(measured), rows.reshape(*measured.points.shape, 1))[..., 0]
     return np.where(measured.seen[..., None], gap, 0.0)
 
 
-def noise_floor(fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, rng: np.random.Generator) -> float:
-    """Return the rms, in m, that declared noise alone leaves in the prediction error of a fitted model.
+@dataclass(frozen=True)
+class NoiseFloor:
+    """What noise alone leaves in a prediction error: the mean square (K,) per coordinate of each target, SI, and how
+    often it was seen (K,)."""
+
+    square: NDArray
+    seen: NDArray
+
+    def rms_of(self, targets: NDArray | slice = slice(None)) -> float:
+        """Return the root mean square per coordinate of some targets."""
+        count = self.seen[targets]
+        return float(np.sqrt(np.sum(self.square[targets] * count) / max(count.sum(), 1)))
+
+
+def noise_floor(
+    fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, zeros: NDArray | None, rng: np.random.Generator
+) -> NoiseFloor:
+    """Return what declared noise alone leaves in the prediction error of a fitted model; zeros as in `PredictionError`.
 
     Draws of all noise (points, survey, actuators, geometry) go through the linearised fit.
     """
@@ -165,12 +199,29 @@ def noise_floor(fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, r
     prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS)) * problem.local_known[:, None]
     error = _shared_error(whitened, noise, prior, rng)
     left = noise - problem.by_shared @ error
-    actuators = np.concatenate([np.zeros(6, bool), ~unpredicted])
+    actuators = np.concatenate([np.zeros(fit.frames.size, bool), ~unpredicted])
     left -= problem.by_local[..., actuators] @ prior[:, actuators]
-    free = problem.by_local[..., ~actuators]
-    left -= free @ _fit(free, left)
-    gap = np.linalg.solve(_square(measured), left.reshape(*measured.seen.shape, 3, _FLOOR_DRAWS))
-    return float(np.sqrt(np.mean(gap[measured.seen] ** 2)))
+    left = _freed(left, problem.by_local[..., ~actuators], measured, zeros)
+    gap = np.linalg.solve(_square(measured), left.reshape(*measured.points.shape, _FLOOR_DRAWS))
+    seen = measured.seen.sum(0)
+    square = np.sum(np.mean(gap**2, (2, 3)) * measured.seen, 0) / np.maximum(seen, 1)
+    return NoiseFloor(square, seen)
+
+
+def _freed(rows: NDArray, columns: NDArray, measured: MeasuredPoints, zeros: NDArray | None) -> NDArray:
+    """Return whitened rows (B, M, D) without what columns (B, M, h) of each pose, or the zeros of runs, explain."""
+    if zeros is None:
+        return np.asarray(rows - columns @ _fit(columns, rows))
+    basis = _zero_basis(measured, zeros)
+    flat = rows.reshape(len(basis), -1)
+    return np.asarray((flat - basis @ (basis.T @ flat)).reshape(rows.shape))
+
+
+def _zero_basis(measured: MeasuredPoints, zeros: NDArray) -> NDArray:
+    """Return orthonormal columns (B K, zeros), whitened, each the same for all readings (d = 1) that share a zero."""
+    weight = np.where(measured.seen & (zeros >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
+    columns = (zeros.ravel()[:, None] == np.arange(zeros.max() + 1)) * weight[:, None]
+    return np.asarray(columns / np.maximum(np.sqrt(np.sum(columns**2, 0)), 1e-300))
 
 
 def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.random.Generator) -> NDArray:
@@ -183,14 +234,14 @@ def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.ra
 
 def _fit(columns: NDArray, rows: NDArray) -> NDArray:
     """Return coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), held finite where a pose lacks targets."""
-    basis, factor = np.linalg.qr(
-        np.concatenate(
-            [columns, np.broadcast_to(np.eye(columns.shape[-1]), (len(columns), *(columns.shape[-1],) * 2))], 1
-        )
-    )
+    size = columns.shape[-1]
+    if not size:
+        return np.zeros((len(columns), 0, rows.shape[-1]))
+    held = np.broadcast_to(_HELD * np.eye(size), (len(columns), size, size))
+    basis, factor = np.linalg.qr(np.concatenate([columns, held], 1))
     return np.linalg.solve(factor, np.swapaxes(basis[:, : columns.shape[1]], 1, 2) @ rows)
 
 
 def _square(measured: MeasuredPoints) -> NDArray:
-    """Return the whitener (B, K, 3, 3) with the identity where a point is missing."""
-    return np.where(measured.seen[..., None, None], measured.whitener, np.eye(3))
+    """Return the whitener (B, K, d, d) with the identity where a point is missing."""
+    return np.where(measured.seen[..., None, None], measured.whitener, np.eye(measured.size))

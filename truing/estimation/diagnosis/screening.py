@@ -7,17 +7,16 @@ from numpy.typing import NDArray
 
 from truing.estimation.diagnosis.in_time import alone_in_time
 
-# Times the spread; three unit normals are longer than this once in some 1e6 points.
-_GROSS = 5.5
-_MEDIAN_LENGTH = 1.538  # of three unit normals
+# Unit normals are longer than the limit once in some 1e6 points.
+_BY_CHANCE = 1.2e-6
 _ENOUGH = 8  # points of a target that give a spread of its own
 
 
 def gross_errors(rest: NDArray, seen: NDArray, axes: NDArray | None = None, order: NDArray | None = None) -> NDArray:
-    """Return which points (B, K) are grossly wrong, from whitened residuals rest (B, K, 3).
+    """Return which points (B, K) are grossly wrong, from whitened residuals rest (B, K, d).
 
     A target's spread is its median length over the poses, and at least that of unit noise; a target that was seen in
-    few poses takes the median over all targets. Where ``axes`` (B, K, 3, 3) tell how whitened residuals follow shifts
+    few poses takes the median over all targets. Where ``axes`` (B, K, d, d) tell how whitened residuals follow shifts
     along the body's own axes (m), and ``order`` (B,) the poses' ranks in time, a point that agrees with its neighbours
     in time is right: its target was moved.
     """
@@ -25,7 +24,7 @@ def gross_errors(rest: NDArray, seen: NDArray, axes: NDArray | None = None, orde
     if axes is None or order is None or not far.any():
         return far
     known = seen & (np.abs(np.linalg.det(axes)) > 0)
-    values = np.linalg.solve(np.where(known[..., None, None], axes, np.eye(3)), rest[..., None])[..., 0]
+    values = np.linalg.solve(np.where(known[..., None, None], axes, np.eye(rest.shape[-1])), rest[..., None])[..., 0]
     return far & alone_in_time(np.where(known[..., None], values, np.nan), order, far, 0.0)
 
 
@@ -33,7 +32,11 @@ def _far(rest: NDArray, seen: NDArray) -> NDArray:
     length = np.where(seen, np.sqrt(np.sum(rest**2, -1)), np.nan)
     if not seen.any():
         return np.zeros(seen.shape, bool)
+    from scipy.special import chdtri
+
+    size = rest.shape[-1]
+    gross, middle = np.sqrt(chdtri(size, [_BY_CHANCE, 0.5]))
     common = np.nanmedian(length)
     own = np.array([np.nanmedian(column) if np.isfinite(column).any() else common for column in length.T])
-    spread = np.where(seen.sum(0) >= _ENOUGH, own, np.maximum(own, common)) / _MEDIAN_LENGTH
-    return np.nan_to_num(length) > _GROSS * np.maximum(spread, 1.0)
+    spread = np.where(seen.sum(0) >= _ENOUGH, own, np.maximum(own, common)) / middle
+    return np.asarray(np.nan_to_num(length) > gross * np.maximum(spread, 1.0))

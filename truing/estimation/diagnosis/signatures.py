@@ -104,7 +104,7 @@ def channels_of(
     motions: Mapping[str, NDArray],
     reading_rows: slice,
 ) -> Channels:
-    """Return a fit's channels from their motions (B, K, 3, C_i) of the points, m; the points themselves come last.
+    """Return a fit's channels from their motions (B, K, d, C_i) of the points; the points themselves come last.
 
     ``reading_rows`` tells which of a pose's local unknowns are readings.
     """
@@ -131,12 +131,12 @@ def channels_of(
 
 
 def _blocks(blocks: NDArray) -> NDArray:
-    """Return the matrices (B, 3K, 3K) with blocks (B, K, 3, 3) on their diagonals."""
-    poses, count = blocks.shape[:2]
-    full = np.zeros((poses, count, 3, count, 3))
+    """Return the matrices (B, d K, d K) with blocks (B, K, d, d) on their diagonals."""
+    poses, count, size, _ = blocks.shape
+    full = np.zeros((poses, count, size, count, size))
     each = np.arange(count)
     full[:, each, :, each] = blocks.transpose(1, 0, 2, 3)
-    return full.reshape(poses, 3 * count, 3 * count)
+    return full.reshape(poses, size * count, size * count)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from truing.estimation.diagnosis.candidate_search import Candidate
 from truing.estimation.diagnosis.fitted_model import Poses, Stand
 from truing.estimation.diagnosis.judge import LEAST_P
 from truing.estimation.diagnosis.linear_prediction import after_first_step, held_out_after_first_step
-from truing.estimation.diagnosis.prediction_error import PredictionError, prediction_error
+from truing.estimation.diagnosis.prediction_error import NoiseFloor, PredictionError, prediction_error
 
 FOUND, INDISTINGUISHABLE, REJECTED = "found", "indistinguishable", "rejected"
 
@@ -32,7 +32,7 @@ class Verdict:
     before: PredictionError  # all found causes of smaller rank accepted
     after: PredictionError
     held_out: tuple[PredictionError | None, PredictionError | None]
-    floor: float  # m
+    floor: NoiseFloor
     values: NDArray  # (P,) SI
     covariance: NDArray  # (P, P)
     candidates: int  # how many were tried together
