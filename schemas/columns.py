@@ -211,6 +211,11 @@ _EXTENSION = (
     Column("changed", "flag", "whether it is among the fewest numbers whose changes explain all differences"),
 )
 
+_READING_ERRORS = tuple(
+    _real(f"missed_{when}", "unit", f"measured minus predicted {when} the extension, in the unit of its row")
+    for when in ("before", "after")
+)
+
 _FITTED = ("errors-in-variables", "implicit", "nominal", "points")
 _DEFORMING = ("none", "linear", "nonlinear", "matrix")
 
@@ -266,6 +271,7 @@ COLUMNS: dict[str, Column] = {
         _QUALITY,
         _DIAGNOSIS,
         _EXTENSION,
+        _READING_ERRORS,
         _CALIBRATION,
         _REQUIREMENTS,
     )

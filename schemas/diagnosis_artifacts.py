@@ -60,6 +60,13 @@ DIAGNOSIS = (
         key=("pose",),
     ),
     Artifact(
+        "reading_errors",
+        "reading_errors.parquet",
+        "measured minus predicted of every reading, less one zero per run, without and with the causes that were found",
+        ("run", "step", "channel", "role", "missed_before", "missed_after", "unit"),
+        key=("run", "step", "channel"),
+    ),
+    Artifact(
         "next_poses",
         "next_poses.parquet",
         "what to measure next: configurations, and what they are for",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
+from stages.diagnosis.reading_artifacts import of_readings
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,15 +24,17 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
 
     last, legs = diagnosis.search, diagnosis.plain.model.leg_count
     causes = [verdict.cause for verdict in diagnosis.verdicts]
-    found: dict[str, Any] = {
-        "detectable": detectable_table(last, rule.level, legs),
-        "prediction": _prediction_table(diagnosis, gathered),
-    }
+    found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
     sentences: dict[str, str] = {}
+    if gathered.shown is not None:
+        found |= of_readings(diagnosis, gathered.shown, settings)
+    else:
+        found["prediction"] = _prediction_table(diagnosis, gathered)
     if settings.mechanism.is_legged:
         found |= _of_mechanism(diagnosis, settings)
         sentences = _next(found, diagnosis, settings)
-    words = Words(detectable_words(last, rule.level, causes, legs), sentences, _remark(gathered, diagnosis.final))
+    remark = _remark(gathered, diagnosis.final)
+    words = Words(detectable_words(last, rule.level, causes, legs), sentences, remark, gathered.shown)
     return {"diagnosis": diagnosis_table(diagnosis, words, rule.noise_level), **found}
 
 

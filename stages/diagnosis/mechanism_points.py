@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.diagnosis.shown import Channels
 from stages.diagnosis.judged_points import judged_points, swapped_targets
 from stages.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
 from stages.pose_conditions import chosen, pose_conditions
@@ -43,6 +44,7 @@ class Gathered:
     left_out: str
     framing: int  # platform targets that sit on no attachment
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
+    shown: Channels | None = None  # the channels of readings, which have units of their own; None where all are points
 
 
 @dataclass(frozen=True)

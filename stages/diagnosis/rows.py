@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
+from stages.diagnosis.shown import POINTS, Channels, Shown
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,11 +25,20 @@ _SCATTER = "Measure one pose ten times over without moving anything: the scatter
 @dataclass(frozen=True)
 class Words:
     """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
-    a cause's key, and what limits all statements."""
+    a cause's key, and what limits all statements; ``channels`` of readings, None where all are points."""
 
     detectable: Mapping[str, str]
     next_measurement: Mapping[str, str]
     remark: str
+    channels: Channels | None = None
+
+    def of_verdict(self, verdict: Verdict) -> Shown:
+        """In which unit, and over what, a verdict's numbers are told."""
+        return POINTS if self.channels is None else self.channels.concerned(verdict.before, verdict.after)
+
+    def of_noise(self, final: Stand) -> Shown:
+        """The same of noise, which concerns all that was measured."""
+        return POINTS if self.channels is None else self.channels.whole(final.error)
 
 
 def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> pa.Table:
@@ -39,9 +49,10 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     import pyarrow as pa
 
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
-    noisy = [_following_row(own, diagnosis.final) for own in diagnosis.following]
+    shown = words.of_noise(diagnosis.final)
+    noisy = [_following_row(own, diagnosis.final, shown) for own in diagnosis.following]
     if diagnosis.noise.p_value <= noise_level:
-        noisy.append(_noise_row(diagnosis.noise, diagnosis.final))
+        noisy.append(_noise_row(diagnosis.noise, diagnosis.final, shown))
     found = sum(row["verdict"] == "found" for row in rows)
     rows[found:found] = noisy
     ranked = [{"rank": rank, **row} for rank, row in enumerate(rows, 1)]
@@ -54,25 +65,29 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
 
     cause, legs = verdict.cause, diagnosis.plain.model.leg_count
     parameters = told_parameters(verdict, legs)
-    held = (_um(verdict.held_out[0]), _um(verdict.held_out[1]))
+    shown = words.of_verdict(verdict)
+    held = (shown.rms(verdict.held_out[0]), shown.rms(verdict.held_out[1]))
     facts = Facts(
         verdict.verdict,
         cause.says,
         parameters,
         verdict.p_value,
         verdict.candidates,
-        _um(verdict.before),
-        _um(verdict.after),
+        shown.rms(verdict.before),
+        shown.rms(verdict.after),
         held,
-        verdict.floor.rms_of() * 1e6,
+        shown.floor(verdict.floor),
         verdict.reason,
         words.detectable.get(cause.key, ""),
         not cause.catalogued,
         words.remark,
         subject=cause.subject,
         odds=_odds(verdict, diagnosis),
-        largest=_reach(verdict),
+        largest=shown.largest_motion(verdict.before, verdict.after) if verdict.verdict == "found" else None,
         subjects=verdict.subjects,
+        unit=shown.unit,
+        fitted_words=shown.fitted,
+        held_out_words=shown.held_out,
     )
     return {
         "cause": cause.id,
@@ -87,7 +102,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "heldout_rms_before": held[0],
         "heldout_rms_after": held[1],
         "noise_floor": facts.floor,
-        "unit": "um",
+        "unit": shown.unit,
         "explanation": explanation(facts),
         "next_measurement": words.next_measurement.get(cause.key, cause.confirm),
         "signal_to_noise": verdict.signal_to_noise,
@@ -110,42 +125,34 @@ def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
-def _reach(verdict: Verdict) -> float | None:
-    """How far a found cause moves any prediction, um."""
-    if verdict.verdict != "found":
-        return None
-    import numpy as np
-
-    moved = np.where(verdict.before.seen[..., None], verdict.after.gap - verdict.before.gap, 0.0)
-    return float(np.sqrt(np.max(np.sum(moved**2, -1)))) * 1e6
-
-
-def _noise_row(level: NoiseLevel, final: Stand) -> dict[str, Any]:
+def _noise_row(level: NoiseLevel, final: Stand, shown: Shown) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves the points that nothing here explains."""
     from truing.report.diagnosis.findings import noise_explanation
 
-    said = noise_explanation(level.ratio, level.sigma, _um(final.error), final.floor.rms_of() * 1e6)
-    return _of_noise(level, final) | {"explanation": said, "next_measurement": _SCATTER}
+    said = noise_explanation(level.ratio, level.sigma, shown.rms(final.error), shown.floor(final.floor), unit=shown.unit)
+    return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": _SCATTER}
 
 
-def _following_row(own: NoiseFollowing, final: Stand) -> dict[str, Any]:
+def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
     """Noise that is larger in places, and the column or the target that it follows."""
     from truing.report.diagnosis.findings import noise_explanation
 
     names = [final.model.targets.names[target] for target in own.driver.targets]
-    follows = own.driver.name or f"target {names[0]}"
-    said = noise_explanation(own.ratio, own.sigma, _um(final.error), final.floor.rms_of() * 1e6, [follows])
-    return _of_noise(own, final) | {
-        "subject": f"target {names[0]}" if names else "",
+    whose = final.model.scene.word_of_target
+    follows = own.driver.name or f"{whose} {names[0]}"
+    missed = shown.rms(final.error), shown.floor(final.floor)
+    said = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
+    return _of_noise(own, final, shown) | {
+        "subject": f"{whose} {names[0]}" if names else "",
         "follows": own.driver.column,
         "explanation": said,
         "next_measurement": f"{_SCATTER} Repeat it where {follows} differs.",
     }
 
 
-def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand) -> dict[str, Any]:
+def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
     """What all rows on noise have: no effect on the mean, so nothing is predicted better."""
-    rms, held = _um(final.error), _um(final.held_out)
+    rms, held = shown.rms(final.error), shown.rms(final.held_out)
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
     return {
         "cause": "unexplained",
@@ -159,10 +166,6 @@ def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand) -> dict[str, Any
         "rms_after": rms,
         "heldout_rms_before": held,
         "heldout_rms_after": held,
-        "noise_floor": final.floor.rms_of() * 1e6,
-        "unit": "um",
+        "noise_floor": shown.floor(final.floor),
+        "unit": shown.unit,
     }
-
-
-def _um(error: Any) -> float | None:
-    return None if error is None or error.rms is None else error.rms * 1e6

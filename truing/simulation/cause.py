@@ -89,6 +89,7 @@ class Scene:
     drives: tuple[str, ...] = ()  # columns that bodies without a mechanism may deform with
     still: tuple[str, ...] = ()  # bodies without a mechanism that should stand still
     placed: tuple[str, ...] = ()  # bodies whose places x, y, z are known as columns, seen from another one
+    word_of_target: str = "target"  # what one of the K is called: a target, a channel
 
     @property
     def legs(self) -> int:

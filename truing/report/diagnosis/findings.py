@@ -19,7 +19,7 @@ _NAMED = 6
 
 @dataclass(frozen=True)
 class Facts:
-    """What a sentence is made of; lengths in um.
+    """What a sentence is made of; how far predictions miss in ``unit``, what was fitted and what was not in words.
 
     ``parameters`` as in the column of that name. ``subject`` as the tables name it; ``says`` may name it already.
     ``largest``: how far the effect moves anything that was measured, at most.
@@ -42,6 +42,9 @@ class Facts:
     odds: float | None = None  # indistinguishable: of the other over this one
     largest: float | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # found: others that may be the subject, with the odds against each
+    unit: str = "um"
+    fitted_words: str = "the calibration poses"
+    held_out_words: str = "held-out poses"
 
 
 def explanation(facts: Facts) -> str:
@@ -108,8 +111,8 @@ def _indistinguishable(facts: Facts) -> str:
 def _rejected(facts: Facts) -> str:
     if facts.reason == "held-out":
         return (
-            f"The data do not bear out that {_what(facts)}; it fits the calibration poses but predicts the held-out "
-            f"ones worse. "
+            f"The data do not bear out that {_what(facts)}; it fits {facts.fitted_words} but predicts "
+            f"{facts.held_out_words} worse. "
             f"{_improvement(facts)}"
         )
     if facts.reason == "contained":
@@ -127,23 +130,26 @@ def _rejected(facts: Facts) -> str:
 def _reach(facts: Facts) -> str:
     if facts.largest is None:
         return ""
-    return f" {_MOVES}{plain(facts.largest)} um."
+    return f" {_MOVES}{plain(facts.largest)} {facts.unit}."
 
 
-def reach_of(said: str) -> float | None:
-    """Return how far an effect moves anything that was measured, in um, of its explanation; None where it is untold."""
-    found = re.search(rf"{_MOVES}([\d.e+]+) um", said)
-    return float(found[1]) if found else None
+def reach_of(said: str) -> tuple[float, str] | None:
+    """Return how far an effect moves anything that was measured, and the unit, of its explanation; None where it is
+    untold."""
+    found = re.search(rf"{_MOVES}([\d.e+]+) (\w+)", said)
+    return (float(found[1]), found[2]) if found else None
 
 
 def _improvement(facts: Facts) -> str:
     if facts.rms_before is None or facts.rms_after is None:
         return ""
-    said = f"Predictions from the readings miss by {facts.rms_after:.2f} um rms with it, {facts.rms_before:.2f} without"
+    unit = facts.unit
+    missed = f"miss by {facts.rms_after:.2f} {unit} rms with it, {facts.rms_before:.2f} without"
+    said = f"Predictions from the readings {missed}"
     before, after = facts.held_out
     if before is not None and after is not None:
-        said += f" (held-out poses: {after:.2f} and {before:.2f} um)"
-    return f"{said}; noise alone leaves {facts.floor:.2f} um."
+        said += f" ({facts.held_out_words}: {after:.2f} and {before:.2f} {unit})"
+    return f"{said}; noise alone leaves {facts.floor:.2f} {unit}."
 
 
 def _sizes(facts: Facts) -> str:
@@ -165,9 +171,12 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
     return f"{name} = {told_size(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
 
 
-def noise_explanation(ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = ()) -> str:
-    """Return what is to be said of noise that is larger than declared, or in places; rms and floor in um."""
-    missed = f" Predictions miss by {rms:.2f} um rms where it would leave {floor:.2f} um." if rms is not None else ""
+def noise_explanation(
+    ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = (), unit: str = "um"
+) -> str:
+    """Return what is to be said of noise that is larger than declared, or in places; rms and floor in a unit."""
+    left = f"where it would leave {floor:.2f} {unit}."
+    missed = f" Predictions miss by {rms:.2f} {unit} rms {left}" if rms is not None else ""
     size = with_uncertainty(ratio, sigma)
     if follows:
         return (

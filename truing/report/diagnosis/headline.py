@@ -204,7 +204,7 @@ def _unexplained(row: Judged, tables: Tables) -> str:
 
 def _moves(row: Judged) -> str:
     largest = reach_of(row.explanation)
-    return f", by up to {rough(largest)} um" if largest is not None else ""
+    return f", by up to {rough(largest[0])} {largest[1]}" if largest is not None else ""
 
 
 def _in_own_words(row: Judged, tables: Tables) -> str:

@@ -1,0 +1,53 @@
+"""What the stage diagnose leaves of readings: how far each is missed, the extended model, the pulls of the sensor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.diagnosis.shown import Channels
+    from truing.estimation.diagnosis.acceptance import Diagnosis
+    from truing.estimation.diagnosis.prediction_error import PredictionError
+
+
+def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, Any]:
+    """Tables and text by artifact."""
+    return {"reading_errors": _errors_table(diagnosis, channels)}
+
+
+def _errors_table(diagnosis: Diagnosis, channels: Channels) -> pa.Table:
+    """Rows of reading_errors.parquet: every reading without and with what was found."""
+    import pyarrow as pa
+
+    plain, final = diagnosis.plain, diagnosis.final
+    rows = _rows(plain.model, "calibration", plain.error, final.error, channels)
+    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
+        there = plain.model.at(diagnosis.held_out.conditions)
+        rows += _rows(there, "verification", plain.held_out, final.held_out, channels)
+    identifier = "int64" if all(isinstance(row["run"], int) for row in rows) else "string"
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["reading_errors"].arrow_schema(identifier))
+
+
+def _rows(
+    model: Any, role: str, before: PredictionError, after: PredictionError, channels: Channels
+) -> list[dict[str, Any]]:
+    conditions = model.conditions
+    return [
+        {
+            "run": conditions.run[b].item() if hasattr(conditions.run[b], "item") else conditions.run[b],
+            "step": int(conditions.step[b]),
+            "channel": model.known.channels[k],
+            "role": role,
+            "missed_before": float(before.gap[b, k, 0] / channels.si[k]),
+            "missed_after": float(after.gap[b, k, 0] / channels.si[k]),
+            "unit": channels.units[k],
+        }
+        for b, k in np.argwhere(before.seen)
+    ]

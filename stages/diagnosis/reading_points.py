@@ -1,0 +1,158 @@
+"""From a run's tables to what the diagnosis compares where loads are applied: readings and signals of all load steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.diagnosis.mechanism_points import Gathered
+from stages.diagnosis.shown import Channels
+from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
+from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
+from truing.estimation.diagnosis.fitted_model import Poses
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.simulation.reading_model import KnownReadings, ReadingConditions, ReadingModel, SignalGains, zeros_of
+from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign, SensorMechanism
+
+Array = NDArray[np.float64]
+
+_FEWEST_STEPS = 6
+_FRAMING = 3  # readings lack no frame
+_MILLIVOLT = 1e-3
+# How far a gain that nobody declared may lie from the first guess at it.
+_WIDE = 10.0
+
+
+def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    if settings.mechanism.type != "6-upur":
+        raise ValueError("needs a [mechanism] whose compliance can be simulated")
+    sensor = nominal_sensor(cast("SensorMechanism", settings.mechanism), tables.get("given_compliance"))
+    if sensor.compliance is None:
+        raise ValueError("needs the elements of a leg, or a compliance_file")
+    steps = load_steps(tables)
+    sigma, words = _noise(steps, settings)
+    points, seen = _points(steps, sigma)
+    told = seen.any(1) & np.isfinite(steps.time_s)
+    fitted, held = told & ~steps.held_out, told & steps.held_out
+    if fitted.sum() < _FEWEST_STEPS:
+        raise ValueError(f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}")
+    model = ReadingModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
+    units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
+    return Gathered(
+        model,
+        _poses(steps, points, seen, sigma, fitted),
+        _poses(steps, points, seen, sigma, held) if held.any() else None,
+        "; ".join(words),
+        _FRAMING,
+        shown=Channels(units, np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)])),
+    )
+
+
+def _noise(steps: LoadSteps, settings: Campaign) -> tuple[Array, list[str]]:
+    """One standard deviation (B, K) of every channel, m, rad, V; NaN for signals whose noise is not declared."""
+    declared = np.where(np.isfinite(steps.reading), steps.sigma, 1.0)
+    unknown = [CHANNELS[k] for k in np.flatnonzero(~np.isfinite(declared).all(0))]
+    if unknown:
+        raise ValueError(f"needs the noise of {', '.join(unknown)}: noise.linear_um, noise.angular_arcsec")
+    signal = settings.noise.signal_mv
+    own = np.full(steps.signal.shape, np.nan if signal is None else signal * _MILLIVOLT)
+    words = ["signals, whose noise is not declared"] if signal is None and steps.signal.size else []
+    return np.concatenate([declared, own], 1), words
+
+
+def _points(steps: LoadSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:
+    values = np.concatenate([steps.reading, steps.signal], 1)
+    seen = np.isfinite(values) & np.isfinite(sigma)
+    return np.where(seen, values, 0.0), seen
+
+
+def _known(
+    sensor: NominalSensor,
+    steps: LoadSteps,
+    points: Array,
+    seen: NDArray[np.bool_],
+    sigma: Array,
+    fitted: NDArray[np.bool_],
+    settings: Campaign,
+) -> KnownReadings:
+    typical = np.array([np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, seen.T)])
+    signals = steps.signal.shape[1]
+    noise = settings.noise
+    return KnownReadings(
+        UncertainSensor(
+            sensor.joints, sensor.elastic, sensor.compliance, sensor.length_sigma, sensor.stiffness_sigma
+        ),
+        (*CHANNELS, *steps.signals),
+        typical,
+        largest_loads(steps, settings),
+        np.array([noise.load_n] * 3 + [noise.load_nm] * 3),
+        zeros_of(steps.run[fitted], seen[fitted], typical, signals=signals),
+        _gains(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], settings),
+        settings.interferometer.wavelength_nm * 1e-9,
+        settings.mechanism.reference_temperature_c,
+    )
+
+
+def largest_loads(steps: LoadSteps, settings: Campaign) -> Array:
+    """The largest load (6,) of each axis, N and N m: that of [loading], else the largest applied; 1 where none was."""
+    declared = [getattr(settings.loading, name) for name in ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")]
+    applied = np.abs(steps.load).max(0)
+    return np.array([given or (found if found > 0.0 else 1.0) for given, found in zip(declared, applied, strict=True)])
+
+
+def _gains(sensor: NominalSensor, steps: LoadSteps, seen: NDArray[np.bool_], settings: Campaign) -> SignalGains:
+    """What is known of the signals' gains: by leg where there is a channel for each, else by load."""
+    count = seen.shape[1]
+    if not seen.any():
+        return SignalGains.none() if not count else SignalGains(np.zeros((count, 6)), np.ones((count, 6)), False)
+    by_leg = count == len(LOADS)
+    forces = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T
+    if not by_leg:
+        rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, seen[:, j]) for j in range(count)])
+        return SignalGains(rows, _wide(rows, axis=1), False)
+    declared, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
+    if declared is not None:
+        gains = np.broadcast_to(np.asarray(declared, float) * _MILLIVOLT, (count,)).copy()
+        return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
+    columns = forces[..., None]
+    own = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
+    gains = np.array(own)
+    return SignalGains(gains, _wide(gains), False)
+
+
+def _wide(values: Array, axis: int | None = None) -> Array:
+    size = np.abs(values).max(axis=axis, keepdims=axis is not None)
+    return np.broadcast_to(_WIDE * np.where(size > 0.0, size, 1.0), values.shape).copy()
+
+
+def _slopes(columns: Array, values: Array, run: NDArray[np.int64], seen: NDArray[np.bool_]) -> Array:
+    """Slopes (W,) of values (B,) along columns (B, W), each run with a zero of its own."""
+    at = np.unique(run[seen], return_inverse=True)[1]
+    zeros = np.eye(int(at.max()) + 1)[at] if seen.any() else np.zeros((0, 0))
+    whole = np.hstack([columns[seen], zeros])
+    return np.asarray(np.linalg.lstsq(whole, values[seen], rcond=None)[0][: columns.shape[1]])
+
+
+def _conditions(steps: LoadSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
+    own = steps.chosen(rows)
+    known = {name: values for name, values in own.covariates.items() if np.isfinite(values).all()}
+    span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
+    return ReadingConditions(own.run, own.step, own.time_s, own.load, known, span)
+
+
+def _poses(
+    steps: LoadSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]
+) -> Poses:
+    covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
+    measured = MeasuredPoints(points[rows][..., None], covariance[..., None, None], seen[rows])
+    return Poses(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))

@@ -1,0 +1,71 @@
+"""In which unit, and over which of what was measured, a verdict's numbers are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from truing.estimation.diagnosis.prediction_error import NoiseFloor, PredictionError
+
+# A channel is concerned where an effect moves it by this share of what it moves the most, in units of the noise.
+_CONCERNED = 0.2
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
+
+    ``predicted`` is what the numbers are of, ``held_out`` what was not fitted to, in words.
+    """
+
+    unit: str = "um"
+    si: float = 1e-6
+    targets: NDArray | slice = field(default_factory=lambda: slice(None))
+    fitted: str = "the calibration poses"
+    held_out: str = "held-out poses"
+
+    def rms(self, error: PredictionError | None) -> float | None:
+        """The root mean square of an error, None where nothing of it was seen."""
+        found = None if error is None else error.rms_of(self.targets)
+        return None if found is None else found / self.si
+
+    def floor(self, floor: NoiseFloor) -> float:
+        """The root mean square that noise alone leaves."""
+        return floor.rms_of(self.targets) / self.si
+
+    def largest_motion(self, before: PredictionError, after: PredictionError) -> float:
+        """How far an effect moves any one prediction."""
+        moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
+        return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si
+
+
+POINTS = Shown()
+
+
+@dataclass(frozen=True)
+class Channels:
+    """The units (K,) of a sensor's channels and what one of each is in SI."""
+
+    units: tuple[str, ...]
+    si: NDArray
+
+    def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
+        """How to tell of an effect: over the channels that it moves, those of one unit."""
+        moved = after.whitened - before.whitened
+        size = np.sqrt(np.sum(np.where(before.seen, moved[..., 0], 0.0) ** 2, 0))
+        return self._of(np.where(size >= _CONCERNED * size.max(), size, 0.0))
+
+    def whole(self, error: PredictionError) -> Shown:
+        """How to tell of all readings: those of the unit of which there are most."""
+        return self._of(error.seen.sum(0).astype(float))
+
+    def _of(self, weight: NDArray) -> Shown:
+        units = np.array(self.units)
+        total = {unit: float(np.sum(weight[units == unit] ** 2)) for unit in dict.fromkeys(self.units)}
+        unit = max(total, key=lambda name: total[name])
+        own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
+        return Shown(unit, float(self.si[own[0]]), own, "the runs fitted", "held-out runs")
