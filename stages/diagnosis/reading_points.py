@@ -1,4 +1,4 @@
-"""From a run's tables to what the diagnosis compares where loads are applied: readings and signals of all load steps."""
+"""From a run's tables to what the diagnosis compares where loads are applied: readings and signals of load steps."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from truing.simulation.reading_model import KnownReadings, ReadingConditions, ReadingModel, SignalGains, zeros_of
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
@@ -14,9 +16,7 @@ from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.simulation.reading_model import KnownReadings, ReadingConditions, ReadingModel, SignalGains, zeros_of
 from truing.simulation.six_upur.influence import influence_matrix
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -85,13 +85,13 @@ def _known(
     fitted: NDArray[np.bool_],
     settings: Campaign,
 ) -> KnownReadings:
-    typical = np.array([np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, seen.T)])
+    typical = np.array(
+        [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, seen.T, strict=True)]
+    )
     signals = steps.signal.shape[1]
     noise = settings.noise
     return KnownReadings(
-        UncertainSensor(
-            sensor.joints, sensor.elastic, sensor.compliance, sensor.length_sigma, sensor.stiffness_sigma
-        ),
+        UncertainSensor(sensor.joints, sensor.elastic, sensor.compliance, sensor.length_sigma, sensor.stiffness_sigma),
         (*CHANNELS, *steps.signals),
         typical,
         largest_loads(steps, settings),
@@ -150,9 +150,7 @@ def _conditions(steps: LoadSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
     return ReadingConditions(own.run, own.step, own.time_s, own.load, known, span)
 
 
-def _poses(
-    steps: LoadSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]
-) -> Poses:
+def _poses(steps: LoadSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]) -> Poses:
     covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
     measured = MeasuredPoints(points[rows][..., None], covariance[..., None, None], seen[rows])
     return Poses(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))

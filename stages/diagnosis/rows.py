@@ -129,7 +129,9 @@ def _noise_row(level: NoiseLevel, final: Stand, shown: Shown) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves the points that nothing here explains."""
     from truing.report.diagnosis.findings import noise_explanation
 
-    said = noise_explanation(level.ratio, level.sigma, shown.rms(final.error), shown.floor(final.floor), unit=shown.unit)
+    said = noise_explanation(
+        level.ratio, level.sigma, shown.rms(final.error), shown.floor(final.floor), unit=shown.unit
+    )
     return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": _SCATTER}
 
 

@@ -7,8 +7,6 @@ all unknowns, in the order of its names: a, b, u, l leg by leg (u as two tilts a
 
 from __future__ import annotations
 
-import json
-import re
 import tomllib
 from dataclasses import replace
 from typing import Any
@@ -16,8 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Effect, Told
+from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue
+from truing.simulation.effect_text import (
+    cause_of,
+    covariance_lines,
+    covariance_of,
+    effect_lines,
+    toml_key,
+    toml_value,
+)
 from truing.simulation.extended_model import ExtendedModel, bare_known
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
@@ -42,9 +48,9 @@ def write_model(extended_model: ExtendedModel) -> str:
     for effect in model.effects(extended_model.shared):
         part = model.layout[effect.cause.key]
         scale = model.effect_sigma(effect.cause)
-        lines += _effect(effect, covariance[part, part] * np.outer(scale, scale), model.nominal.count)
+        lines += effect_lines(effect, covariance[part, part] * np.outer(scale, scale), model.nominal.count)
     lines += _targets(extended_model)
-    return "\n".join([*lines, *_covariance_lines(model, covariance)]) + "\n"
+    return "\n".join([*lines, *covariance_lines(_names(model), covariance)]) + "\n"
 
 
 def read_model(text: str) -> ExtendedModel:
@@ -55,11 +61,6 @@ def read_model(text: str) -> ExtendedModel:
         raise ValueError(f"model: found no usable {error}, expected what `truing run` writes as model.toml") from error
 
 
-def told_parameters(cause: Cause, values: NDArray, covariance: NDArray, legs: int) -> dict[str, Told]:
-    """Return an effect's parameters by name, as the tables tell them, from values (P,) and covariance (P, P) in SI."""
-    return {told.name: told for told in cause.told(values, covariance, legs)}
-
-
 def _about(extended_model: ExtendedModel) -> list[str]:
     known = extended_model.model.known
     told = {**extended_model.context, "mechanism": extended_model.model.nominal.closure.name}
@@ -67,21 +68,21 @@ def _about(extended_model: ExtendedModel) -> list[str]:
         "reading_sigma_mm": float(_mm(known.reading_sigma)),
         "reference_temperature_c": known.reference_temperature_c,
     }
-    return [f"{_key(key)} = {_value(value)}" for key, value in {**told, **numbers}.items()]
+    return [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**told, **numbers}.items()]
 
 
 def _prior(model: PointModel) -> list[str]:
     """Return what was known of the geometry: lines of a table."""
     known = model.known
-    sigmas = [f"{n} = {_value(known.geometry.get(n, 0.0))}  # {'rad' if n == 'u' else 'm'}" for n in "abul"]
+    sigmas = [f"{n} = {toml_value(known.geometry.get(n, 0.0))}  # {'rad' if n == 'u' else 'm'}" for n in "abul"]
     said = "[prior]  # one standard deviation of the nominal geometry; 0: taken as exact; open: only a start"
-    return [said, *sigmas, f"open = {_value(known.open_geometry)}"]
+    return [said, *sigmas, f"open = {toml_value(known.open_geometry)}"]
 
 
 def _leg(legs: Legs, leg: int) -> str:
     joints = {f"{name}_mm": _mm(joint[leg]) for name, joint in (("a", legs.a), ("b", legs.b))}
     lengths = {"length_mm": _mm(legs.l[leg]), "rho0_mm": _mm(legs.rho0[leg])}
-    return _value({**joints, "u": np.round(legs.u[leg], 13), **lengths})
+    return toml_value({**joints, "u": np.round(legs.u[leg], 13), **lengths})
 
 
 def _leg_sigma(model: PointModel, sigma: NDArray, leg: int) -> str:
@@ -91,20 +92,7 @@ def _leg_sigma(model: PointModel, sigma: NDArray, leg: int) -> str:
             own = sigma[model.layout[name]].reshape(-1, size)[leg] * model.known.geometry[name]
             own = [float(f"{value:.4g}") for value in own * (1.0 if name == "u" else 1e3)]
             parts[key] = own if size > 1 else own[0]
-    return _value(parts)
-
-
-def _effect(effect: Effect, covariance: NDArray, legs: int) -> list[str]:
-    """Return an accepted effect: what people read of its parameters, and what tells it to the model."""
-    cause = effect.cause
-    settings = {name: value for name, value in cause.settings().items() if value is not None}
-    lines = ["", "[[effects]]", f"cause = {_value(cause.id)}", f"subject = {_value(cause.subject)}"]
-    lines += [f"settings = {_value(settings)}", f"values = {_value(_exact(effect.values))}", "[effects.parameters]"]
-    for name, told in told_parameters(cause, effect.values, covariance, legs).items():
-        value = float(f"{told.value:.10g}") if isinstance(told.value, float) else told.value
-        sigma = {} if told.sigma is None else {"sigma": float(f"{told.sigma:.4g}")}
-        lines.append(f"{_key(name)} = {_value({'value': value, **sigma, 'unit': told.unit})}")
-    return lines
+    return toml_value(parts)
 
 
 def _targets(extended_model: ExtendedModel) -> list[str]:
@@ -115,7 +103,7 @@ def _targets(extended_model: ExtendedModel) -> list[str]:
         told: dict[str, Any] = {"body": bodies[int(found.body[k])], "target": found.names[k] if found.names else str(k)}
         told |= {"leg": int(found.leg[k]) + 1} if found.leg[k] >= 0 else {}
         told |= {"place_mm": _mm(place), "sigma_mm": _mm(extended_model.survey_sigma[k])}
-        lines.append(f"  {_value(told)},")
+        lines.append(f"  {toml_value(told)},")
     return ["", "[survey]", "targets = [", *lines, "]"]
 
 
@@ -128,37 +116,9 @@ def _names(model: PointModel) -> list[str]:
     return names + [p.name for cause in model.causes for p in cause.parameters(model.nominal.count)]
 
 
-def _covariance_lines(model: PointModel, covariance: NDArray) -> list[str]:
-    head = "[covariance]  # of the unknowns in their prior standard deviations, lower triangle"
-    rows = [f"  {_value(row[: i + 1])}," for i, row in enumerate(covariance)]
-    return ["", head, f"names = {_value(_names(model))}", "rows = [", *rows, "]"]
-
-
 def _mm(metres: Any) -> NDArray:
     """Return metres as millimetres; what is left out is a thousandth of an atom."""
     return np.round(np.asarray(metres, float) * 1e3, 12)
-
-
-def _exact(values: NDArray) -> list[float]:
-    """Return numbers without the digit that changes when they are scaled and scaled back."""
-    return [float(f"{value:.15g}") for value in values]
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
-
-
-def _value(value: Any) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, bool | np.bool_):
-        return str(bool(value)).lower()
-    if isinstance(value, str):
-        return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{_key(key)} = {_value(item)}' for key, item in value.items())} }}"
-    if isinstance(value, list | tuple) or np.ndim(value):
-        return f"[{', '.join(_value(item) for item in value)}]"
-    return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
 
 
 def _from_document(document: dict[str, Any]) -> ExtendedModel:
@@ -168,13 +128,13 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     nominal, identified = (
         _legs(about["mechanism"], [leg[kind] for leg in document["legs"]]) for kind in ("nominal", "identified")
     )
-    causes = tuple(_cause(effect) for effect in effects)
+    causes = tuple(cause_of(effect, catalogue()) for effect in effects)
     model = _model(document, nominal, causes)
     values = {cause.key: np.array(effect["values"], float) for cause, effect in zip(causes, effects, strict=True)}
     shared = model.unknowns(identified, values)
     context = {key: str(value) for key, value in about.items() if key not in _OWN}
     sigma = np.array([target["sigma_mm"] for target in document["survey"]["targets"]], float) * 1e-3
-    return ExtendedModel(model, shared, _covariance(document["covariance"], model.shared_size), sigma, context)
+    return ExtendedModel(model, shared, covariance_of(document["covariance"], model.shared_size), sigma, context)
 
 
 def _model(document: dict[str, Any], nominal: Legs, causes: tuple[Cause, ...]) -> PointModel:
@@ -194,18 +154,6 @@ def _model(document: dict[str, Any], nominal: Legs, causes: tuple[Cause, ...]) -
     return PointModel(nominal, targets, known, Conditions(nominal.rho0[None]), causes=causes)
 
 
-def _cause(effect: dict[str, Any]) -> Cause:
-    """Return the cause; raises ValueError where no installed package brings it."""
-    known = catalogue()
-    if effect["cause"] not in known:
-        raise ValueError(f"model: found cause {effect['cause']!r}, expected one of {', '.join(known)}")
-    return known[effect["cause"]].with_settings(**{name: _frozen(v) for name, v in effect["settings"].items()})
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
-
-
 def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
     def lengths(name: str) -> NDArray:
         return np.array([leg[name] for leg in legs]) * 1e-3
@@ -214,12 +162,3 @@ def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
         kind, lengths("a_mm"), lengths("b_mm"), [leg["u"] for leg in legs], lengths("length_mm"), lengths("rho0_mm")
     )
     return found.replace(u=np.array([leg["u"] for leg in legs], float))
-
-
-def _covariance(table: dict[str, Any], size: int) -> NDArray:
-    lower = np.zeros((size, size))
-    if len(table["rows"]) != size:
-        raise ValueError(f"model: found {len(table['rows'])} rows of covariance, expected {size}")
-    for i, row in enumerate(table["rows"]):
-        lower[i, : i + 1] = row
-    return lower + np.tril(lower, -1).T

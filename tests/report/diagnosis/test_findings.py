@@ -100,7 +100,7 @@ def test_a_rival_says_against_what_and_with_which_odds():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"reason": "held-out"}, "it fits the calibration poses but predicts the held-out ones worse"),
+        ({"reason": "held-out"}, "it fits the calibration poses but predicts held-out poses worse"),
         ({"reason": "contained"}, "explains less; alone: gain_3 = 0.213 ± 0.010 %."),
         ({"reason": "contained", "parameters": {}}, "is part of what is accepted and explains less."),
         (
@@ -116,7 +116,7 @@ def test_what_is_rejected_says_why(given, words):
 
 @pytest.mark.parametrize("largest", [0.123, 61.2, 1234.0, 2.5e7])
 def test_how_far_it_reaches_can_be_read_off_its_sentence(largest):
-    assert reach_of(explanation(replace(FACTS, largest=largest))) == pytest.approx(largest, rel=0.005)
+    assert reach_of(explanation(replace(FACTS, largest=largest))) == (pytest.approx(largest, rel=0.005), "um")
     assert reach_of(explanation(replace(FACTS, largest=None))) is None
 
 
