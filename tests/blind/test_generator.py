@@ -345,7 +345,7 @@ def test_the_sample_has_the_published_deformation() -> None:
 def test_the_generator_shares_no_code_with_what_it_judges() -> None:
     """It imports numpy, the standard library and itself."""
     allowed = {"numpy", "tests", *sys.stdlib_module_names}
-    for path in (PROJECT / "tests" / "blind" / "generator").glob("*.py"):
+    for path in (PROJECT / "tests" / "blind" / "generator").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
