@@ -73,20 +73,23 @@ def given_matrix(table: pa.Table) -> Array:
 
 def _element(one: Element) -> elements.Element:
     length = None if one.length_mm is None else one.length_mm * _MM
-    modulus = (_si(one.youngs_gpa, 1e9), float(one.poisson or 0.0))
     if one.kind == "cylinder":
-        return elements.cylinder(length or 0.0, _si(one.diameter_mm, _MM), *modulus)
+        return elements.cylinder(length or 0.0, _si(one.diameter_mm, _MM), *_modulus(one))
     if one.kind == "leaf":
         width, thickness = _si(one.width_mm, _MM), _si(one.thickness_mm, _MM)
-        return elements.leaf(length or 0.0, width, thickness, *modulus, one.soft or "s1")
+        return elements.leaf(length or 0.0, width, thickness, *_modulus(one), one.soft or "s1")
     if one.kind == "notch":
         width, web, radius = (_si(value, _MM) for value in (one.width_mm, one.web_mm, one.radius_mm))
-        return elements.notch(width, web, radius, *modulus, one.soft or "s1")
+        return elements.notch(width, web, radius, *_modulus(one), one.soft or "s1")
     if one.kind == "spring":
         return elements.spring(one.axial_n_per_m, one.torsion_n_m_per_rad, length or 0.0)
     if one.kind == "compliance":
         return elements.compliance(np.array(one.matrix), length or 0.0)
     return elements.rigid(length)
+
+
+def _modulus(one: Element) -> tuple[float, float]:
+    return _si(one.youngs_gpa, 1e9), float(one.poisson or 0.0)
 
 
 def _si(value: float | None, unit: float) -> float:

@@ -124,7 +124,7 @@ class LoadEccentricity(PerLoad):
 
 @dataclass(frozen=True)
 class LoadImbalance(PerLoad):
-    """Two units on one axis: a parasitic wrench (6,) per load, ``apart`` more of it for positive than for negative ones,
+    """Two units on one axis: a parasitic wrench (6,) per load, ``apart`` more of it for positive than negative loads,
     and ``growth`` more at the range's end than at no load.
     """
 
