@@ -26,14 +26,26 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="ingest",
     reads=(),
-    leaves=("survey?", "configurations?", "scans?", "observations?", "displacement?", "start?", "exclusions"),
+    leaves=(
+        *("survey?", "configurations?", "scans?", "observations?", "start?"),
+        *("readings?", "signals?", "given_compliance?", "displacement?", "exclusions"),
+    ),
     settings=(
         "campaign.kind",
         "campaign.drives",
         "mechanism.type",
         "mechanism.legs",
         "mechanism.model",
+        "mechanism.height_mm",
+        "mechanism.elements",
+        "loading",
+        "interferometer",
+        "signals.sensitivity_mv_per_n",
         "noise.point_mm",
+        "noise.linear_um",
+        "noise.angular_arcsec",
+        "noise.displacement_mm",
+        "noise.rotation_rad",
         "bodies.reference",
         "files",
     ),
@@ -61,7 +73,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     log = FaultLog()
     _check_tables(settings, log)
     if settings.campaign.kind == "interferometer":
-        return _displacement(source, log)
+        return _interferometer(settings, source, log)
     return _photogrammetry(settings, progress, source, log)
 
 
@@ -204,19 +216,34 @@ def _figure_words(points: Points) -> str:
     return f"{points.labels:,} targets of {bodies} ({', '.join(points.bodies[:12])})"
 
 
-def _displacement(source: CampaignFiles, log: FaultLog) -> Outcome:
-    from stages.ingestion.tables import read_displacement
+def _interferometer(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
+    from stages.ingestion.loading_tables import read_loading_tables
 
-    found = read_displacement(source, log)
-    if found is None:
-        log.throw()
-        empty = {"exclusions": ARTIFACTS["exclusions"].empty()}
-        return Outcome(empty, "nothing", "nothing", "not evaluated: the campaign holds no displacement table")
+    found = read_loading_tables(source, settings, log)
     log.throw()
-    rows, runs = len(found.table), len(found.table.column("run").unique())
+    six = _displacement(found.artifacts) if source.entries("displacement") else {}
     return Outcome(
-        {"displacement": found.table, "exclusions": _exclusions(found.left_out)},
-        read=f"{rows:,} load steps",
+        {**found.artifacts, **six, "exclusions": _exclusions(found.left_out)},
+        read=found.read,
         left_out=_left_out_words(found.left_out),
-        figure=f"{runs} run{'s' if runs != 1 else ''}",
+        figure=found.figure,
     )
+
+
+def _displacement(tables: Mapping[str, pa.Table]) -> dict[str, pa.Table]:
+    """The table of six components that displacement.csv is, one row per load step."""
+    import pyarrow as pa
+
+    from stages.ingestion.tables import as_artifact
+    from stages.sensor.reading_arrays import LOAD_COLUMNS, load_steps
+
+    steps = load_steps({"readings": tables["readings"]})
+    columns = {
+        "run": np.array(steps.runs, dtype=object)[steps.run].tolist(),
+        "step": steps.step,
+        "time_s": steps.time_s,
+    }
+    columns |= {name: steps.load[:, k] for k, name in enumerate(LOAD_COLUMNS)}
+    for k, name in enumerate(("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")):
+        columns[name] = pa.array(steps.reading[:, k] * (1e3 if name.endswith("_mm") else 1.0), from_pandas=True)
+    return {"displacement": as_artifact("displacement", pa.table({**columns, **steps.covariates}))}

@@ -1,4 +1,4 @@
-"""The small tables of a campaign, normalised and checked: configurations, the survey, six-component displacement."""
+"""The small tables of a campaign of points, normalised and checked: configurations and the survey."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.point_ledger import Names
 from truing.formats.read import read_table
-from truing.formats.shapes import CONFIGURATIONS, DISPLACEMENT, TARGETS, WRENCH, Shape
+from truing.formats.shapes import CONFIGURATIONS, TARGETS, Shape
 from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> 
     _check_times(found, log, required=bool(legs_of(settings)))
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
-    return SmallTable(_as_artifact("configurations", _completed(found.table)), dict(found.left_out))
+    return SmallTable(as_artifact("configurations", _completed(found.table)), dict(found.left_out))
 
 
 def _completed(table: pa.Table) -> pa.Table:
@@ -70,7 +70,7 @@ def _in_order_of_appearance(source: CampaignFiles) -> pa.Table:
     if as_text:
         poses, _ = _poses_of_points(source, as_text=True)
     kind = pa.string() if as_text else pa.int64()
-    return _as_artifact("configurations", _completed(pa.table({"pose": pa.array(poses, kind)})))
+    return as_artifact("configurations", _completed(pa.table({"pose": pa.array(poses, kind)})))
 
 
 def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[object], bool]:
@@ -163,7 +163,7 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
         table = _with_declared(table, name, settings.noise.point_mm)
     if "leg" not in table.column_names:
         table = table.append_column("leg", pa.nulls(len(table), pa.int64()))
-    return SmallTable(_as_artifact("survey", table), dict(found.left_out))
+    return SmallTable(as_artifact("survey", table), dict(found.left_out))
 
 
 def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:
@@ -186,54 +186,15 @@ def _check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
     found.fault(log, elsewhere & ~np.isnan(leg), "leg", "nothing: only targets of the platform sit at attachments")
 
 
-def read_displacement(source: CampaignFiles, log: FaultLog) -> SmallTable | None:
-    """Six-component displacement against six-component load; None where the campaign has none."""
+def since_first(table: pa.Table) -> pa.Table:
+    """Times, written as dates, counted from the earliest."""
     import pyarrow.compute as pc
 
-    found = gather(source, DISPLACEMENT, log, "run")
-    if found is None:
-        return None
-    _once(found, log, ("run", "step"))
-    _check_run_times(found, log)
-    table = _six_loads(found, log)
-    if any(entry.time_format for entry in source.entries("displacement")):
-        times = table.column("time_s")
-        since_first = pc.subtract(times, pc.min(times))
-        table = table.set_column(table.column_names.index("time_s"), "time_s", since_first)
-    keep = [name for name in table.column_names if name not in ("load_axis", "load")]
-    return SmallTable(_as_artifact("displacement", table.select(keep)), dict(found.left_out))
+    times = table.column("time_s")
+    return table.set_column(table.column_names.index("time_s"), "time_s", pc.subtract(times, pc.min(times)))
 
 
-def _check_run_times(found: Gathered, log: FaultLog) -> None:
-    if not {"run", "time_s"} <= set(found.table.column_names):
-        return
-    times = _numbers(found, "time_s")
-    runs = np.asarray(found.table.column("run").to_pylist(), dtype=object)
-    again = np.zeros(len(times), dtype=bool)
-    for run in dict.fromkeys(runs.tolist()):
-        again[runs == run] = _repeated(times[runs == run])
-    found.fault(log, again, "time_s", "a time of its own for every step of a run")
-
-
-def _six_loads(found: Gathered, log: FaultLog) -> pa.Table:
-    """The loads as six columns; a load along one axis leaves the others zero."""
-    import pyarrow as pa
-
-    table, names = found.table, found.table.column_names
-    if all(name in names for name in WRENCH):
-        return table
-    if not {"load_axis", "load"} <= set(names):
-        file = found.first_file
-        log.add(Fault(file, f"columns {', '.join(WRENCH)}, or load_axis and load", column="fx_n"))
-        return table
-    axis = np.asarray(table.column("load_axis").to_pylist(), dtype=object)
-    load = _numbers(found, "load")
-    for name in WRENCH:
-        table = table.append_column(name, pa.array(np.where(axis == name[:2], load, 0.0)))
-    return table
-
-
-def _as_artifact(name: str, table: pa.Table) -> pa.Table:
+def as_artifact(name: str, table: pa.Table) -> pa.Table:
     """A table with the artifact's columns first, in its types; what is wrong with it has been noted elsewhere."""
     import pyarrow as pa
 

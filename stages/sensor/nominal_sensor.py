@@ -47,13 +47,18 @@ def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> N
     Raises ValueError where elements do not fit the legs, or leave them rigid, or a compliance cannot be one.
     """
     joints = sensor_joints(section)
-    elastic = elastic_sensor(joints, [_element(one) for one in section.elements]) if section.elements else None
+    elastic = elastic_parts(section)
     compliance = elastic.compliance if elastic is not None else None
     if given is not None:
         compliance = elements.passive(given_matrix(given), "compliance_file")
     tolerance = section.tolerance
     widths = [getattr(tolerance, f"{source}_um") or 0.0 for source in SOURCES]
     return NominalSensor(joints, elastic, compliance, sigma_of(widths) * 1e-6, tolerance.stiffness)
+
+
+def elastic_parts(section: SensorMechanism) -> ElasticSensor | None:
+    """The sensor's stiffness by its elements, None where none are given; raises ValueError where they do not fit."""
+    return elastic_sensor(sensor_joints(section), [_element(e) for e in section.elements]) if section.elements else None
 
 
 def sensor_joints(section: SensorMechanism) -> JointCentres:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -26,6 +27,7 @@ from pipeline.settings_view import SettingsView
 from pipeline.stage_order import ORDER, makers, stage_module
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
+from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.tolerance import assert_close
 
 SAMPLE = PROJECT / "sample_data" / "telescope"
@@ -101,6 +103,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     cut_sample(folder / "telescope")
     bodies_campaign(folder / "bodies")
     displacement_campaign(folder / "bench")
+    write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml())
     views: dict[str, list[SettingsView]] = {}
 
     with pytest.MonkeyPatch.context() as patch:
@@ -119,6 +122,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
+        parts += [("sensor", "ingest")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
             code = run_campaign(open_campaign(folder / name), out, Wish(Selection(only=only)), Voice(quiet=True))

@@ -12,9 +12,12 @@ _POINT = ("x_mm", "y_mm", "z_mm")
 _SPREAD = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 _MOTION = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
-_LOAD = (
+_SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
+# Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
+_RAW = (
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m"),
+    Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
 )
 _CARRIED_UNITS = (
     ("_mm", "mm"),
@@ -43,7 +46,7 @@ class Shape:
 
     def column(self, name: str) -> Column | None:
         """The definition of a column of this table, a covariate's included; None where there is no such column."""
-        known = next((column for column in _LOAD if column.name == name), None) or find_column(name)
+        known = next((column for column in _RAW if column.name == name), None) or find_column(name)
         if known is not None and (name in (*self.required, *self.optional) or self._is_member(known)):
             return known
         return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
@@ -72,11 +75,18 @@ TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
 SCANS = Shape("scans", ("pose", "body", *_POINT))
 SURFACES = Shape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)
-DISPLACEMENT = Shape(
-    "displacement", ("run", "step", "time_s", *_MOTION), (*_WRENCH, "load_axis", "load", "role"), covariates=True
+_LOADED = (*_WRENCH, "load_axis", "load", "role")
+DISPLACEMENT = Shape("displacement", ("run", "step", "time_s"), (*_MOTION, *_LOADED, *_SURROUNDINGS), covariates=True)
+INTERFEROMETER = Shape(
+    "interferometer",
+    ("run", "step", "time_s", "channel", "reading"),
+    ("sigma", *_LOADED, *_SURROUNDINGS),
+    covariates=True,
 )
+SIGNALS = Shape("signals", ("run", "step"), ("time_s", *_LOADED, *_SURROUNDINGS), family="signal", covariates=True)
 
 COORDINATES = _POINT
 SPREAD = _SPREAD
 WRENCH = _WRENCH
 MOTION = _MOTION
+SURROUNDINGS = _SURROUNDINGS

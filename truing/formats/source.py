@@ -38,6 +38,7 @@ class CampaignFiles:
         self.folder, self.scratch = folder, scratch
         self._files = campaign.files
         self._earlier = getattr(campaign.mechanism, "model", None)
+        self._compliance = getattr(campaign.mechanism, "compliance_file", None)
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:
         """How a table's raw files are read: as [files.<table>] says, else as the contract names them."""
@@ -62,6 +63,11 @@ class CampaignFiles:
         """The model of an earlier campaign that this one starts from; None where it starts from nothing."""
         return None if self._earlier is None else RawFile(self._earlier, self.folder / self._earlier)
 
+    @property
+    def compliance(self) -> RawFile | None:
+        """The file of the simulated compliance; None where campaign.toml names none."""
+        return None if self._compliance is None else RawFile(self._compliance, self.folder / self._compliance)
+
     @cached_property
     def raw_files(self) -> tuple[Path, ...]:
         """Every raw file that ingest opens."""
@@ -72,8 +78,10 @@ class CampaignFiles:
             for pattern in entry.paths
             for raw in self.resolve(pattern)
         )
-        earlier = [model.path] if (model := self.earlier_model) is not None and model.path.is_file() else []
-        return tuple(sorted({*found, *earlier}))
+        single = [
+            file.path for file in (self.earlier_model, self.compliance) if file is not None and file.path.is_file()
+        ]
+        return tuple(sorted({*found, *single}))
 
 
 def raw_files(folder: Path, document: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -83,14 +91,14 @@ def raw_files(folder: Path, document: Mapping[str, Any]) -> tuple[Path, ...]:
     patterns = [name for table in TABLES if table not in mapped for name in _contract_names(table)]
     for entry in mapped.values():
         patterns += _patterns(entry)
-    patterns += _earlier_model(document)
+    patterns += _files_of_mechanism(document)
     return tuple(sorted({folder / name for pattern in patterns for name in _expand(folder, pattern)}))
 
 
-def _earlier_model(document: Mapping[str, Any]) -> list[str]:
+def _files_of_mechanism(document: Mapping[str, Any]) -> list[str]:
     mechanism = document.get("mechanism")
-    model = mechanism.get("model") if isinstance(mechanism, Mapping) else None
-    return [model] if isinstance(model, str) else []
+    named = [mechanism.get(key) for key in ("model", "compliance_file")] if isinstance(mechanism, Mapping) else []
+    return [name for name in named if isinstance(name, str)]
 
 
 def _patterns(entry: object) -> list[str]:

@@ -1,0 +1,60 @@
+"""Columns of a gathered table as arrays, and units that hang on what another column says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.gather import Gathered
+from truing.formats.units import UnknownUnit, conversion
+
+Array = NDArray[np.float64]
+
+
+def numbers(found: Gathered, name: str) -> Array:
+    """A column (N,) of numbers, NaN where it has none."""
+    return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def texts(found: Gathered, name: str) -> NDArray[np.object_]:
+    """A column (N,) as it stands."""
+    return np.asarray(found.table.column(name).to_pylist(), dtype=object)
+
+
+def numbered(found: Gathered, *names: str) -> NDArray[np.int64]:
+    """(N,) a number for every combination of values in these columns, in order of appearance."""
+    rows = list(zip(*(found.table.column(name).to_pylist() for name in names), strict=True))
+    place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
+    return np.array([place[key] for key in rows], dtype=np.int64)
+
+
+def unit_factors(found: Gathered, name: str, kind: str, wanted: Mapping[str, str]) -> Array:
+    """(N,) what brings a column into the unit that the value of ``kind`` in each row wants.
+
+    A unit of another dimension concerns other rows: kN says nothing of torques, nm nothing of angles.
+    """
+    values = texts(found, kind)
+    factors = np.ones(len(values))
+    start = 0
+    for file, records in found.parts:
+        rows = slice(start, start + len(records))
+        start += len(records)
+        unit = file.entry.units.get(name)
+        if unit is not None:
+            by_value = {value: _factor(unit, target) for value, target in wanted.items()}
+            factors[rows] = [by_value.get(value, 1.0) for value in values[rows]]
+    return factors
+
+
+def _factor(unit: str, wanted: str) -> float:
+    try:
+        return conversion(unit, wanted)[0]
+    except UnknownUnit:
+        return 1.0
+
+
+def declared_missing(found: Gathered) -> NDArray[np.bool_]:
+    """(N,) rows of files whose mapping says which values mean missing."""
+    return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])

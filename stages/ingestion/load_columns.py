@@ -1,0 +1,79 @@
+"""The loads of a table: along one axis or six at once, made six columns, and held against what may be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import Fault
+from stages.ingestion.gathered_columns import numbers, texts, unit_factors
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered
+from truing.formats.shapes import WRENCH
+
+Array = NDArray[np.float64]
+
+AXES = tuple(name[:2] for name in WRENCH)
+_KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
+_ROUNDED = 1e-9  # a load at its range is in it
+_ONE_LOAD = 1e-3  # of the largest of its component: as alike as two tables write the same load
+
+
+def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
+    """The loads (N, 6) in N and N m; a component without a value is not loaded. Notes what cannot be."""
+    names = found.table.column_names
+    six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
+    if bool(six) == bool(one) or len(one) == 1:
+        expected = f"either columns {', '.join(WRENCH)}, or load_axis and load"
+        log.add(Fault(found.first_file, expected, value=", ".join([*six, *one]) or None))
+        return np.full((len(found.table), 6), np.nan)
+    if one:
+        axis, load = (
+            texts(found, "load_axis"),
+            numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS),
+        )
+        loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
+    else:
+        loads = np.column_stack([numbers(found, name) if name in six else _unloaded(found) for name in WRENCH])
+        loads = np.nan_to_num(loads)
+    _check_range(found, loads, "load" if one else None, loading, log)
+    return loads
+
+
+def _unloaded(found: Gathered) -> Array:
+    return np.zeros(len(found.table))
+
+
+def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
+    for k, name in enumerate(WRENCH):
+        limit = getattr(loading, name)
+        if limit is not None:
+            beyond = np.abs(loads[:, k]) > limit * (1.0 + _ROUNDED)
+            expected = f"at most {limit:g} {_KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
+            found.fault(log, beyond, column or name, expected)
+
+
+def check_one_load(found: Gathered, step: NDArray[np.int64], loads: Array, log: FaultLog) -> None:
+    """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
+    _, first, at = np.unique(step, return_index=True, return_inverse=True)
+    apart = np.any(np.abs(loads - loads[first[at]]) > _allowed(loads), axis=1)
+    found.fault(log, apart, _load_column(found), "one load per step, on the same axis in all of its rows")
+
+
+def check_same_loads(found: Gathered, loads: Array, other: Array, log: FaultLog) -> None:
+    """A fault at every row whose loads (N, 6) are not those (N, 6) that the readings have for this step; NaN: none."""
+    with np.errstate(invalid="ignore"):
+        apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
+    found.fault(log, apart, _load_column(found), "the load that the readings of this run and step have")
+
+
+def _allowed(loads: Array) -> Array:
+    """(6,) how far two notes of the same load may be apart."""
+    return _ONE_LOAD * np.nan_to_num(np.abs(loads)).max(axis=0, initial=0.0)
+
+
+def _load_column(found: Gathered) -> str:
+    """The column to name where loads do not agree."""
+    return next((name for name in ("load", *WRENCH) if name in found.table.column_names), "load")

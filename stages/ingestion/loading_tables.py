@@ -1,0 +1,108 @@
+"""A loaded platform's campaign: readings, signals and the given compliance, checked against each other."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.faults import Fault
+from stages.ingestion.compliance_file import read_compliance
+from stages.ingestion.reading_table import read_readings
+from stages.ingestion.signal_table import read_signals
+from stages.ingestion.tables import SmallTable
+from truing.formats.faultlog import FaultLog
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+TABLES = ("interferometer", "displacement", "signals")
+
+
+@dataclass(frozen=True)
+class LoadingTables:
+    """What a loading campaign holds; None where it has no such table."""
+
+    readings: SmallTable | None
+    signals: SmallTable | None
+    compliance: pa.Table | None
+
+    @property
+    def artifacts(self) -> dict[str, pa.Table]:
+        """The tables by the name of their artifact."""
+        found = {} if self.readings is None else {"readings": self.readings.table}
+        found |= {} if self.signals is None else {"signals": self.signals.table}
+        return found | ({} if self.compliance is None else {"given_compliance": self.compliance})
+
+    @property
+    def left_out(self) -> Mapping[tuple[str, str], int]:
+        """How many raw rows were left out, by (file, reason)."""
+        total: Counter[tuple[str, str]] = Counter()
+        for table in (self.readings, self.signals):
+            total.update({} if table is None else table.left_out)
+        return total
+
+    @property
+    def read(self) -> str:
+        """What was read, in words."""
+        parts = []
+        if self.readings is not None:
+            parts.append(f"{len(self.readings.table):,} readings of {_channels(self.readings.table)}")
+        if self.signals is not None:
+            names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
+            parts.append(f"{len(names)} signals of {len(self.signals.table):,} load steps")
+        return " and ".join(parts)
+
+    @property
+    def figure(self) -> str:
+        """The runs and, where a table is absent, what cannot be evaluated without it."""
+        tables = [table.table for table in (self.readings, self.signals) if table is not None]
+        runs = {run for table in tables for run in table.column("run").to_pylist()}
+        said = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
+        if self.readings is None:
+            said += "; no readings: the platform's displacement is not evaluated"
+        return said + ("; no signals: the sensor's calibration is not evaluated" if self.signals is None else "")
+
+
+def _channels(table: pa.Table) -> str:
+    return " ".join(dict.fromkeys(sorted(table.column("channel").to_pylist(), key=_place)))
+
+
+def _place(channel: str) -> tuple[bool, str]:
+    return channel.startswith("r"), channel
+
+
+def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> LoadingTables:
+    """Every table of a loading campaign; what is wrong with them is noted, all at once."""
+    if not any(source.entries(name) for name in TABLES):
+        expected = (
+            "this file, displacement.csv or signals.csv (or .parquet), or [files.interferometer] in campaign.toml"
+        )
+        log.add(Fault("interferometer.csv", expected))
+    readings = read_readings(source, settings, log)
+    signals = read_signals(source, settings, None if readings is None else readings.table, log)
+    compliance = read_compliance(source, log)
+    if settings.mechanism.type == "6-upur":
+        _check_sensor(settings.mechanism, compliance, log)
+    return LoadingTables(readings, signals, compliance)
+
+
+def _check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> None:
+    """Elements as long as the legs, a compliance that one can have."""
+    from stages.sensor.nominal_sensor import elastic_parts, given_matrix, sensor_joints
+    from truing.simulation.six_upur.elements import passive
+
+    try:
+        sensor_joints(section)
+        elastic_parts(section)
+        if compliance is not None:
+            passive(given_matrix(compliance), "compliance_file")
+    except (ValueError, np.linalg.LinAlgError) as error:
+        what, _, said = str(error).partition(": ")
+        found, _, expected = said.removeprefix("found ").rpartition(", expected ")
+        key = what if what == "compliance_file" else "elements" if section.elements else "legs"
+        log.add(Fault("campaign.toml", expected or str(error), column=f"mechanism.{key}", value=found or None))

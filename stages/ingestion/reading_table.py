@@ -1,0 +1,137 @@
+"""Readings of an interferometer, or six-component displacements, as the long table that all stages share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import Fault
+from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
+from stages.ingestion.load_columns import check_one_load, six_loads
+from stages.ingestion.load_steps import check_once, check_roles, check_times
+from stages.ingestion.tables import SmallTable, as_artifact, since_first
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, WRENCH
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
+UNITS = {channel: "um" if channel.startswith("d") else "arcsec" for channel in CHANNELS}
+_UM_PER_MM, _ARCSEC_PER_RAD = 1e3, 180.0 * 3600.0 / np.pi
+_FURTHEST = {"um": 1e6, "arcsec": _ARCSEC_PER_RAD}  # a loaded platform moves by less than a metre, and a radian
+_EMPTY = "a number in every row; an empty cell has to be declared by missing"
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """N readings: the row of the raw table that each stands in, its channel, value and sigma, um or arcsec."""
+
+    row: NDArray[np.int64]
+    channel: NDArray[np.object_]
+    value: Array
+    sigma: Array
+
+
+def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+    """The readings of interferometer.csv, or those that displacement.csv amounts to; None where there are neither."""
+    own, six = source.entries("interferometer"), source.entries("displacement")
+    if own and six:
+        log.add(Fault(six[0].paths[0], "no displacement beside readings of an interferometer: it replaces them"))
+    shape = INTERFEROMETER if own else DISPLACEMENT
+    found = gather(source, shape, log, "run")
+    if found is None:
+        return None
+    key = ("run", "step", "channel") if own else ("run", "step")
+    check_once(found, log, *key)
+    check_times(found, log)
+    check_roles(found, log)
+    loads = six_loads(found, settings.loading, log)
+    check_one_load(found, numbered(found, "run", "step"), loads, log)
+    readings = (_of_interferometer if own else _of_displacement)(found, settings, log)
+    left_out = dict(found.left_out)
+    if gone := len(found.table) - len(np.unique(readings.row)):
+        left_out[(found.first_file, "rows without any reading")] = gone
+    if log:
+        return None
+    table = _table(found, loads, readings)
+    if any(entry.time_format for entry in source.entries(shape.name)):
+        table = since_first(table)
+    return SmallTable(as_artifact("readings", table), left_out)
+
+
+def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readings:
+    channel, given = texts(found, "channel"), numbers(found, "reading")
+    there = ~np.isnan(given)
+    empty = np.asarray(found.table.column("reading").is_null())
+    found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY)
+    value = given * unit_factors(found, "reading", "channel", UNITS)
+    for name, unit in UNITS.items():
+        found.fault(log, (channel == name) & (np.abs(value) > _FURTHEST[unit]), "reading", _size_expected(unit))
+    if not settings.interferometer.compensated:
+        from stages.ingestion.compensated_readings import compensated
+
+        value = compensated(found, value, settings.interferometer, log)
+    sigma = np.array([_declared(settings.noise)[UNITS.get(name, "um")] for name in channel], dtype=float)
+    if "sigma" in found.table.column_names:
+        own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS)
+        sigma = np.where(np.isnan(own), sigma, own)
+    return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there])
+
+
+def _declared(noise: Any) -> dict[str, float]:
+    """One sigma of a reading, um and arcsec; NaN where none is declared."""
+    return {"um": _or_nan(noise.linear_um), "arcsec": _or_nan(noise.angular_arcsec)}
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else float(value)
+
+
+def _of_displacement(found: Gathered, settings: Any, log: FaultLog) -> _Readings:
+    """A component without a column, or without a value, was not measured."""
+    given = [k for k, name in enumerate(MOTION) if name in found.table.column_names]
+    if not given:
+        log.add(Fault(found.first_file, f"at least one of the columns {', '.join(MOTION)}"))
+    factor = {"um": _UM_PER_MM, "arcsec": _ARCSEC_PER_RAD}
+    noise = settings.noise
+    declared = {"um": _or_nan(noise.displacement_mm), "arcsec": _or_nan(noise.rotation_rad)}
+    units = [UNITS[CHANNELS[k]] for k in given]
+    value = np.full((len(found.table), len(given)), np.nan)
+    for column, k in enumerate(given):
+        unit = units[column]
+        value[:, column] = numbers(found, MOTION[k]) * factor[unit]
+        found.fault(log, np.abs(value[:, column]) > _FURTHEST[unit], MOTION[k], _size_expected(unit))
+    row, at = np.nonzero(~np.isnan(value))
+    sigma = np.array([declared[unit] * factor[unit] for unit in units])
+    return _Readings(row, np.array(CHANNELS, object)[np.array(given, int)[at]], value[row, at], sigma[at])
+
+
+def _size_expected(unit: str) -> str:
+    return "less than a metre; is the unit right?" if unit == "um" else "less than a radian; is the unit right?"
+
+
+def _table(found: Gathered, loads: Array, readings: _Readings) -> pa.Table:
+    """The long table, ordered by run as they come, step and channel."""
+    import pyarrow as pa
+
+    run, step = numbered(found, "run")[readings.row], numbers(found, "step")[readings.row]
+    channel = np.array([CHANNELS.index(name) for name in readings.channel], dtype=np.int64)
+    order = np.lexsort((channel, step, run))
+    row = readings.row[order]
+    own = {"load_axis", "load", "reading", "channel", "sigma", *MOTION, *WRENCH}
+    table = found.table.select([name for name in found.table.column_names if name not in own]).take(pa.array(row))
+    for k, name in enumerate(WRENCH):
+        table = table.append_column(name, pa.array(loads[row, k]))
+    names = readings.channel[order]
+    table = table.append_column("channel", pa.array(names.tolist(), pa.string()))
+    table = table.append_column("reading", pa.array(readings.value[order]))
+    table = table.append_column("unit", pa.array([UNITS[name] for name in names], pa.string()))
+    return table.append_column("sigma", pa.array(readings.sigma[order], from_pandas=True))

@@ -1,0 +1,97 @@
+"""Signals of a force sensor: one row per load step, with the loads and the time that it was taken at."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.columns import COLUMNS
+from schemas.faults import Fault
+from stages.ingestion.gathered_columns import numbered, numbers, texts
+from stages.ingestion.load_columns import check_same_loads, six_loads
+from stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
+from stages.ingestion.tables import SmallTable, as_artifact, since_first
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import SIGNALS, WRENCH
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+
+def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
+    """The signals; None where the campaign has none. Steps that the readings have too were taken when those were."""
+    found = gather(source, SIGNALS, log, "run")
+    if found is None:
+        return None
+    check_once(found, log, "run", "step")
+    check_times(found, log)
+    check_roles(found, log)
+    loads = six_loads(found, settings.loading, log)
+    _check_channels(found, settings.signals.sensitivity_mv_per_n, log)
+    same = _same_step(found, readings)
+    if readings is not None:
+        known = np.column_stack([readings.column(name).to_numpy() for name in WRENCH])
+        check_same_loads(found, loads, _where_known(known, same), log)
+    if log:
+        return None
+    time = _times(found, readings, same)
+    own = {"load_axis", "load", "time_s", *WRENCH}
+    table = found.table.select([name for name in found.table.column_names if name not in own])
+    table = _with_numbers(table, {"time_s": time, **{name: loads[:, k] for k, name in enumerate(WRENCH)}})
+    order = np.lexsort((numbers(found, "step"), numbered(found, "run")))
+    table = table.take(order)
+    if any(entry.time_format for entry in source.entries("signals")):
+        table = since_first(table)
+    return SmallTable(as_artifact("signals", table), dict(found.left_out))
+
+
+def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
+    import pyarrow as pa
+
+    for name, values in columns.items():
+        table = table.append_column(name, pa.array(values))
+    return table
+
+
+def _check_channels(found: Gathered, sensitivity: Any, log: FaultLog) -> None:
+    names = [name for name in found.table.column_names if COLUMNS["signal"].matches(name)]
+    if not names:
+        log.add(Fault(found.first_file, "signals: columns v1_mv, v2_mv, .. up to v8_mv"))
+    if isinstance(sensitivity, tuple) and names and len(sensitivity) != len(names):
+        expected = f"one number, or one for each of the {len(names)} signals of {found.first_file}"
+        log.add(
+            Fault("campaign.toml", expected, column="signals.sensitivity_mv_per_n", value=f"{len(sensitivity)} numbers")
+        )
+
+
+def _same_step(found: Gathered, readings: pa.Table | None) -> NDArray[np.int64]:
+    """(N,) the first row of the readings with the same run and step; -1 where there is none."""
+    if readings is None:
+        return np.full(len(found.table), -1)
+    place: dict[tuple[str, object], int] = {}
+    columns = (readings.column(name).to_pylist() for name in ("run", "step"))
+    for row, (run, step) in enumerate(zip(*columns, strict=True)):
+        place.setdefault((str(run), step), row)
+    mine = zip(texts(found, "run"), texts(found, "step"), strict=True)
+    return np.array([place.get((str(run), step), -1) for run, step in mine], dtype=np.int64)
+
+
+def _where_known(values: Array, same: NDArray[np.int64]) -> Array:
+    """Values of the readings' rows (M, ...) at rows (N,), NaN where -1."""
+    known = np.array(values[same], dtype=float)
+    known[same < 0] = np.nan
+    return known
+
+
+def _times(found: Gathered, readings: pa.Table | None, same: NDArray[np.int64]) -> Array:
+    own = numbers(found, "time_s") if "time_s" in found.table.column_names else np.full(len(found.table), np.nan)
+    if readings is not None and len(readings):
+        theirs = _where_known(readings.column("time_s").to_numpy(), same)
+        own = np.where(np.isnan(theirs), own, theirs)
+    return times_from_order(numbered(found, "run"), numbers(found, "step"), own)

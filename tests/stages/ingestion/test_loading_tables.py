@@ -1,0 +1,203 @@
+"""Readings, displacements and signals of a loaded platform: what becomes of good ones, and what is said of bad ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from pipeline.settings_view import SettingsView
+from schemas.artifacts import ARTIFACTS
+from schemas.campaign import read_campaign
+from schemas.faults import CampaignFaults
+from stages import ingest
+from stages.declaration import Outcome
+from tests.tolerance import assert_close
+from truing.formats.source import CampaignFiles
+
+HEAD = "run,step,time_s,load_axis,load,channel,reading"
+AXES = "dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"
+SIX = "fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm"
+ARCSEC = np.pi / 180.0 / 3600.0
+
+
+def outcome(folder: Path, files: dict[str, list[str]], sections: dict[str, Any] | None = None) -> Outcome:
+    for name, lines in files.items():
+        (folder / name).write_text("\n".join(lines) + "\n")
+    campaign = read_campaign({"campaign": {"name": "c", "kind": "interferometer"}, **(sections or {})})
+    settings = SettingsView(campaign, ingest.DECLARATION.settings)
+    return ingest.run({}, settings, lambda *_: None, CampaignFiles(folder, campaign))
+
+
+def artifacts(folder: Path, files: dict[str, list[str]], sections: dict[str, Any] | None = None) -> dict[str, pa.Table]:
+    found = dict(outcome(folder, files, sections).artifacts)
+    for name, table in found.items():
+        assert ARTIFACTS[name].faults(table) == []
+    return found
+
+
+def faults(folder: Path, files: dict[str, list[str]], sections: dict[str, Any] | None = None) -> list[str]:
+    with pytest.raises(CampaignFaults) as caught:
+        outcome(folder, files, sections)
+    return [str(fault) for fault in caught.value.faults]
+
+
+def column(table: pa.Table, name: str) -> list[Any]:
+    return table.column(name).to_pylist()
+
+
+def test_readings_are_ordered_and_carry_loads_noise_and_surroundings(tmp_path):
+    rows = [
+        f"{HEAD},role,air_temperature_c,humid",
+        "b,1,60,mx,-3,rx,4.5,calibration,20.1,7",
+        "b,0,0,mx,0,rx,0.5,calibration,20,7",
+        "b,0,0,mx,0,dz,0.25,calibration,20,7",
+        "a,0,0,fz,9,dz,1,verification,21,",
+    ]
+    table = artifacts(tmp_path, {"interferometer.csv": rows}, {"noise": {"linear_um": 0.5}})["readings"]
+    assert column(table, "run") == ["b", "b", "b", "a"]
+    assert column(table, "step") == [0, 0, 1, 0]
+    assert column(table, "channel") == ["dz", "rx", "rx", "dz"]
+    assert column(table, "reading") == [0.25, 0.5, 4.5, 1.0]
+    assert column(table, "unit") == ["um", "arcsec", "arcsec", "um"]
+    assert column(table, "sigma") == [0.5, None, None, 0.5]
+    assert column(table, "mx_nm") == [0.0, 0.0, -3.0, 0.0]
+    assert column(table, "fz_n") == [0.0, 0.0, 0.0, 9.0]
+    assert column(table, "humid") == [7.0, 7.0, 7.0, None]
+    assert column(table, "role")[-1] == "verification"
+
+
+def test_a_displacement_is_six_readings_and_an_empty_cell_is_none(tmp_path):
+    rows = [f"run,step,time_s,{SIX},{AXES}", "1,0,0,0,0,0,0,0,0,0,0,0,0,0,0", "1,1,9,1,2,,4,5,6,.1,,.3,1e-5,2e-5,3e-5"]
+    noise = {"displacement_mm": 0.002, "rotation_rad": 1e-6}
+    table = artifacts(tmp_path, {"displacement.csv": rows}, {"noise": noise})["readings"]
+    assert column(table, "channel") == ["dx", "dy", "dz", "rx", "ry", "rz", "dx", "dz", "rx", "ry", "rz"]
+    assert_close(column(table, "reading")[6:], [100.0, 300.0, *(1e-5 * k / ARCSEC for k in (1, 2, 3))], atol=1e-9)
+    assert_close(column(table, "sigma")[6:9], [2.0, 2.0, 1e-6 / ARCSEC], atol=1e-12)
+    assert column(table, "fz_n")[-1] == 0.0
+
+
+def test_signals_take_their_time_from_the_readings_of_their_step(tmp_path):
+    files = {
+        "interferometer.csv": [HEAD, "1,0,10,fz,0,dz,0", "1,1,70,fz,5,dz,3"],
+        "signals.csv": ["run,step,fz_n,v1_mv,v2_mv", "1,1,5,.5,", "1,0,0,.1,.2", "1,3,5,1,1"],
+    }
+    table = artifacts(tmp_path, files)["signals"]
+    assert column(table, "time_s") == [10.0, 70.0, 190.0]
+    assert column(table, "v2_mv") == [0.2, None, 1.0]
+    alone = {"signals.csv": ["run,step,load_axis,load,v1_mv", "1,4,fz,1,2", "1,7,fz,2,3"]}
+    found = outcome(_new(tmp_path), alone)
+    assert column(found.artifacts["signals"], "time_s") == [0.0, 1.0]
+    assert "no readings: the platform's displacement is not evaluated" in found.figure
+    assert "readings" not in found.artifacts
+
+
+def _new(folder: Path) -> Path:
+    (folder / "other").mkdir()
+    return folder / "other"
+
+
+def test_units_hang_on_the_channel_and_the_axis(tmp_path):
+    entry = {"path": "raw.csv", "units": {"reading": "nm", "load": "kN"}, "missing": ["-"]}
+    rows = [HEAD, "1,0,0,fz,2,dz,1500", "1,1,1,mx,2,rx,7", "1,2,2,fz,3,dz,-"]
+    found = artifacts(tmp_path, {"raw.csv": rows}, {"files": {"interferometer": entry}})
+    assert column(found["readings"], "reading") == [1.5, 7.0]
+    assert column(found["readings"], "fz_n") == [2000.0, 0.0]
+    assert column(found["readings"], "mx_nm") == [0.0, 2.0]
+    assert column(found["exclusions"], "rows") == [1]
+
+
+def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_path):
+    rows = [f"{HEAD},air_temperature_c,air_pressure_hpa,relative_humidity_pct",
+            "1,0,0,fz,0,dz,0,20,1000,50", "1,1,60,fz,9,dz,400,20,1010,50", "1,2,90,fz,9,rx,400,20,1010,50"]  # fmt: skip
+    files = {"interferometer.csv": rows}
+    section = {"compensated": False, "dead_path_mm": 100.0}
+    dead = column(artifacts(tmp_path, files, {"interferometer": section})["readings"], "reading")
+    none = column(artifacts(tmp_path, files, {"interferometer": {"compensated": False}})["readings"], "reading")
+    # The index grows by 2.68e-7 per hPa (Stone and Zimmerman); at 20 degrees C and 1010 hPa it is 1.000270.
+    assert_close(none[1:], [400.0 / 1.000270] * 2, atol=400 * 2e-6)
+    assert_close(np.subtract(dead, none), [0.0, -100e3 * 10 * 2.68e-7, 0.0], atol=100e3 * 10 * 0.02e-7)
+    lacking = {"interferometer.csv": [HEAD, "1,0,0,fz,0,dz,0"]}
+    said = faults(tmp_path, lacking, {"interferometer": section})
+    assert [line.split(", ")[1].split(":")[0] for line in said] == [
+        "column air_temperature_c", "column air_pressure_hpa", "column relative_humidity_pct"]  # fmt: skip
+
+
+def test_every_fault_of_bad_tables_is_told_at_once(tmp_path):
+    rows = [HEAD, "1,0,0,fz,0,dz,0", "1,0,0,mx,4,dx,0", "1,1,60,fz,5,dz,1", "1,1,60,fz,5,dz,1", "1,2,50,fq,1,dw,nan",
+            "1,3,99,fz,20,dz,", "1,4,100,fz,2,dz,2e6"]  # fmt: skip
+    signals = ["run,step,load_axis,load,fz_n,v1_mv", "1,0,fz,0,3,1"]
+    said = faults(tmp_path, {"interferometer.csv": rows, "signals.csv": signals}, {"loading": {"fz_n": 10.0}})
+    for expected in (
+        "row 3, column load: found '4.0'; expected one load per step",
+        "row 5, column channel: found 'dz'; expected every run, step, channel once",
+        "row 6, column channel: found 'dw'; expected one of dx, dy, dz, rx, ry, rz",
+        "row 6, column load_axis: found 'fq'; expected one of fx",
+        "row 6, column time_s: found '50.0'; expected a time after that of the step before",
+        "row 6, column reading: found 'nan'; expected a finite number",
+        "row 7, column load: found '20.0'; expected at most 10 N of fz either way, by [loading]",
+        "row 7, column reading: found ''; expected a number in every row",
+        "row 8, column reading: found '2000000.0'; expected less than a metre; is the unit right?",
+        "signals.csv: found 'fz_n, load_axis, load'; expected either columns fx_n",
+    ):
+        assert any(expected in line for line in said), (expected, said)
+    assert len(said) == 10
+
+
+def test_faults_across_tables(tmp_path):
+    files = {
+        "interferometer.csv": [f"{HEAD},role", "1,0,0,fz,0,dz,0,calibration", "1,1,60,fz,5,dz,1,verification"],
+        "signals.csv": ["run,step,load_axis,load,v1_mv", "1,1,fz,4,1"],
+        "displacement.csv": [f"run,step,time_s,load_axis,load,{AXES}"],
+    }
+    said = faults(tmp_path, files, {"signals": {"sensitivity_mv_per_n": [1.0, 1.0]}})
+    assert any("column role: found 'verification'; expected one role for all of a run" in line for line in said)
+    assert any("displacement.csv: expected no displacement beside readings" in line for line in said)
+    assert any(
+        "sensitivity_mv_per_n: found '2 numbers'; expected one number, or one for each of the 1" in s for s in said
+    )
+    del files["displacement.csv"]
+    (tmp_path / "displacement.csv").unlink()
+    files["interferometer.csv"][2] = "1,1,60,fz,5,dz,1,calibration"
+    assert "found '4.0'; expected the load that the readings of this run and step have" in faults(tmp_path, files)[0]
+    assert "expected this file, displacement.csv or signals.csv" in faults(_new(tmp_path), {})[0]
+
+
+BASE, TOP = np.radians([20, 100, 140, 220, 260, 340]), np.radians([40, 80, 160, 200, 280, 320])
+LEGS = [
+    {"B_mm": [90.0 * np.cos(a), 90.0 * np.sin(a), 0.0], "b_mm": [50.0 * np.cos(b), 50.0 * np.sin(b), 0.0]}
+    for a, b in zip(BASE, TOP, strict=True)
+]
+SENSOR = {"type": "6-upur", "height_mm": 60.0, "legs": LEGS}
+
+
+def test_elements_have_to_fit_the_legs(tmp_path):
+    files = {"signals.csv": ["run,step,load_axis,load,v1_mv", "1,1,fz,4,1"]}
+    rod = {"kind": "cylinder", "length_mm": 30.0, "diameter_mm": 5.0, "youngs_gpa": 200.0, "poisson": 0.3}
+    assert "column mechanism.elements: found '0.03 m in all'; expected each leg's length" in faults(
+        tmp_path, files, {"mechanism": {**SENSOR, "elements": [rod]}})[0]  # fmt: skip
+    artifacts(tmp_path, files, {"mechanism": {**SENSOR, "elements": [rod, {"kind": "rigid"}]}})
+
+
+def test_a_given_compliance_is_checked_cell_by_cell(tmp_path):
+    sections = {"mechanism": {**SENSOR, "compliance_file": "c.csv"}}
+    files = {"signals.csv": ["run,step,load_axis,load,v1_mv", "1,1,fz,4,1"]}
+    good = np.diag([1e-8, 1e-8, 1e-9, 1e-6, 1e-6, 1e-6])
+    good[0, 4] = good[4, 0] = 2e-8
+    lines = [",".join(map(str, row)) for row in good]
+    table = artifacts(tmp_path, {**files, "c.csv": ["fx,fy,fz,mx,my,mz", *lines]}, sections)["given_compliance"]
+    assert_close(np.reshape(column(table, "coefficient"), (6, 6)), good, atol=0.0)
+    assert column(table, "unit")[3:7] == ["m/(N m)", "m/(N m)", "m/(N m)", "m/N"]
+    wrong = [*lines[:4], lines[4].replace("2e-08", "3e-08"), lines[5]]
+    assert "c.csv, row 1, column my: found '2e-08'; expected 3e-08, as in row 5, column fx" in faults(
+        tmp_path, {**files, "c.csv": wrong}, sections)[0]  # fmt: skip
+    broken = ["1,2", *lines[1:5], lines[5].replace("1e-06", "x")]
+    said = faults(tmp_path, {**files, "c.csv": broken}, sections)
+    assert "row 1: found '2 cells'; expected six numbers" in said[0]
+    assert "row 6, column mz: found 'x'; expected a finite number" in said[1]
+    assert "existing text file" in faults(tmp_path, files, {"mechanism": {**SENSOR, "compliance_file": "no.csv"}})[0]
+    negative = [",".join(map(str, row)) for row in good * np.where(np.eye(6) == 0, 1.0, [1, 1, -1, 1, 1, 1])]
+    assert "moves against its load" in faults(tmp_path, {**files, "c.csv": negative}, sections)[0]
