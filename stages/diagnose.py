@@ -13,13 +13,34 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign, LeggedMechanism
     from stages.diagnosis.mechanism_points import Gathered
+    from stages.diagnosis.shown import Channels
     from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
     from truing.estimation.diagnosis.fitted_model import Stand
 
 DECLARATION = Stage(
     name="diagnose",
-    reads=("observations", "survey?", "configurations?", "poses", "residuals", "start?"),
-    leaves=("diagnosis", "model?", "detectable?", "pulls?", "pull_sums?", "prediction?", "next_poses?", "changes?"),
+    reads=(
+        "observations?",
+        "survey?",
+        "configurations?",
+        "poses?",
+        "residuals?",
+        "start?",
+        "readings?",
+        "signals?",
+        "given_compliance?",
+    ),
+    leaves=(
+        "diagnosis",
+        "model?",
+        "detectable?",
+        "pulls?",
+        "pull_sums?",
+        "prediction?",
+        "reading_errors?",
+        "next_poses?",
+        "changes?",
+    ),
     settings=(
         "campaign.name",
         "mechanism.type",
@@ -27,11 +48,20 @@ DECLARATION = Stage(
         "mechanism.tolerance",
         "mechanism.reference_temperature_c",
         "mechanism.actuator_pitch_mm",
+        "mechanism.height_mm",
+        "mechanism.elements",
+        "mechanism.compliance_file",
+        "loading",
+        "interferometer",
+        "signals",
         "campaign.drives",
         "bodies",
         "workspace",
         "noise.point_mm",
         "noise.actuator_mm",
+        "noise.signal_mv",
+        "noise.load_n",
+        "noise.load_nm",
         "diagnosis",
     ),
     summary="what the simulation gets wrong: causes, their sizes, the extended model",
@@ -59,8 +89,10 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
     if settings.mechanism.is_legged:
         return _of_mechanism(tables, settings)
-    if settings.mechanism.type != "none":
-        raise ValueError(f"mechanism {settings.mechanism.type}: the catalogue holds no cause for it yet")
+    if settings.campaign.kind == "interferometer":
+        from stages.diagnosis.reading_points import gather_readings
+
+        return gather_readings(tables, settings)
     from stages.diagnosis.body_points import gather_bodies
 
     return gather_bodies(tables, settings)
@@ -104,7 +136,7 @@ def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Out
         artifacts,
         read=_read(gathered),
         left_out=_left_out(gathered, diagnosis.gross),
-        figure=_figure(artifacts["diagnosis"], diagnosis.final),
+        figure=_figure(artifacts["diagnosis"], diagnosis.final, gathered.shown),
     )
 
 
@@ -118,9 +150,12 @@ def rule_of(settings: Campaign) -> Settings:
 def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
     from truing.estimation.diagnosis.acceptance import Acceptance
-    from truing.simulation.causes import catalogue, catalogue_of_bodies
+    from truing.simulation.causes import catalogue, catalogue_of_bodies, catalogue_of_readings
 
-    kinds = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+    if gathered.shown is not None:
+        kinds = catalogue_of_readings()
+    else:
+        kinds = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
     search = Acceptance(
         gathered.model,
         gathered.calibration,
@@ -135,17 +170,22 @@ def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagn
 def _read(gathered: Gathered) -> str:
     held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
-    return f"{seen} points of {len(gathered.calibration.conditions.readings)} poses, {held} poses held out"
+    what, where = ("points", "poses") if gathered.shown is None else ("readings", "load steps")
+    return f"{seen} {what} of {len(gathered.calibration.conditions.readings)} {where}, {held} {where} held out"
 
 
 def _left_out(gathered: Gathered, gross: int) -> str:
     said = [gathered.left_out] if gathered.left_out else []
-    return "; ".join([*said, f"{gross} points as gross errors"] if gross else said) or "nothing"
+    what = "points" if gathered.shown is None else "readings"
+    return "; ".join([*said, f"{gross} {what} as gross errors"] if gross else said) or "nothing"
 
 
-def _figure(table: pa.Table, final: Stand) -> str:
+def _figure(table: pa.Table, final: Stand, channels: Channels | None) -> str:
+    from stages.diagnosis.shown import POINTS
+
     found = [row for row in table.to_pylist() if row["verdict"] == "found"]
-    left = f"{(final.error.rms or 0.0) * 1e6:.2f} um rms, noise alone leaves {final.floor.rms_of() * 1e6:.2f}"
+    shown = POINTS if channels is None else channels.whole(final.error)
+    left = f"{shown.rms(final.error) or 0.0:.2f} {shown.unit} rms, noise alone leaves {shown.floor(final.floor):.2f}"
     if not found:
         return f"nothing found: {left}"
     return f"found {', '.join(row['cause'] for row in found)}: {found[0]['rms_before']:.2f} -> {left}"

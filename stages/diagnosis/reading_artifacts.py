@@ -19,7 +19,13 @@ if TYPE_CHECKING:
 
 def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, Any]:
     """Tables and text by artifact."""
-    return {"reading_errors": _errors_table(diagnosis, channels)}
+    from truing.simulation.extended_sensor import extended_sensor
+    from truing.simulation.sensor_text import write_sensor
+
+    final = diagnosis.final
+    context = {"campaign": settings.campaign.name}
+    text = write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context))
+    return {"reading_errors": _errors_table(diagnosis, channels), "model": text}
 
 
 def _errors_table(diagnosis: Diagnosis, channels: Channels) -> pa.Table:

@@ -42,9 +42,9 @@ def cause_of(effect: dict[str, Any], known: Mapping[str, Cause]) -> Cause:
     return known[effect["cause"]].with_settings(**{name: _frozen(v) for name, v in effect["settings"].items()})
 
 
-def covariance_lines(names: list[str], covariance: NDArray) -> list[str]:
-    """Return the covariance of unknowns, in their prior standard deviations, as lines of a table."""
-    head = "[covariance]  # of the unknowns in their prior standard deviations, lower triangle"
+def covariance_lines(names: list[str], covariance: NDArray, units: str) -> list[str]:
+    """Return the covariance of unknowns, in units of which ``units`` tells, as lines of a table."""
+    head = f"[covariance]  # of the unknowns in {units}, lower triangle"
     rows = [f"  {toml_value(row[: i + 1])}," for i, row in enumerate(covariance)]
     return ["", head, f"names = {toml_value(names)}", "rows = [", *rows, "]"]
 

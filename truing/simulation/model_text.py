@@ -50,7 +50,7 @@ def write_model(extended_model: ExtendedModel) -> str:
         scale = model.effect_sigma(effect.cause)
         lines += effect_lines(effect, covariance[part, part] * np.outer(scale, scale), model.nominal.count)
     lines += _targets(extended_model)
-    return "\n".join([*lines, *covariance_lines(_names(model), covariance)]) + "\n"
+    return "\n".join([*lines, *covariance_lines(_names(model), covariance, "their prior standard deviations")]) + "\n"
 
 
 def read_model(text: str) -> ExtendedModel:

@@ -1,0 +1,158 @@
+"""The extended model of a sensor on its bench: its compliance as identified, with the effects that were found.
+
+What was uncertain of geometry and elasticity matters to readings through the compliance alone, which carries it all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause
+from truing.simulation.reading_model import (
+    NO_SIGNALS,
+    KnownReadings,
+    ReadingConditions,
+    ReadingModel,
+    Zeros,
+)
+from truing.simulation.reading_state import CHANNELS
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+
+_AXES = 6
+
+
+@dataclass(frozen=True)
+class ExtendedSensor:
+    """A sensor as identified: compliance (6, 6), SI, effects with their values, and the covariance of both together.
+
+    ``covariance`` (36 + P, 36 + P) is that of the compliance row by row, then of the effects' parameters, SI;
+    ``nominal`` the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``context`` says,
+    for people, what the model was made from.
+    """
+
+    compliance: NDArray
+    nominal: NDArray
+    causes: tuple[Cause, ...]
+    values: tuple[NDArray, ...]
+    covariance: NDArray
+    largest: NDArray
+    wavelength_m: float
+    reference_temperature_c: float
+    context: dict[str, str]
+
+
+@dataclass(frozen=True)
+class PredictedReadings:
+    """Readings (B, 6), m and rad, less a run's zero, and one standard deviation of what the model leaves open."""
+
+    value: NDArray
+    sigma: NDArray
+
+
+def extended_sensor(
+    model: ReadingModel, shared: NDArray, covariance: NDArray, context: dict[str, str]
+) -> ExtendedSensor:
+    """Return the extended model of a fit; shared (G,) with covariance (G, G), in prior sigmas."""
+    known = model.known
+    causes = tuple(cause for cause in model.causes if not concerns_signals(cause))
+    by_unknown = np.zeros((_AXES * _AXES + sum(len(c.parameters(_AXES)) for c in causes), len(shared)))
+    sensor = known.sensor
+    stiffness = shared[model.layout["stiffness"]]
+    for name, response in (("geometry", sensor.by_geometry), ("stiffness", sensor.by_stiffness(stiffness))):
+        by_unknown[: _AXES * _AXES, model.layout[name]] = response.compliance.reshape(-1, _AXES * _AXES).T
+    values, row = [], _AXES * _AXES
+    for cause in causes:
+        part, sigma = model.layout[cause.key], model.effect_sigma(cause)
+        by_unknown[row : row + len(sigma), part] = np.diag(sigma)
+        values.append(shared[part] * sigma)
+        row += len(sigma)
+    identified = sensor.at(shared[model.layout["geometry"]], stiffness).compliance
+    nominal = sensor.at(np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)).compliance
+    return ExtendedSensor(
+        identified,
+        nominal,
+        causes,
+        tuple(values),
+        by_unknown @ covariance @ by_unknown.T,
+        known.largest,
+        known.wavelength_m,
+        known.reference_temperature_c,
+        context,
+    )
+
+
+def concerns_signals(cause: Cause) -> bool:
+    """Return whether a cause concerns signals alone, and no reading of a displacement."""
+    return cause.subject.startswith("signal ")
+
+
+def goes_with_a_run(cause: Cause) -> bool:
+    """Return whether a cause ended with the campaign: what slipped or drifted in one of its runs."""
+    return not cause.lasts
+
+
+def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) -> PredictedReadings:
+    """Return the readings of all six channels at some load steps, with effects that stay with sensor and bench."""
+    kept = [n for n, cause in enumerate(extended.causes) if not goes_with_a_run(cause)]
+    causes = tuple(extended.causes[n] for n in kept)
+    values = [extended.values[n] for n in kept]
+    model = _model(extended, extended.compliance, conditions).with_causes(causes)
+    shared = np.zeros(model.shared_size)
+    for cause, own in zip(causes, values, strict=True):
+        shared[model.layout[cause.key]] = own / model.effect_sigma(cause)
+    value = model.points(shared, np.zeros((len(conditions.load), 0)))[..., 0]
+    slopes = np.concatenate([_by_compliance(extended, conditions, causes, shared), _by_effects(model, shared)], -1)
+    places = np.concatenate([np.arange(_AXES * _AXES), *(_places(extended, n) for n in kept)]).astype(int)
+    covariance = extended.covariance[np.ix_(places, places)]
+    variance = np.einsum("bkp,pq,bkq->bk", slopes, covariance, slopes)
+    return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _places(extended: ExtendedSensor, number: int) -> NDArray:
+    """Return where an effect's parameters stand in the covariance."""
+    first = _AXES * _AXES + sum(len(own) for own in extended.values[:number])
+    return np.arange(first, first + len(extended.values[number]))
+
+
+def _by_compliance(
+    extended: ExtendedSensor, conditions: ReadingConditions, causes: Sequence[Cause], shared: NDArray
+) -> NDArray:
+    """Return how readings (B, 6, 36) follow the compliance, which they are linear in: exact differences."""
+    local = np.zeros((len(conditions.load), 0))
+    size = np.sqrt(np.abs(np.outer(np.diag(extended.compliance), np.diag(extended.compliance))))
+    whole = _model(extended, extended.compliance, conditions).with_causes(causes).points(shared, local)[..., 0]
+    found = []
+    for i, j in np.ndindex(_AXES, _AXES):
+        changed = extended.compliance.copy()
+        changed[i, j] += size[i, j]
+        moved = _model(extended, changed, conditions).with_causes(causes).points(shared, local)[..., 0]
+        found.append((moved - whole) / size[i, j])
+    return np.stack(found, -1)
+
+
+def _by_effects(model: ReadingModel, shared: NDArray) -> NDArray:
+    """Return how readings (B, 6, P) follow the effects' parameters, SI."""
+    by_shared = model.predict(shared, np.zeros((len(model.conditions.load), 0))).by_shared[:, :, 0]
+    parts = [by_shared[..., model.layout[cause.key]] / model.effect_sigma(cause) for cause in model.causes]
+    return np.concatenate(parts, -1) if parts else np.zeros((*by_shared.shape[:2], 0))
+
+
+def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingConditions) -> ReadingModel:
+    """Return the model of an exact sensor with such a compliance (6, 6), which need not be symmetric."""
+    none = np.zeros(0, int)
+    known = KnownReadings(
+        UncertainSensor(None, None, compliance, np.zeros(5), 0.0),
+        CHANNELS,
+        np.ones(_AXES),
+        extended.largest,
+        np.zeros(_AXES),
+        Zeros(none, none, np.zeros(0), none.astype(bool)),
+        NO_SIGNALS,
+        extended.wavelength_m,
+        extended.reference_temperature_c,
+    )
+    return ReadingModel(known, replace(conditions))
