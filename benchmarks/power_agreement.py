@@ -24,6 +24,7 @@ from pipeline.power_command import diagnosed
 from stages.diagnose import gathered_of
 from stages.power import Answer, Question, Trial, expected_sights, questions
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
+from truing.simulation.causes import catalogue
 from tests.blind.hidden_twice import CAUSES, Ground
 
 RESULTS = Path("runs") / "power-agreement.jsonl"
@@ -65,7 +66,7 @@ def places(seed: int) -> list[Place]:
 def asked(ground: Ground) -> list[Question]:
     """The questions of a layout, with what theory expects."""
     seen = expected_sights(gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
-    found = questions(ground.plan, seen, CAUSES)
+    found = questions(ground.plan, seen, CAUSES, catalogue().values())
     return [question for question in found if _sort_of(question) in SORTS and question.expected is not None]
 
 

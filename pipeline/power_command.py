@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.power import Answer, Question, Trial
-    from stages.simulated_campaigns.plan import CampaignPlan
+    from stages.power import Answer, Plan, Question, Trial
+    from truing.simulation.cause import Effect
 
 # So many campaigns without an effect per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
@@ -44,9 +44,9 @@ class PowerWish:
 
 def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path | None) -> ExitCode:
     """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
-    _check(wish, out)
     voice, campaign = Voice(quiet=False), usable_campaign(place)
     settings = campaign.validated()
+    _check(wish, out, settings)
     file = run_folder_of(campaign, None, several=False) / _DEFAULT_FILE if out is None else out
     with voice.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
@@ -65,26 +65,29 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     return ExitCode.DONE
 
 
-def _check(wish: PowerWish, out: Path | None) -> None:
-    from truing.simulation.causes import catalogue
+def _check(wish: PowerWish, out: Path | None, settings: Campaign) -> None:
+    from stages.diagnose import kinds_of
 
     if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
-    known = [name for name, kind in catalogue().items() if kind.catalogued]
+    known = [name for name, kind in kinds_of(settings).items() if kind.catalogued]
     strange = [name for name in wish.causes if name not in known]
     if strange:
         raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
 
 
-def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish) -> CampaignPlan:
+def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish) -> Plan:
     """The campaign as a plan, from what was measured or from survey and configurations alone; raises CampaignFaults."""
     import numpy as np
 
     from stages.diagnose import gathered_of
     from stages.simulated_campaigns.plan import bare_plan, full_plan
+    from stages.simulated_campaigns.reading_plan import reading_plan
 
     tables = _tables(campaign, settings)
     try:
+        if settings.campaign.kind == "interferometer":
+            return reading_plan(tables, settings).with_gross(wish.gross)
         bare = bare_plan(tables, settings)
         drawn = {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(wish.seed)), settings)
         plan = full_plan(bare, gathered_of(drawn, settings), drawn["poses"])
@@ -97,6 +100,8 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     """Survey and configurations and, where there are points, observations and poses; raises CampaignFaults."""
     from truing.formats.source import CampaignFiles
 
+    if settings.campaign.kind == "interferometer":
+        return _run("ingest", {}, settings, CampaignFiles(campaign.folder, settings))
     if not settings.mechanism.is_legged:
         expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
@@ -124,6 +129,16 @@ def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.T
     return {**tables, **_run("pose", tables, settings)}
 
 
+def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign) -> dict[str, pa.Table]:
+    """The tables of a drawn campaign, taken through the stages before the diagnosis."""
+    import numpy as np
+
+    tables = plan.drawn(effects, np.random.default_rng(seed))
+    for name in plan.through:
+        tables = {**tables, **_run(name, tables, settings)}
+    return tables
+
+
 def _run(name: str, tables: Mapping[str, pa.Table], settings: Campaign, *more: Any) -> dict[str, pa.Table]:
     """What a stage leaves, in memory."""
     import pyarrow as pa
@@ -144,19 +159,18 @@ def _plain(table: pa.Table) -> pa.Table:
     return table.cast(pa.schema(kinds))
 
 
-def _questions(plan: CampaignPlan, settings: Campaign, wish: PowerWish) -> list[Question]:
+def _questions(plan: Plan, settings: Campaign, wish: PowerWish) -> list[Question]:
     """What is asked, with what theory expects of it, from a campaign that is drawn without any effect."""
-    import numpy as np
-
-    from stages.diagnose import gathered_of
+    from stages.diagnose import gathered_of, kinds_of
     from stages.power import expected_sights, questions
 
-    drawn = _posed(plan.drawn((), np.random.default_rng(wish.seed)), settings)
-    return questions(plan, expected_sights(gathered_of(drawn, settings), settings), wish.causes)
+    drawn = _drawn(plan, (), wish.seed, settings)
+    seen = expected_sights(gathered_of(drawn, settings), settings)
+    return questions(plan, seen, wish.causes, kinds_of(settings).values())
 
 
 def _answers(
-    plan: CampaignPlan,
+    plan: Plan,
     settings: Campaign,
     asked: Sequence[Question],
     wish: PowerWish,
@@ -174,11 +188,9 @@ def _answers(
             yield from told
 
 
-def diagnosed_trial(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
+def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
     """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
-    import numpy as np
-
-    return diagnosed(_posed(plan.drawn(trial.effects, np.random.default_rng(trial.seed)), settings), settings, trial)
+    return diagnosed(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)
 
 
 def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
@@ -190,10 +202,11 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
     from stages.power import answer
 
     try:
-        diagnosis = decided(gathered_of(tables, settings), settings, lambda *_: None)
+        gathered = gathered_of(tables, settings)
+        diagnosis = decided(gathered, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
         return answer(trial, ())
-    table = diagnosis_table(diagnosis, Words({}, {}, ""), settings.diagnosis.false_alarm)
+    table = diagnosis_table(diagnosis, Words({}, {}, "", gathered.shown), settings.diagnosis.false_alarm)
     return answer(trial, table.to_pylist())
 
 

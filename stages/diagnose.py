@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from stages.diagnosis.shown import Channels
     from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
     from truing.estimation.diagnosis.fitted_model import Stand
+    from truing.simulation.cause import Cause
 
 DECLARATION = Stage(
     name="diagnose",
@@ -43,6 +44,7 @@ DECLARATION = Stage(
     ),
     settings=(
         "campaign.name",
+        "campaign.kind",
         "mechanism.type",
         "mechanism.legs",
         "mechanism.tolerance",
@@ -147,15 +149,19 @@ def rule_of(settings: Campaign) -> Settings:
     return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
 
 
+def kinds_of(settings: Campaign) -> dict[str, Cause]:
+    """The causes that a campaign's instrument and mechanism know, by id."""
+    from truing.simulation.causes import catalogue, catalogue_of_bodies, catalogue_of_readings
+
+    if settings.campaign.kind == "interferometer":
+        return catalogue_of_readings()
+    return catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+
+
 def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
     from truing.estimation.diagnosis.acceptance import Acceptance
-    from truing.simulation.causes import catalogue, catalogue_of_bodies, catalogue_of_readings
 
-    if gathered.shown is not None:
-        kinds = catalogue_of_readings()
-    else:
-        kinds = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
     search = Acceptance(
         gathered.model,
         gathered.calibration,
@@ -164,7 +170,7 @@ def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagn
         lambda what: progress(0, 1, what),
         gathered.given,
     )
-    return search.run(list(kinds.values()))
+    return search.run(list(kinds_of(settings).values()))
 
 
 def _read(gathered: Gathered) -> str:

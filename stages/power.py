@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from stages.diagnosis.mechanism_points import Gathered
     from stages.simulated_campaigns.plan import CampaignPlan
+    from stages.simulated_campaigns.reading_plan import ReadingPlan
+
+    Plan = CampaignPlan | ReadingPlan
 
 # Sizes that are tried, in units of the one that theory expects to be found four times out of five.
 FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
@@ -97,24 +100,21 @@ class Rate:
 
 def expected_sights(gathered: Gathered, settings: Campaign) -> list[Sight]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
-    from stages.diagnose import rule_of
+    from stages.diagnose import kinds_of, rule_of
     from truing.estimation.diagnosis.candidate_round import search_of
     from truing.estimation.diagnosis.fitted_model import Fitter
-    from truing.simulation.causes import catalogue
 
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     stand = fitter.prepared()
     rng = np.random.default_rng(settings.diagnosis.seed)
-    return sights(search_of(stand, list(catalogue().values()), _THRESHOLD_DRAWS, rng), rule_of(settings).level)
+    return sights(search_of(stand, list(kinds_of(settings).values()), _THRESHOLD_DRAWS, rng), rule_of(settings).level)
 
 
-def questions(plan: CampaignPlan, seen: Sequence[Sight], wanted: Sequence[str]) -> list[Question]:
-    """A question per sort of effect of the wanted causes (all, where none is named), in the catalogue's order."""
-    from truing.simulation.causes import catalogue
-
-    kinds: list[Cause] = [kind for kind in catalogue().values() if kind.catalogued]
+def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: Iterable[Cause]) -> list[Question]:
+    """A question per sort of effect of the wanted causes (all, where none is named), in the order of those known."""
+    kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
-    legs = plan.layout.model.leg_count
+    legs = plan.leg_count
     asked = [_question(sort, seen, legs) for sort in sorts(kinds, plan.scene)]
     return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
 
@@ -137,12 +137,12 @@ def _names(cause: Any, legs: int) -> list[tuple[str, str]]:
     return list(dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(legs)))
 
 
-def trials(asked: Sequence[Question], plan: CampaignPlan, draws: int, nothing: int, seed: int) -> list[Trial]:
+def trials(asked: Sequence[Question], plan: Plan, draws: int, nothing: int, seed: int) -> list[Trial]:
     """The campaigns to draw: ``draws`` per size of every question, and ``nothing`` without an effect.
 
     One of each comes before the second of any, so that what is there of an interrupted call tells of all.
     """
-    legs = plan.layout.model.leg_count
+    legs = plan.leg_count
     listed = [Trial(_NOTHING, 0.0, (), (seed, 0, 0, number)) for number in range(nothing)]
     for place, question in enumerate(asked):
         if question.expected is None:

@@ -32,14 +32,27 @@ _MILLIVOLT = 1e-3
 _WIDE = 10.0
 
 
-def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
-    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingModel:
+    """Return the plain simulation at all load steps; raises ValueError, saying why, where there is none."""
+    sensor, steps = _simulated(tables, settings), load_steps(tables)
+    sigma, _ = _noise(steps, settings)
+    points, seen = _points(steps, sigma)
+    told = seen.any(1) & np.isfinite(steps.time_s)
+    return ReadingModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
+
+
+def _simulated(tables: Mapping[str, pa.Table], settings: Campaign) -> NominalSensor:
     if settings.mechanism.type != "6-upur":
         raise ValueError("needs a [mechanism] whose compliance can be simulated")
     sensor = nominal_sensor(cast("SensorMechanism", settings.mechanism), tables.get("given_compliance"))
     if sensor.compliance is None:
         raise ValueError("needs the elements of a leg, or a compliance_file")
-    steps = load_steps(tables)
+    return sensor
+
+
+def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    sensor, steps = _simulated(tables, settings), load_steps(tables)
     sigma, words = _noise(steps, settings)
     points, seen = _points(steps, sigma)
     told = seen.any(1) & np.isfinite(steps.time_s)

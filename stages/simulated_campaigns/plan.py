@@ -65,6 +65,13 @@ class CampaignPlan:
     was_measured: bool
     scene: Scene
 
+    through: tuple[str, ...] = ("pose",)  # stages between what is drawn and the diagnosis
+
+    @property
+    def leg_count(self) -> int:
+        """What parameters are numbered by."""
+        return self.layout.model.leg_count
+
     def with_gross(self, share: float) -> CampaignPlan:
         """The plan with a share of the points grossly wrong."""
         return replace(self, layout=replace(self.layout, gross=share))

@@ -56,7 +56,7 @@ def hidden(ground: Ground) -> list[list[Effect]]:
     gathered = gathered_of(ground.power_tables([], 0), ground.settings)
     stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared()
     search = search_of(stand, KINDS, 400, np.random.default_rng(0))
-    asked = questions(ground.plan, sights(search, rule_of(ground.settings).level), [kind.id for kind in KINDS])
+    asked = questions(ground.plan, sights(search, rule_of(ground.settings).level), [kind.id for kind in KINDS], KINDS)
     rng = np.random.default_rng([SEED, 1])
     return [[question.sort.draw(question.expected or 0.0, 6, rng) for _ in range(EACH)] for question in asked]
 
