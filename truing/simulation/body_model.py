@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.chain import Met, Passage, State, moved_by_shape
-from truing.simulation.effects_model import EffectsModel
+from truing.simulation.effects_model import RecordedModel
 from truing.simulation.legs import Closure, Legs
 from truing.simulation.point_model import Prediction
 from truing.simulation.recording import Recording, designs
@@ -76,7 +76,7 @@ class KnownBodies:
 
 
 @dataclass(frozen=True)
-class BodyModel(EffectsModel):
+class BodyModel(RecordedModel):
     """Bodies with their targets; a function of the unknowns for a set of effects."""
 
     targets: Targets

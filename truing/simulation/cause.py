@@ -17,11 +17,16 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from truing.simulation.chain import State
     from truing.simulation.legs import Change
+    from truing.simulation.reading_state import LoadSteps
     from truing.simulation.targets import Targets
 
 
 # The fields of the state that an effect may depend on leg by leg.
 LEG_FIELDS = frozenset({"indicated", "rho", "a", "b", "u", "l", "delta_bz"})
+
+
+# What a cause may act on.
+POINTS, READINGS = "points", "readings"
 
 
 class Step(StrEnum):
@@ -88,6 +93,8 @@ class Scene:
     lengths_apart: bool = True
     drives: tuple[str, ...] = ()  # columns that bodies without a mechanism may deform with
     still: tuple[str, ...] = ()  # bodies without a mechanism that should stand still
+    runs: NDArray | None = None  # (B,) numbers of the runs that load steps belong to
+    loads: LoadSteps | None = None  # of a bench that loads a sensor, whose steps stand for poses
     placed: tuple[str, ...] = ()  # bodies whose places x, y, z are known as columns, seen from another one
     word_of_target: str = "target"  # what one of the K is called: a target, a channel
 
@@ -136,6 +143,7 @@ class Cause:
     kind: ClassVar[Kind] = Kind.LINEAR
     share: ClassVar[float] = 1.0
     reach: ClassVar[float] = 10.0  # plausible scales that its fit is held within: its prior must not shrink it
+    acts_on: ClassVar[str] = POINTS  # of bodies in space, or READINGS of a bench
     catalogued: ClassVar[bool] = True  # False: a dependence in a form that nobody declared
     reads: ClassVar[frozenset[str]] = LEG_FIELDS | {"shape"}
 

@@ -1,4 +1,4 @@
-"""What every model of points shares: effects among its unknowns, and what instruments make of the points."""
+"""What every model shares: effects among its unknowns; and what instruments make of points."""
 
 from __future__ import annotations
 
@@ -28,10 +28,6 @@ class EffectsModel(ABC):
     @abstractmethod
     def leg_count(self) -> int:
         """Return the number of legs L."""
-
-    @abstractmethod
-    def _recording(self, shared: NDArray, local: NDArray) -> Recording:
-        """Return what is recorded with the effects in force."""
 
     @property
     def zeros(self) -> NDArray | None:
@@ -67,6 +63,15 @@ class EffectsModel(ABC):
     def effect_sigma(self, cause: Cause) -> NDArray:
         """Return the prior sigma (P,) that a cause's parameters are fitted with, SI."""
         return cause.reach * self.effect_scale(cause)
+
+
+@dataclass(frozen=True)
+class RecordedModel(EffectsModel):
+    """Points of bodies in space, which instruments record."""
+
+    @abstractmethod
+    def _recording(self, shared: NDArray, local: NDArray) -> Recording:
+        """Return what is recorded with the effects in force."""
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, in the model's frame."""

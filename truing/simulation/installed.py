@@ -9,13 +9,20 @@ from typing import TypeVar
 Known = TypeVar("Known")
 
 
-def with_installed(own: Iterable[Known], group: str, kind: str, name: Callable[[Known], str]) -> dict[str, Known]:
-    """Return our own of a kind by name, then one of every class that installed packages name under a group.
+def with_installed(
+    own: Iterable[Known],
+    group: str,
+    kind: str,
+    name: Callable[[Known], str],
+    wanted: Callable[[Known], bool] = lambda one: True,
+) -> dict[str, Known]:
+    """Return our own of a kind by name, then one of every class that installed packages name under a group, if wanted.
 
     Raises ValueError where two have the same name.
     """
     found: dict[str, Known] = {}
-    for one in (*own, *(point.load()() for point in sorted(entry_points(group=group)))):
+    installed = (point.load()() for point in sorted(entry_points(group=group)))
+    for one in (*own, *filter(wanted, installed)):
         if name(one) in found:
             raise ValueError(f"{kind} {name(one)}: found in two places, expected one")
         found[name(one)] = one

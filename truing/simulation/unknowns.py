@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
 from truing.simulation.cause import Cause
-from truing.simulation.effects_model import EffectsModel
+from truing.simulation.effects_model import RecordedModel
 from truing.simulation.kinematics import Forward, forward, leg_vectors, unit
 from truing.simulation.legs import Change, Legs
 from truing.simulation.survey import ShapeUnknowns
@@ -67,7 +67,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Unknowns(EffectsModel):
+class Unknowns(RecordedModel):
     """The unknowns of a mechanism with its targets and readings, for a set of effects."""
 
     nominal: Legs

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
-from truing.simulation.cause import Cause
+from truing.simulation.cause import POINTS, READINGS, Cause
 from truing.simulation.causes.base_deformation import BaseDeformation
+from truing.simulation.causes.beams import AbbeOffset, CosineError
 from truing.simulation.causes.bodies import BodyDeformation
 from truing.simulation.causes.body_drift import BodyDrift
+from truing.simulation.causes.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.causes.counts import Crosstalk, FringeSlip
 from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
 from truing.simulation.causes.flexure_shift import FlexureShift
 from truing.simulation.causes.leg_drift import LegDrift
+from truing.simulation.causes.load_history import Creep
+from truing.simulation.causes.load_path import LoadEccentricity, LoadImbalance
 from truing.simulation.causes.measurement_scale import MeasurementScale
 from truing.simulation.causes.platform_deformation import (
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
+from truing.simulation.causes.stiffness import (
+    Hysteresis,
+    JointClearance,
+    StiffnessAsymmetry,
+    StiffnessNonlinear,
+    StiffnessScale,
+)
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.causes.unexplained import Unexplained
+from truing.simulation.causes.unexplained_readings import UnexplainedReadings
 from truing.simulation.causes.warmth import LegThermal, ThermalExpansion
 from truing.simulation.installed import with_installed
 
@@ -39,7 +52,26 @@ OWN_CAUSES: tuple[Cause, ...] = (
     BodyDrift(),
     Unexplained(),
 )
-# Of these, what a body without a mechanism knows.
+# What is known of a sensor on its bench.
+OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
+    LoadEccentricity(),
+    LoadImbalance(),
+    StiffnessScale(),
+    StiffnessAsymmetry(),
+    StiffnessNonlinear(),
+    Hysteresis(),
+    JointClearance(),
+    Creep(),
+    ZeroDrift(),
+    ThermalDrift(),
+    CosineError(),
+    AbbeOffset(),
+    DeadPath(),
+    FringeSlip(),
+    Crosstalk(),
+    UnexplainedReadings(),
+)
+# Of those of mechanisms, what a body without a mechanism knows.
 _OF_BODIES = (
     "thermal-expansion",
     "measurement-scale",
@@ -54,14 +86,26 @@ ENTRY_POINTS = "truing.causes"
 
 
 def catalogue() -> dict[str, Cause]:
-    """Return all causes by id: the project's own, then those of installed packages.
+    """Return all causes of points by id: the project's own, then those of installed packages.
 
     Raises ValueError where two causes have the same id.
     """
-    return with_installed(OWN_CAUSES, ENTRY_POINTS, "cause", lambda cause: cause.id)
+    return _with_installed(OWN_CAUSES, POINTS)
 
 
 def catalogue_of_bodies() -> dict[str, Cause]:
     """Return all causes that bodies without a mechanism know, by id; those of installed packages are among them."""
     of_legs = {cause.id for cause in OWN_CAUSES} - set(_OF_BODIES)
     return {name: cause for name, cause in catalogue().items() if name not in of_legs}
+
+
+def catalogue_of_readings() -> dict[str, Cause]:
+    """Return all causes that a sensor on its bench knows, by id; those of installed packages are among them.
+
+    Raises ValueError where two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES_OF_READINGS, READINGS)
+
+
+def _with_installed(own: tuple[Cause, ...], acts_on: str) -> dict[str, Cause]:
+    return with_installed(own, ENTRY_POINTS, "cause", lambda cause: cause.id, lambda cause: cause.acts_on == acts_on)

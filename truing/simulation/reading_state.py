@@ -1,0 +1,162 @@
+"""What a bench's load steps pass on: loads, wrenches, deflections and readings, run by run in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.air import edlen_index, vapour_pressure_pa
+
+CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
+LINEAR = 3  # of the channels; the others are angles
+LOADS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+TIME, ORDER, IN_RUN = "time_s", "order", "time_in_run_s"
+MATERIAL, AIR, PRESSURE, HUMIDITY = (
+    "material_temperature_c",
+    "air_temperature_c",
+    "air_pressure_hpa",
+    "relative_humidity_pct",
+)
+# Ordinary air, where a column of it is missing: what does not change has hardly any effect.
+_ORDINARY = {AIR: 20.0, PRESSURE: 1013.25, HUMIDITY: 50.0}
+
+
+@dataclass(frozen=True)
+class LoadSteps:
+    """B load steps of some runs, each run's in time order; K channels, the platform's six first. SI.
+
+    load (B, 6) as declared; largest (6,) of each axis; ``motion`` (B, 6) is what a plain simulation expects of the
+    platform, ``sigma`` (K,) the noise; covariates (B,) are the columns that are known of each step.
+    """
+
+    run: NDArray  # (B,) labels
+    step: NDArray  # (B,) labels
+    time_s: NDArray
+    load: NDArray
+    largest: NDArray
+    covariates: Mapping[str, NDArray]
+    channels: tuple[str, ...]
+    sigma: NDArray
+    motion: NDArray
+    wavelength_m: float
+
+    @cached_property
+    def code(self) -> NDArray:
+        """Return the number (B,) of each step's run, in the order in which they appear."""
+        _, first, inverse = np.unique(self.run, return_index=True, return_inverse=True)
+        return np.asarray(np.argsort(np.argsort(first))[inverse])
+
+    @cached_property
+    def _in_run(self) -> list[NDArray]:
+        """Return, for every place in a run, which steps (n,) have it."""
+        return [np.flatnonzero(self.rank == place) for place in range(int(self.rank.max(initial=-1)) + 1)]
+
+    @cached_property
+    def rank(self) -> NDArray:
+        """Return each step's place (B,) in its run, from 0."""
+        order = np.lexsort((np.arange(len(self.run)), self.code))
+        starts = np.flatnonzero(np.diff(self.code[order], prepend=-1))
+        rank = np.empty(len(order), int)
+        rank[order] = np.arange(len(order)) - np.repeat(starts, np.diff(np.append(starts, len(order))))
+        return rank
+
+    @cached_property
+    def before(self) -> NDArray:
+        """Return the step (B,) before each in its run; itself for the first."""
+        order = np.lexsort((self.rank, self.code))
+        before = np.empty(len(order), int)
+        before[order] = np.where(self.rank[order] == 0, order, np.roll(order, 1))
+        return before
+
+    @cached_property
+    def first(self) -> NDArray:
+        """Return the first step (B,) of each step's run."""
+        starts = np.flatnonzero(self.rank == 0)
+        of_run = np.empty(len(starts), int)
+        of_run[self.code[starts]] = starts
+        return of_run[self.code]
+
+    @property
+    def in_run_s(self) -> NDArray:
+        """Return the time (B,) since the start of the run, s."""
+        return np.asarray(self.time_s - self.time_s[self.first])
+
+    @property
+    def held_s(self) -> NDArray:
+        """Return for how long (B,) each load was held: since the step before; 0 for a run's first."""
+        return np.asarray(self.time_s - self.time_s[self.before])
+
+    @property
+    def longest_s(self) -> float:
+        """Return how long the longest run took, s."""
+        return float(self.in_run_s.max(initial=0.0))
+
+    @property
+    def share(self) -> NDArray:
+        """Return the loads (B, 6) over the largest of their axes, with their signs."""
+        return np.asarray(self.load / self.largest)
+
+    @cached_property
+    def unloading(self) -> NDArray:
+        """Return where (B, 6) a load is smaller in size than at the step before."""
+        return np.abs(self.load) < np.abs(self.load[self.before])
+
+    @property
+    def loaded(self) -> NDArray:
+        """Return which axes (6,) are ever loaded."""
+        return np.any(self.load != 0.0, 0)
+
+    def since_first(self, column: str) -> NDArray:
+        """Return by how much a column (B,) has changed since the run's first step."""
+        values = np.asarray(self.covariates[column], float)
+        return np.asarray(values - values[self.first])
+
+    def varies(self, column: str) -> bool:
+        """Return whether a column is known at all steps and changes within a run."""
+        values = self.covariates.get(column)
+        return values is not None and bool(np.isfinite(values).all()) and bool(np.any(self.since_first(column) != 0.0))
+
+    @cached_property
+    def index_since_first(self) -> NDArray:
+        """Return by how much the air's refractive index (B,) has changed since the run's first step."""
+        ordinary = np.ones(len(self.run))
+        air = {name: np.asarray(self.covariates.get(name, usual * ordinary)) for name, usual in _ORDINARY.items()}
+        vapour = vapour_pressure_pa(air[AIR], 0.01 * air[HUMIDITY])
+        index = edlen_index(self.wavelength_m, air[AIR], 100.0 * air[PRESSURE], vapour)
+        return np.asarray(index - index[self.first])
+
+    @property
+    def air_varies(self) -> bool:
+        """Return whether the air's refractive index is known to change within a run."""
+        return any(self.varies(column) for column in (AIR, PRESSURE))
+
+    def filtered(self, values: NDArray, kept: NDArray) -> NDArray:
+        """Return values (B, ...) as they are followed within each run: y = kept y_before + (1 - kept) value, from 0.
+
+        kept (B,) is what each step leaves of the state before.
+        """
+        follows = np.zeros(values.shape, np.result_type(values, kept))
+        wide = kept.reshape(-1, *([1] * (values.ndim - 1)))
+        gain = (1.0 - wide) * values
+        for place in self._in_run:
+            own = follows[self.before[place]] if place is not self._in_run[0] else 0.0
+            follows[place] = wide[place] * own + gain[place]
+        return follows
+
+
+@dataclass(frozen=True)
+class ReadingState:
+    """What the chain passes on at B load steps, SI.
+
+    wrench (B, 6) as truly applied; deflection (B, 6, 6): response by load axis; readings (B, K): the platform's
+    displacement and rotation vector, then signals, as recorded so far. What the chain has not reached is empty.
+    """
+
+    steps: LoadSteps
+    wrench: NDArray
+    deflection: NDArray
+    readings: NDArray
