@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from truing.simulation.reading_model import KnownReadings, ReadingConditions, ReadingModel, SignalGains, zeros_of
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
@@ -16,7 +14,10 @@ from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
+from truing.simulation.reading_model import ReadingModel
 from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -109,7 +110,7 @@ def _known(
         typical,
         largest_loads(steps, settings),
         np.array([noise.load_n] * 3 + [noise.load_nm] * 3),
-        zeros_of(steps.run[fitted], seen[fitted], typical, signals=signals),
+        zeros_of(_labels(steps)[fitted], seen[fitted], typical, signals=signals),
         _gains(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], settings),
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
@@ -160,7 +161,12 @@ def _conditions(steps: LoadSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
     own = steps.chosen(rows)
     known = {name: values for name, values in own.covariates.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
-    return ReadingConditions(own.run, own.step, own.time_s, own.load, known, span)
+    return ReadingConditions(_labels(own), own.step, own.time_s, own.load, known, span)
+
+
+def _labels(steps: LoadSteps) -> NDArray:
+    """The names of the runs (B,) of steps."""
+    return np.array(steps.runs)[steps.run]
 
 
 def _poses(steps: LoadSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]) -> Poses:

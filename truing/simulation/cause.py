@@ -93,7 +93,6 @@ class Scene:
     lengths_apart: bool = True
     drives: tuple[str, ...] = ()  # columns that bodies without a mechanism may deform with
     still: tuple[str, ...] = ()  # bodies without a mechanism that should stand still
-    runs: NDArray | None = None  # (B,) numbers of the runs that load steps belong to
     loads: LoadSteps | None = None  # of a bench that loads a sensor, whose steps stand for poses
     placed: tuple[str, ...] = ()  # bodies whose places x, y, z are known as columns, seen from another one
     word_of_target: str = "target"  # what one of the K is called: a target, a channel

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.reading_state import CHANNELS
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 # What nothing is known of: so many times a plausible size.
@@ -33,15 +32,15 @@ class Zeros:
         )
 
 
-def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray) -> Zeros:
+def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -> Zeros:
     """Return the zeros of readings seen (B, K) in runs (B,): one of the noise sigma (K,) per run and channel.
 
-    Those of signals (beyond the platform's six) are free.
+    Those of signals, which come last, are free.
     """
     found = [(label, k) for label in dict.fromkeys(run.tolist()) for k in np.flatnonzero(seen[run == label].any(0))]
     labels = np.array([label for label, _ in found], run.dtype)
     channel = np.array([k for _, k in found], int)
-    known = channel < len(CHANNELS)
+    known = channel < len(sigma) - signals
     return Zeros(labels, channel, np.where(known, 1.0, _FREE) * sigma[channel], known)
 
 
@@ -56,13 +55,15 @@ class SignalGains:
     sigma: NDArray
     known: bool = False
 
+    @staticmethod
+    def none() -> SignalGains:
+        """Return what stands for no signals."""
+        return SignalGains(np.zeros(0), np.zeros(0))
+
     @property
     def are_of_legs(self) -> bool:
         """Return whether each signal is that of one leg."""
         return self.start.ndim == 1
-
-
-NO_SIGNALS = SignalGains(np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class KnownReadings:
     largest: NDArray
     load_sigma: NDArray
     zeros: Zeros
-    gains: SignalGains = NO_SIGNALS
+    gains: SignalGains = field(default_factory=SignalGains.none)
     wavelength_m: float = 632.990577e-9
     reference_temperature_c: float = 20.0
 

@@ -80,10 +80,24 @@ class ReadingModel(EffectsModel):
         return Targets(np.full(count, _NO_BODY), np.full(count, _NO_LEG), self.known.channels, own)
 
     @cached_property
-    def offsets(self) -> NDArray:
-        """Return the number (B, K) of the run and channel whose zero a reading counts from."""
-        count = len(self.known.channels)
-        return np.asarray(self.steps.code[:, None] * count + np.arange(count))
+    def zeros(self) -> NDArray:
+        """Return the number (B, K) of the zero that a reading counts from: of its run and channel, known or not."""
+        count, own = len(self.known.channels), self._zero_of
+        further = own.size + self.steps.code[:, None] * count + np.arange(count)
+        known = np.isin(self.conditions.run, self.known.zeros.run)[:, None]
+        numbers = np.where(known, own, further)
+        return np.asarray(np.unique(numbers, return_inverse=True)[1].reshape(numbers.shape) - np.any(numbers < 0))
+
+    @property
+    def together(self) -> NDArray:
+        """Return which load steps (B,) err together: those of a run."""
+        return self.steps.code
+
+    @property
+    def blocks(self) -> NDArray:
+        """Return which load steps (B,) can be left out together: those of a run, runs numbered in time."""
+        starts = self.steps.time_s[self.steps.first]
+        return np.asarray(np.unique(np.stack([starts, self.steps.code], -1), axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
     def steps(self) -> LoadSteps:
@@ -113,8 +127,8 @@ class ReadingModel(EffectsModel):
             steps.covariates,
             own.span_s,
             self.known.reference_temperature_c,
-            runs=steps.code,
             loads=steps,
+            word_of_target="channel",
         )
 
     def with_causes(self, causes: Sequence[Cause]) -> Self:
@@ -184,13 +198,11 @@ class ReadingModel(EffectsModel):
 
     @cached_property
     def _load_errors(self) -> NDArray:
-        """Return how wrenches (B, 6, H) follow the load errors of a step: of the axes that its run loads."""
-        steps = self.steps
-        in_use = np.zeros((int(steps.code.max(initial=-1)) + 1, _AXES), bool)
-        np.logical_or.at(in_use, steps.code, steps.load != 0.0)
-        errors = np.zeros((*steps.load.shape, self.local_size))
+        """Return how wrenches (B, 6, H) follow the load errors of a step: of the axes that it loads."""
+        load = self.conditions.load
+        errors = np.zeros((*load.shape, self.local_size))
         for place, axis in enumerate(self._noisy):
-            errors[:, axis, place] = self.known.load_sigma[axis] * in_use[steps.code, axis]
+            errors[:, axis, place] = self.known.load_sigma[axis] * (load[:, axis] != 0.0)
         return errors
 
     @cached_property

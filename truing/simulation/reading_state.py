@@ -102,8 +102,13 @@ class LoadSteps:
 
     @cached_property
     def unloading(self) -> NDArray:
-        """Return where (B, 6) a load is smaller in size than at the step before."""
-        return np.abs(self.load) < np.abs(self.load[self.before])
+        """Return where (B, 6) a load is smaller in size than at the step before; held, it stays as it was."""
+        size = np.abs(self.load)
+        found = size < size[self.before]
+        held = size == size[self.before]
+        for place in self._in_run[1:]:
+            found[place] |= held[place] & found[self.before[place]]
+        return found
 
     @property
     def loaded(self) -> NDArray:

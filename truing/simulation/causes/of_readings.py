@@ -109,4 +109,5 @@ def seen_axes(scene: Scene) -> list[str]:
 
 def seen_channels(scene: Scene) -> list[str]:
     """Return the channels that were read."""
-    return [name for name, any_seen in zip(steps_of(scene).channels, seen_of(scene).any(0), strict=True) if any_seen]
+    names = steps_of(scene).channels
+    return [names[place] for place in np.flatnonzero(seen_of(scene).sum(0))]

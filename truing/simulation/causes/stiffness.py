@@ -61,7 +61,7 @@ class Deflection(OfLoad):
         return (Parameter(self.parameter, "1", self.plausible),)
 
     def excess(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
-        """Return by how much more than one the deflection is multiplied (B, 6), by axis, and by parameters (B, 6, P)."""
+        """Return by how much more than one the deflection is multiplied (B, 6), and by parameters (B, 6, P)."""
         course = self.course(steps)
         return course * values[0], course[..., None]
 

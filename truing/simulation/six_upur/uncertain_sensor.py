@@ -6,7 +6,6 @@ parameters, exactly: of each part one that all legs share, and one of each leg's
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -37,7 +36,7 @@ class Response:
 
 @dataclass(frozen=True)
 class UncertainSensor:
-    """A sensor of elastic legs, or of a given compliance (6, 6), SI, with what tolerances leave open of it.
+    """A sensor of elastic legs, with what tolerances leave open of it; a ``given`` compliance (6, 6) replaces theirs.
 
     geometry_sigma: (5,) m, by error source, 0 where exact; stiffness_sigma: relative, of every elastic parameter. Where
     no joints are known there are no leg forces (M = 0).
@@ -50,8 +49,13 @@ class UncertainSensor:
     stiffness_sigma: float = 0.0
 
     def __post_init__(self) -> None:
-        if (self.elastic is None) == (self.given is None):
-            raise ValueError("sensor: found both or none of elements and compliance, expected one of them")
+        if self.elastic is None and self.given is None:
+            raise ValueError("sensor: found neither elements nor a compliance, expected one of them")
+
+    @property
+    def _is_elastic(self) -> bool:
+        """Return whether the compliance is that of the legs' elements."""
+        return self.elastic is not None and (self.given is None or np.array_equal(self.given, self.elastic.compliance))
 
     @cached_property
     def sources(self) -> NDArray:
@@ -75,7 +79,9 @@ class UncertainSensor:
         """Return the number of unknown elastic parameters: common ones first, then leg by leg; one for all if given."""
         if self.stiffness_sigma == 0.0:
             return 0
-        return 1 if self.elastic is None else (1 + _LEGS) * len(self.elastic.parts.names)
+        if self.elastic is None or not self._is_elastic:
+            return 1
+        return (1 + _LEGS) * len(self.elastic.parts.names)
 
     def at(self, geometry: NDArray, stiffness: NDArray) -> Response:
         """Return the response at unknowns (geometry_size,) and (..., stiffness_size), in standard deviations."""
@@ -106,7 +112,7 @@ class UncertainSensor:
             moved(self.joints.origin, motion.origin),
         )
         sigma = np.tile(self.geometry_sigma, _LEGS)[self.sources]
-        found = _imaginary(self._response(joints, lambda: self._lengthened()))
+        found = _imaginary(self._response(joints, self._lengthened()))
         return Response(
             found.compliance[self.sources] * sigma[:, None, None],
             found.forces[self.sources] * sigma[:, None, None, None],
@@ -114,22 +120,25 @@ class UncertainSensor:
 
     def _elastically(self, stiffness: NDArray) -> Response:
         """Return the response of the nominal geometry with other elastic parameters."""
-        if self.elastic is None:
-            softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
-            plain = self._response(self.joints, lambda: np.zeros(0))
-            return Response(plain.compliance * softer[..., None, None], plain.forces)
+        lead = stiffness.shape[:-1]
+        if self.elastic is None or not self._is_elastic:
+            giving = None if self.elastic is None else self.elastic.parts.compliance.sum(-3)
+            plain = self._response(self.joints, giving)
+            softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)[..., None, None]
+            forces = np.broadcast_to(plain.forces, (*lead, *plain.forces.shape))
+            return Response(plain.compliance * softer, forces.astype(stiffness.dtype))
         parts = self.elastic.parts.compliance
         count = parts.shape[-3]
-        logs = np.zeros((*stiffness.shape[:-1], _LEGS, count))
+        logs = np.zeros((*lead, _LEGS, count))
         if stiffness.shape[-1]:
-            each = stiffness.reshape(*stiffness.shape[:-1], 1 + _LEGS, count) * self.stiffness_sigma
+            each = stiffness.reshape(*lead, 1 + _LEGS, count) * self.stiffness_sigma
             logs = each[..., :1, :] + each[..., 1:, :]
-        giving = np.einsum("...lp,lpij->...lij", np.exp(-logs), parts)
-        return self._response(self.joints, lambda: giving)
+        return self._response(self.joints, np.einsum("...lp,lpij->...lij", np.exp(-logs), parts))
 
-    def _lengthened(self) -> NDArray:
+    def _lengthened(self) -> NDArray | None:
         """Return the legs' compliances (30, 6, 6, 6) with each length error as a tiny imaginary part."""
-        assert self.elastic is not None
+        if self.elastic is None:
+            return None
         parts = self.elastic.parts
         found = np.broadcast_to(parts.compliance.sum(-3), (_LEGS, len(SOURCES), _LEGS, 6, 6)).astype(complex)
         legs = np.arange(_LEGS)
@@ -137,19 +146,22 @@ class UncertainSensor:
             found[legs, source, legs] += 1j * _TINY * slope.sum(-3)
         return found.reshape(-1, _LEGS, 6, 6)
 
-    def _response(self, joints: JointCentres | None, giving: Callable[[], NDArray]) -> Response:
-        """Return the response of joints with legs of compliances (..., 6, 6, 6)."""
+    def _response(self, joints: JointCentres | None, giving: NDArray | None) -> Response:
+        """Return the response of joints with legs of compliances (..., 6, 6, 6), if they have any."""
         passive = [] if joints is None else [np.linalg.inv(influence_matrix(joints))]
-        if self.elastic is None or joints is None:
-            given = np.asarray(self.given)
+        if joints is None or giving is None:
             lead = passive[0].shape[:-2] if passive else ()
-            return Response(np.broadcast_to(given, (*lead, 6, 6)), _stacked(passive, lead))
+            return Response(self._given((*lead, 6, 6)), _stacked(passive, lead))
         transport = end_transport(joints.arm, leg_axes(joints.direction))
-        stiffness = transport @ np.linalg.inv(giving()) @ np.swapaxes(transport, -1, -2)
+        stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
         compliance = np.linalg.inv(stiffness.sum(-3))
         carried = stiffness @ compliance[..., None, :, :]
         along = np.einsum("...li,...lij->...lj", joints.direction, carried[..., :3, :])
-        return Response(compliance, _stacked([*passive, along], compliance.shape[:-2]))
+        forces = _stacked([*passive, along], compliance.shape[:-2])
+        return Response(compliance if self._is_elastic else self._given(compliance.shape), forces)
+
+    def _given(self, shape: tuple[int, ...]) -> NDArray:
+        return np.broadcast_to(np.asarray(self.given), shape)
 
 
 def _stacked(forces: list[NDArray], lead: tuple[int, ...]) -> NDArray:
