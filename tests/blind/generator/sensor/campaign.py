@@ -57,7 +57,8 @@ def draw_campaign(layout: Layout, effects: Sequence[Effect], rng: np.random.Gene
     stream = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
     schedule = plan(layout, stream["plan"])
     errors = draw_errors(layout, stream["build"])
-    given, machine = machines(layout, errors)
+    given = build(layout.sensor, flawless(layout.sensor))
+    machine = as_made(layout, given, errors)
     gain, load = _gain(layout, stream["signals"]), _true_loads(layout, schedule, stream["loads"])
     setting = Setting(schedule, machine, layout.interferometer.wavelength)
     answered = answer(layout, load, gain, effects, setting)
@@ -91,12 +92,11 @@ class Answer:
     signals: Array
 
 
-def machines(layout: Layout, errors: Errors) -> tuple[Machine, Machine]:
-    """The sensor as designed, and as made; a compliance that was given is off as a whole."""
-    given = build(layout.sensor, flawless(layout.sensor))
+def as_made(layout: Layout, given: Machine, errors: Errors) -> Machine:
+    """The sensor as made, of one ``given`` as designed; a compliance that was given is off as a whole."""
     if layout.compliance_given:
-        return given, Machine(given.compliance * errors.softer[0, 0], given.tension)
-    return given, build(layout.sensor, errors)
+        return Machine(given.legs, given.compliance * errors.softer[0, 0], given.tension)
+    return build(layout.sensor, errors)
 
 
 def answer(layout: Layout, load: Array, gain: Array, effects: Sequence[Effect], setting: Setting) -> Answer:

@@ -54,16 +54,12 @@ Carried = Callable[[Array], tuple[Array, Array]]
 """At distances (Q,) along the leg: forces and moments about there (Q, 3, 6), leg axes, by six states."""
 
 
-def flexibility(element: Element, start: float, length: float, carried: Carried, softer: Array) -> Array:
-    """Compliance (6, 6) that the six states feel of one element from ``start``, with ``softer`` (elastic,) times the
-    nominal compliance.
-    """
-    if element.kind == "rigid":
-        return np.zeros((6, 6))
-    if element.kind in ("spring", "compliance"):
+def flexibilities(element: Element, start: float, length: float, carried: Carried) -> Array:
+    """Compliances (elastic, 6, 6) that the six states feel of one element from ``start``, by its elastic parameters."""
+    if element.kind in ("rigid", "spring", "compliance"):
         force, moment = (side[0] for side in carried(np.array([start + length])))
         state = np.concatenate([force, moment])
-        return state.T @ _lumped(element, softer) @ state
+        return state.T @ _lumped(element) @ state
     slices = _slices(element, length)
     force, moment = carried(start + slices.at)
     parts = (
@@ -72,16 +68,17 @@ def flexibility(element: Element, start: float, length: float, carried: Carried,
         (moment[:, 0], slices.about_x),
         (moment[:, 1], slices.about_y),
     )
-    return softer[0] * sum((state.T * (give * slices.step)) @ state for state, give in parts)
+    return sum((state.T * (give * slices.step)) @ state for state, give in parts)[None]
 
 
-def _lumped(element: Element, softer: Array) -> Array:
+def _lumped(element: Element) -> Array:
+    """Compliances (elastic, 6, 6) of what gives at one place, leg axes."""
     if element.matrix is not None:
-        return softer[0] * element.matrix
+        return element.matrix[None]
     places = {"axial_n_per_m": 2, "torsion_n_m_per_rad": 5}
-    given = np.zeros((6, 6))
-    for (name, value), factor in zip(element.numbers.items(), softer, strict=True):
-        given[places[name], places[name]] = factor / value
+    given = np.zeros((element.elastic, 6, 6))
+    for number, (name, value) in enumerate(element.numbers.items()):
+        given[number, places[name], places[name]] = 1 / value
     return given
 
 
@@ -135,5 +132,5 @@ def universal_joint(leaf: Element, leaf_mm: float) -> Array:
         return force, moment
 
     crossed = [Element(leaf.kind, leaf_mm, leaf.numbers, soft) for soft in ("s1", "s2")]
-    found = sum(flexibility(each, 0.0, leaf_mm / 1e3, carried, np.ones(1)) for each in crossed)
+    found = sum(flexibilities(each, 0.0, leaf_mm / 1e3, carried)[0] for each in crossed)
     return np.where(np.abs(found) > ROUNDING, found, 0.0)

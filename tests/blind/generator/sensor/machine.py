@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.blind.generator.closure import platform_pose
 from tests.blind.generator.quaternions import Array, rotate, unit
-from tests.blind.generator.sensor.elements import Element, flexibility
+from tests.blind.generator.sensor.elements import Element, flexibilities
 
 LEGS = 6
 UP = np.array([0.0, 0.0, 1.0])
@@ -52,9 +52,20 @@ def flawless(sensor: Sensor) -> Errors:
 
 
 @dataclass(frozen=True)
+class Legs:
+    """Six assembled legs: unit vectors ``along`` them (6, 3), and what their parts give a wrench at the platform's
+    origin (6, P, 6, 6), fixed frame.
+    """
+
+    along: Array
+    parts: Array
+
+
+@dataclass(frozen=True)
 class Machine:
     """Compliance (6, 6) of the platform at its origin, fixed frame, and tensions (6, 6) of its legs by the wrench."""
 
+    legs: Legs
     compliance: Array
     tension: Array
 
@@ -69,12 +80,16 @@ def build(sensor: Sensor, errors: Errors) -> Machine:
     upper = upper + errors.platform_radius[:, None] * _outwards(upper)
     p, q = platform_pose(1e3 * lower[None], 1e3 * upper[None], 1e3 * length[None], sensor.height_mm)
     arm, origin = rotate(q, upper), p[0] / 1e3
-    legs = zip(lower - origin, arm, errors.softer, strict=True)
-    held = np.stack([_leg(sensor.elements, foot, end, softer) for foot, end, softer in legs])
-    share = np.linalg.inv(held)
+    pairs = zip(lower - origin, arm, strict=True)
+    parts = np.stack([_leg(sensor.elements, foot, end) for foot, end in pairs])
+    return sharing(Legs(unit(origin + arm - lower), parts), errors.softer)
+
+
+def sharing(legs: Legs, softer: Array) -> Machine:
+    """The platform on six legs side by side, their parts ``softer`` (6, P) times as soft as nominal."""
+    share = np.linalg.inv(np.einsum("lp,lpij->lij", softer, legs.parts))
     compliance = np.linalg.inv(share.sum(0))
-    along = unit(origin + arm - lower)
-    return Machine(compliance, np.einsum("lc,lcw->lw", along, (share @ compliance)[:, :3]))
+    return Machine(legs, compliance, np.einsum("lc,lcw->lw", legs.along, (share @ compliance)[:, :3]))
 
 
 def _outwards(points: Array) -> Array:
@@ -82,8 +97,8 @@ def _outwards(points: Array) -> Array:
     return unit(points * [1.0, 1.0, 0.0])
 
 
-def _leg(elements: tuple[Element, ...], foot: Array, end: Array, softer: Array) -> Array:
-    """Compliance (6, 6) that a wrench at the platform's origin feels of one leg; joints as seen from there, m."""
+def _leg(elements: tuple[Element, ...], foot: Array, end: Array) -> Array:
+    """Compliances (P, 6, 6) that a wrench at the platform's origin feels of one leg's parts; joints from there, m."""
     axes = leg_axes(unit(end - foot))
     length = float(np.linalg.norm(end - foot))
 
@@ -92,18 +107,17 @@ def _leg(elements: tuple[Element, ...], foot: Array, end: Array, softer: Array) 
         force = np.broadcast_to(axes.T @ np.eye(3, 6), (len(at), 3, 6))
         moment = np.zeros((len(at), 3, 6))
         moment[:, :, 3:] = axes.T
-        moment[:, :, :3] = np.stack([np.cross(arm, axis) @ axes for axis in np.eye(3)], -1)
+        moment[:, :, :3] = np.swapaxes(np.cross(arm[:, None], np.eye(3)) @ axes, 1, 2)
         return force, moment
 
     given = [element.length_mm for element in elements]
     rest = length - sum(value for value in given if value is not None) / 1e3
     lengths = [rest if value is None else value / 1e3 for value in given]
-    start, number, total = (0.0 if None in given else rest), 0, np.zeros((6, 6))
+    start, parts = (0.0 if None in given else rest), []
     for element, own in zip(elements, lengths, strict=True):
-        factors = softer[number : number + element.elastic]
-        total = total + flexibility(element, start, own, carried, factors)
-        start, number = start + own, number + element.elastic
-    return total
+        parts.append(flexibilities(element, start, own, carried))
+        start = start + own
+    return np.concatenate(parts)
 
 
 def leg_axes(along: Array) -> Array:

@@ -1,0 +1,276 @@
+"""Effects drawn at random: which load, channel, run or signal, which shape; their size is asked for afterwards.
+
+Of size 1 each is about as large as a laboratory meets it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.blind.generator.sensor import effects, strange
+from tests.blind.generator.sensor.campaign import Campaign
+from tests.blind.generator.sensor.effects import Effect, Elastic, across
+from tests.blind.generator.sensor.layout import AXES
+
+OfSize = Callable[[float], Effect]
+Draw = Callable[[Campaign, np.random.Generator], OfSize]
+EITHER_SIDE = 3  # steps that show a slip, before it and after it
+HOUR_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How an effect is drawn for a campaign, and what a campaign must have for it to be there (see ``draw_plan``)."""
+
+    draw: Draw
+    needs: frozenset[str] = frozenset()
+
+
+def _axis(campaign: Campaign, rng: np.random.Generator) -> int:
+    return AXES.index(str(rng.choice(campaign.schedule.axes)))
+
+
+def _channel(campaign: Campaign, rng: np.random.Generator, first: int = 6) -> int:
+    """A channel that is watched, of the ``first`` ones."""
+    return int(rng.choice(np.flatnonzero(campaign.seen.any(axis=0)[:first])))
+
+
+def _noise(campaign: Campaign, channel: int) -> float:
+    return float(campaign.layout.noise.channels[channel])
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _eccentric(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    axis = _axis(campaign, rng)
+    way = np.array(across(axis % 3, float(rng.uniform(-np.pi, np.pi))))
+    if axis >= 3:
+        way = rng.normal(size=3) / 0.5  # forces in N for torques in N m: some 5 mm of 1 m
+    size_of = float(np.abs(campaign.layout.sensor.upper_mm).max()) / 1e3
+    unit = 0.01 * size_of if axis < 3 else 0.01 / size_of
+    return lambda size: effects.LoadEccentricity(axis, tuple((size * unit * way).tolist()))
+
+
+def _imbalanced(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """What differs between pushing and pulling, or grows with the load; with some that is neither."""
+    axis = _axis(campaign, rng)
+    size_of = float(np.abs(campaign.layout.sensor.upper_mm).max()) / 1e3
+    across_to = [k for k in range(3) if k != axis % 3]
+    places = rng.choice(across_to, int(rng.integers(1, 3)), replace=False) + (3 if axis < 3 else 0)
+    pattern = np.zeros(6)
+    pattern[places] = rng.choice([-1.0, 1.0], len(places)) * rng.uniform(0.5, 1.5, len(places))
+    pattern *= 0.01 * size_of if axis < 3 else 0.01 / size_of
+    ratio = (0.5 if rng.random() < 0.5 else 0.0) * _sign(rng) * pattern
+    grows = rng.random() < 0.25
+    none = np.zeros(6)
+
+    def of_size(size: float) -> Effect:
+        parts = (ratio, none, pattern) if grows else (ratio, pattern, none)
+        return effects.LoadImbalance(axis, *(tuple((size * part).tolist()) for part in parts))
+
+    return of_size
+
+
+def _elastic(kind: type[Elastic], unit: float, *, either: bool = True) -> Draw:
+    def draw(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+        axis, along_only = _axis(campaign, rng), bool(rng.random() < 0.3)
+        amount = unit * (_sign(rng) if either else 1.0)
+        return lambda size: kind(axis, size * amount, along_only)
+
+    return draw
+
+
+def _play(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    axis = _axis(campaign, rng)
+    return lambda size: effects.JointClearance(axis, size * 3 * _noise(campaign, axis))
+
+
+def _creeping(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    axes = (_axis(campaign, rng),) if rng.random() < 0.6 else tuple(range(6))
+    tau = float(np.exp(rng.uniform(np.log(0.7), np.log(6.0))) * campaign.layout.programme.pause_s)
+    return lambda size: effects.Creep(axes, 0.02 * size, tau)
+
+
+def _drifting(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    channel, sign = _channel(campaign, rng), _sign(rng)
+    run = None
+    if campaign.layout.programme.channels != "all" and rng.random() < 0.4:
+        run = int(rng.choice(np.unique(campaign.schedule.run[campaign.seen[:, channel]])))
+    rate = 10 * sign * _noise(campaign, channel) / HOUR_S
+    return lambda size: effects.ZeroDrift(channel, size * rate, run)
+
+
+def _thermal(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    channel, sign = _channel(campaign, rng), _sign(rng)
+    material, of_air = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.6))[rng.choice(3, p=[0.45, 0.45, 0.1])]
+    per_k = 20 * sign * _noise(campaign, channel)
+    return lambda size: effects.ThermalDrift(channel, size * per_k * material, size * per_k * of_air)
+
+
+def _askew(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    channel = _channel(campaign, rng)
+    aside = across(channel, float(rng.uniform(-np.pi, np.pi)))
+    return lambda size: effects.CosineError(channel, 0.01 * size, aside)
+
+
+def _arm(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    channel = _channel(campaign, rng, 3)
+    way = 0.01 * np.array(across(channel, float(rng.uniform(-np.pi, np.pi))))
+    return lambda size: effects.AbbeOffset(channel, tuple((size * way).tolist()))
+
+
+def _dead(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    channel = _channel(campaign, rng, 3)
+    return lambda size: effects.DeadPath(channel, 0.2 * size)
+
+
+def _slipped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    schedule, sign = campaign.schedule, _sign(rng)
+    while True:
+        channel, run = _channel(campaign, rng, 3), int(rng.integers(1, schedule.run[-1] + 1))
+        shown = schedule.step[(schedule.run == run) & campaign.seen[:, channel]]
+        if len(shown) > 2 * EITHER_SIDE:
+            break
+    start = int(rng.choice(shown[EITHER_SIDE:-EITHER_SIDE]))
+    alone = not np.any(np.delete(schedule.watched[schedule.run == run], channel, axis=1))
+    return lambda size: effects.FringeSlip(channel, run, alone, int(sign) * max(round(5 * size), 1), start)
+
+
+def _talking(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    one, other = rng.choice(campaign.layout.signals, 2, replace=False).tolist()
+    fraction = 0.005 * _sign(rng)
+    return lambda size: effects.Crosstalk(one, other, size * fraction)
+
+
+def _exchanged(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """Of whatever size: two steps with different loads."""
+    schedule = campaign.schedule
+    run = int(rng.integers(1, schedule.run[-1] + 1))
+    steps = np.flatnonzero(schedule.run == run)
+    while True:
+        one, other = sorted(rng.choice(steps, 2, replace=False).tolist())
+        if np.any(schedule.load[one] != schedule.load[other]):
+            break
+    pair = (int(schedule.step[one]), int(schedule.step[other]))
+    return lambda size: effects.RowsExchanged(run, pair)
+
+
+CATALOGUE: Mapping[str, Kind] = {
+    "load-eccentricity": Kind(_eccentric, frozenset({"six"})),
+    "load-imbalance": Kind(_imbalanced, frozenset({"six", "both"})),
+    "stiffness-scale": Kind(_elastic(effects.StiffnessScale, 0.02)),
+    "stiffness-asymmetry": Kind(_elastic(effects.StiffnessAsymmetry, 0.01), frozenset({"both"})),
+    "stiffness-nonlinear": Kind(_elastic(effects.StiffnessNonlinear, 0.01)),
+    "hysteresis": Kind(_elastic(effects.Hysteresis, 0.005, either=False)),
+    "joint-clearance": Kind(_play, frozenset({"both"})),
+    "creep": Kind(_creeping, frozenset({"uneven"})),
+    "zero-drift": Kind(_drifting),
+    "thermal-drift": Kind(_thermal, frozenset({"weather"})),
+    "cosine-error": Kind(_askew, frozenset({"six"})),
+    "abbe-offset": Kind(_arm, frozenset({"six"})),
+    "dead-path": Kind(_dead, frozenset({"weather"})),
+    "fringe-slip": Kind(_slipped),
+    "crosstalk": Kind(_talking, frozenset({"signals"})),
+    "rows-exchanged": Kind(_exchanged, frozenset({"signals"})),
+}
+
+
+def _own_or_any(campaign: Campaign, axis: int, rng: np.random.Generator) -> int:
+    """A channel that is watched while the axis is loaded."""
+    loaded = campaign.schedule.load[:, axis] != 0
+    return int(rng.choice(np.flatnonzero(campaign.seen[loaded].any(axis=0))))
+
+
+def _of_load(kind: type[strange.StrangeOfLoad]) -> Draw:
+    def draw(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+        axis, sign = _axis(campaign, rng), _sign(rng)
+        channel = _own_or_any(campaign, axis, rng)
+        return lambda size: kind(channel, size * 3 * sign * _noise(campaign, channel), axis)
+
+    return draw
+
+
+def _of_channel(make: Callable[[int, float, Campaign, np.random.Generator], OfSize], first: int = 6) -> Draw:
+    def draw(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+        channel = _channel(campaign, rng, first)
+        return make(channel, 3 * _sign(rng) * _noise(campaign, channel), campaign, rng)
+
+    return draw
+
+
+def _product(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    first, second = sorted(rng.choice(len(AXES), 2, replace=False).tolist())
+    return lambda size: strange.LoadProduct(channel, size * unit, (first, second))
+
+
+def _humidity(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    return lambda size: strange.FollowsColumn(channel, size * unit, "relative_humidity_pct")
+
+
+def _pressure(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    return lambda size: strange.FollowsColumn(channel, size * unit, "air_pressure_hpa")
+
+
+def _breathing(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """Six to fourteen steps a period."""
+    period = float(rng.uniform(6.0, 14.0) * campaign.layout.programme.pause_s)
+    phase = float(rng.uniform(-np.pi, np.pi))
+    return lambda size: strange.Breathes(channel, size * unit, period, phase)
+
+
+def _lunch(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    tau = float(rng.uniform(2.0, 5.0) * campaign.layout.programme.pause_s)
+    return lambda size: strange.SettlesAfterLunch(channel, size * unit, tau)
+
+
+def _subfringe(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    phase = float(rng.uniform(-np.pi, np.pi))
+    return lambda size: strange.InterpolationError(channel, size * abs(unit), phase)
+
+
+def _trembling(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    return lambda size: strange.NoisyChannel(channel, size)
+
+
+def _growing_noise(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    axis = _axis(campaign, rng)
+    return lambda size: strange.NoiseGrows(size, axis)
+
+
+WEATHER = frozenset({"weather"})
+STRANGE: Mapping[str, Kind] = {
+    "a joint slips beyond half load": Kind(_of_load(strange.JointSlips)),
+    "platform bulges under a load": Kind(_of_load(strange.Bulges), frozenset({"both"})),
+    "mount settles under the largest load": Kind(_of_load(strange.SettlesForGood)),
+    "load of two steps before": Kind(_of_load(strange.Remembers)),
+    "product of two loads": Kind(_of_channel(_product), frozenset({"together"})),
+    "channel follows humidity": Kind(_of_channel(_humidity), WEATHER),
+    "channel follows pressure": Kind(_of_channel(_pressure), WEATHER),
+    "load cell warms": Kind(_of_load(strange.LoadCellWarms), WEATHER),
+    "channel breathes": Kind(_of_channel(_breathing)),
+    "settles after lunch": Kind(_of_channel(_lunch), frozenset({"lunch"})),
+    "interpolation error": Kind(_of_channel(_subfringe, 3)),
+    "a channel trembles": Kind(_of_channel(_trembling)),
+    "noise grows with load": Kind(_growing_noise),
+}
+KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE}
+
+# Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.
+FAMILIES = (
+    frozenset({"load-eccentricity", "load-imbalance"}),
+    frozenset({"stiffness-scale", "cosine-error"}),
+    frozenset({"zero-drift", "thermal-drift", "dead-path"}),
+)
+
+
+def draw_two(rng: np.random.Generator) -> tuple[str, str]:
+    """Two effects of the catalogue that are no more than each other."""
+    while True:
+        first, second = rng.choice(sorted(CATALOGUE), 2, replace=False).tolist()
+        if not any({first, second} <= family for family in FAMILIES):
+            return first, second
