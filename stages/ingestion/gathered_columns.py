@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,3 +59,18 @@ def _factor(unit: str, wanted: str) -> float:
 def declared_missing(found: Gathered) -> NDArray[np.bool_]:
     """(N,) rows of files whose mapping says which values mean missing."""
     return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
+
+
+def without(found: Gathered, rows: NDArray[np.bool_], reason: str) -> Gathered:
+    """The table without some rows (N,), which are counted as left out."""
+    import pyarrow as pa
+
+    if not rows.any():
+        return found
+    parts, left_out, start = [], found.left_out.copy(), 0
+    for file, records in found.parts:
+        out = rows[start : start + len(records)]
+        start += len(records)
+        parts.append((file, records[~out]))
+        left_out[(file.raw.name, reason)] += int(out.sum())
+    return replace(found, table=found.table.filter(pa.array(~rows)), parts=parts, left_out=+left_out)

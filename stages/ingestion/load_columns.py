@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import Fault
-from stages.ingestion.gathered_columns import numbers, texts, unit_factors
+from stages.ingestion.gathered_columns import declared_missing, numbers, texts, unit_factors, without
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.shapes import WRENCH
@@ -18,11 +18,19 @@ Array = NDArray[np.float64]
 AXES = tuple(name[:2] for name in WRENCH)
 _KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
 _ROUNDED = 1e-9  # a load at its range is in it
+_EMPTY = "a load in every row; an empty cell has to be declared by missing"
 _ONE_LOAD = 1e-3  # of the largest of its component: as alike as two tables write the same load
 
 
+def with_known_loads(found: Gathered) -> Gathered:
+    """The rows whose loads were all written down, of files whose mapping says which values mean missing."""
+    names = [name for name in (*WRENCH, "load") if name in found.table.column_names]
+    unknown = np.any([np.isnan(numbers(found, name)) for name in names], axis=0) if names else np.zeros(1, bool)
+    return without(found, unknown & declared_missing(found), "a load that was not written down") if names else found
+
+
 def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
-    """The loads (N, 6) in N and N m; a component without a value is not loaded. Notes what cannot be."""
+    """The loads (N, 6) in N and N m; a component beside others that has no value is not loaded. Notes what cannot be."""
     names = found.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
     if bool(six) == bool(one) or len(one) == 1:
@@ -37,6 +45,8 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
     else:
         loads = np.column_stack([numbers(found, name) if name in six else _unloaded(found) for name in WRENCH])
+        written = np.any([~np.isnan(numbers(found, name)) for name in six], axis=0)
+        found.fault(log, ~written, six[0], _EMPTY)
         loads = np.nan_to_num(loads)
     _check_range(found, loads, "load" if one else None, loading, log)
     return loads

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from schemas.faults import Fault
 from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
-from stages.ingestion.load_columns import check_one_load, six_loads
+from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
@@ -49,6 +49,7 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallT
     found = gather(source, shape, log, "run")
     if found is None:
         return None
+    found = with_known_loads(found)
     key = ("run", "step", "channel") if own else ("run", "step")
     check_once(found, log, *key)
     check_times(found, log)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from schemas.columns import COLUMNS
 from schemas.faults import Fault
 from stages.ingestion.gathered_columns import numbered, numbers, texts
-from stages.ingestion.load_columns import check_same_loads, six_loads
+from stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
@@ -29,6 +29,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
     found = gather(source, SIGNALS, log, "run")
     if found is None:
         return None
+    found = with_known_loads(found)
     check_once(found, log, "run", "step")
     check_times(found, log)
     check_roles(found, log)

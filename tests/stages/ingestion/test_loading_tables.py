@@ -110,6 +110,19 @@ def test_units_hang_on_the_channel_and_the_axis(tmp_path):
     assert column(found["exclusions"], "rows") == [1]
 
 
+def test_a_load_that_nobody_wrote_down_is_not_no_load(tmp_path):
+    rows = ["run,step,fx_n,fy_n,v1_mv", "1,0,0,1,0.1", "1,1,,,0.2", "1,2,3,,0.3"]
+    said = faults(tmp_path, {"signals.csv": rows[:3]})
+    assert said == [
+        "signals.csv, row 3, column fx_n: found ''; expected a load in every row; an empty cell has to be declared by missing"
+    ]
+    mapped = {"files": {"signals": {"path": "raw.csv", "missing": [""]}}}
+    found = artifacts(_new(tmp_path), {"raw.csv": rows}, mapped)
+    assert column(found["signals"], "step") == [0]
+    assert column(found["exclusions"], "reason") == ["a load that was not written down"]
+    assert column(found["exclusions"], "rows") == [2]
+
+
 def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_path):
     rows = [f"{HEAD},air_temperature_c,air_pressure_hpa,relative_humidity_pct",
             "1,0,0,fz,0,dz,0,20,1000,50", "1,1,60,fz,9,dz,400,20,1010,50", "1,2,90,fz,9,rx,400,20,1010,50"]  # fmt: skip
