@@ -272,6 +272,9 @@ class Signals(Section):
 
     sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = None
     sensitivity_tolerance: NotNegative | None = None
+    zero_mv: NotNegative | None = Field(
+        None, description="one sigma of a signal's zero where each run was tared; absent: unknown"
+    )
     range_mv: Positive | None = Field(None, description="what the amplifier passes either way; at it, a signal is cut")
 
 

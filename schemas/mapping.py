@@ -91,6 +91,9 @@ class FileMapping(BaseModel):
     select: dict[str, Pattern] = Field(
         default_factory=dict, description="column = expression for the whole value of the rows to read"
     )
+    ignore: Pattern | None = Field(
+        None, description="expression for the whole names of raw columns not to carry along as covariates"
+    )
     wide: Template | None = Field(
         None, description='template of the raw names of coordinates, "{target}_{axis}": a row per target'
     )

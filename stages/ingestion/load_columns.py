@@ -30,7 +30,7 @@ def with_known_loads(found: Gathered) -> Gathered:
 
 
 def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
-    """The loads (N, 6) in N and N m; a component beside others that has no value is not loaded. Notes what cannot be."""
+    """The loads (N, 6) in N and N m; a component without a value beside others is 0. Notes what cannot be."""
     names = found.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
     if bool(six) == bool(one) or len(one) == 1:

@@ -12,10 +12,11 @@ from schemas.faults import Fault
 from stages.ingestion.gathered_columns import numbered, numbers, texts
 from stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
+from stages.ingestion.shown_wrench import with_leg_signals
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import SIGNALS, WRENCH
+from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
@@ -34,6 +35,10 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
     check_times(found, log)
     check_roles(found, log)
     loads = six_loads(found, settings.loading, log)
+    if any(name in found.table.column_names for name in SHOWN):
+        found = with_leg_signals(found, settings, log)
+        if log:
+            return None
     _check_channels(found, settings.signals.sensitivity_mv_per_n, log)
     same = _same_step(found, readings)
     if readings is not None:

@@ -199,11 +199,12 @@ class Plan:
         """Covariates: what the mapping names beyond the contract, and the file's other columns."""
         if not self.shape.covariates:
             return
+        passed_over = re.compile(self.entry.ignore or r"(?!)")
         used = {origin.position for name in given if isinstance(origin := self.origin(name), RawColumn)}
         helpers = {group.column for group in self.groups.values()} | set(self.entry.arrays)
         for name in self._nameable:
             origin = self.origin(name)
-            if name in given or name in helpers or not name or origin is None:
+            if name in given or name in helpers or not name or origin is None or passed_over.fullmatch(name):
                 continue
             if isinstance(origin, RawColumn):
                 if origin.position in used:

@@ -12,12 +12,15 @@ _POINT = ("x_mm", "y_mm", "z_mm")
 _SPREAD = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 _MOTION = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
+_SHOWN = ("shown_fx_n", "shown_fy_n", "shown_fz_n", "shown_mx_nm", "shown_my_nm", "shown_mz_nm")
 _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
 # Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
 _RAW = (
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m"),
     Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
+    *(Column(f"shown_f{a}_n", "real", f"force along {a} as the sensor itself shows it", "N") for a in "xyz"),
+    *(Column(f"shown_m{a}_nm", "real", f"torque about {a} as the sensor itself shows it", "N m") for a in "xyz"),
 )
 _CARRIED_UNITS = (
     ("_mm", "mm"),
@@ -83,10 +86,13 @@ INTERFEROMETER = Shape(
     ("sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
-SIGNALS = Shape("signals", ("run", "step"), ("time_s", *_LOADED, *_SURROUNDINGS), family="signal", covariates=True)
+SIGNALS = Shape(
+    "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
+)
 
 COORDINATES = _POINT
 SPREAD = _SPREAD
 WRENCH = _WRENCH
 MOTION = _MOTION
+SHOWN = _SHOWN
 SURROUNDINGS = _SURROUNDINGS

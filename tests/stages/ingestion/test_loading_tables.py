@@ -21,6 +21,7 @@ from truing.formats.source import CampaignFiles
 HEAD = "run,step,time_s,load_axis,load,channel,reading"
 AXES = "dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"
 SIX = "fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm"
+EMPTY = "a load in every row; an empty cell has to be declared by missing"
 ARCSEC = np.pi / 180.0 / 3600.0
 
 
@@ -113,14 +114,37 @@ def test_units_hang_on_the_channel_and_the_axis(tmp_path):
 def test_a_load_that_nobody_wrote_down_is_not_no_load(tmp_path):
     rows = ["run,step,fx_n,fy_n,v1_mv", "1,0,0,1,0.1", "1,1,,,0.2", "1,2,3,,0.3"]
     said = faults(tmp_path, {"signals.csv": rows[:3]})
-    assert said == [
-        "signals.csv, row 3, column fx_n: found ''; expected a load in every row; an empty cell has to be declared by missing"
-    ]
+    assert said == [f"signals.csv, row 3, column fx_n: found ''; expected {EMPTY}"]
     mapped = {"files": {"signals": {"path": "raw.csv", "missing": [""]}}}
     found = artifacts(_new(tmp_path), {"raw.csv": rows}, mapped)
     assert column(found["signals"], "step") == [0]
     assert column(found["exclusions"], "reason") == ["a load that was not written down"]
     assert column(found["exclusions"], "rows") == [2]
+
+
+def test_a_wrench_that_the_sensor_shows_is_told_of_its_legs(tmp_path):
+    """The forces of its legs add up to it, each with its lever."""
+    joints = [(100, 0), (30, 100), (-80, 60), (-100, -50), (0, -90), (70, -60)]
+    tilt = [(-20, 80), (-80, 10), (30, -90), (80, 0), (-50, 0), (0, 60)]
+    legs = [{"B_mm": [x, y, 0], "b_mm": [x + dx, y + dy, 0]} for (x, y), (dx, dy) in zip(joints, tilt, strict=True)]
+    mechanism = {"type": "6-upur", "height_mm": 200.0, "legs": legs}
+    arm = np.array([leg["b_mm"] for leg in legs]) * 1e-3
+    along = np.array([[dx, dy, 200.0] for dx, dy in tilt])
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    force = np.array([3.0, -1.0, 2.0, 0.5, 0.0, 7.0])
+    shown = np.concatenate([force @ along, 1e3 * np.cross(arm, along * force[:, None]).sum(0)])
+    names = [f"shown_{name}" for name in SIX.split(",")]
+    rows = [f"run,step,fz_n,{','.join(names)},filtered", f"1,0,5,{','.join(map(repr, shown.tolist()))},9"]
+    entry = {"path": "raw.csv", "units": dict.fromkeys(names[3:], "N mm"), "ignore": "filt.*"}
+    sections = {"files": {"signals": entry}, "mechanism": mechanism, "signals": {"sensitivity_mv_per_n": 0.5}}
+    table = artifacts(tmp_path, {"raw.csv": rows}, sections)["signals"]
+    assert_close([column(table, f"v{leg}_mv")[0] for leg in range(1, 7)], 0.5 * force, atol=1e-9)
+    assert "filtered" not in table.column_names
+    parallel = [{"B_mm": leg["B_mm"], "b_mm": leg["B_mm"]} for leg in legs]
+    said = faults(tmp_path, {}, {**sections, "mechanism": {**mechanism, "legs": parallel}})
+    assert "mechanism.legs" in said[0]
+    said = faults(tmp_path, {}, {**sections, "mechanism": {"type": "none"}})
+    assert said[0].startswith("campaign.toml, column mechanism.type: found 'none'; expected [mechanism] type")
 
 
 def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_path):
