@@ -12,13 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause
-from truing.simulation.reading_model import (
-    NO_SIGNALS,
-    KnownReadings,
-    ReadingConditions,
-    ReadingModel,
-    Zeros,
-)
+from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.reading_model import ReadingModel
 from truing.simulation.reading_state import CHANNELS
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
@@ -151,7 +146,7 @@ def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingCon
         extended.largest,
         np.zeros(_AXES),
         Zeros(none, none, np.zeros(0), none.astype(bool)),
-        NO_SIGNALS,
+        SignalGains.none(),
         extended.wavelength_m,
         extended.reference_temperature_c,
     )

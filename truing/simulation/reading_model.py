@@ -120,7 +120,7 @@ class ReadingModel(EffectsModel):
         own, steps = self.conditions, self.steps
         return Scene(
             self.targets,
-            np.zeros((len(self.known.channels), 1)),
+            np.zeros((len(self.known.channels), 3)),
             own.load,
             np.empty(0),
             own.poses,

@@ -26,3 +26,18 @@ def test_a_target_that_moves_with_an_effect_is_kept() -> None:
 
 def test_nothing_seen_is_nothing_wrong() -> None:
     assert not gross_errors(np.zeros((2, 3, 3)), np.zeros((2, 3), bool)).any()
+
+
+def test_readings_of_a_run_are_held_against_that_run() -> None:
+    """An effect that one run in ten shows widens that run, and not the channel's others; a gross error stands out."""
+    rng = np.random.default_rng(3)
+    load = np.tile(np.concatenate([np.linspace(-1, 1, 11), np.linspace(0.8, -1, 10)]), 10)
+    run = np.repeat(np.arange(10), 21)
+    rest = rng.normal(size=(210, 2, 1))
+    rest[run == 4, 0, 0] += 30.0 * load[run == 4]
+    rest[100, 1] += 12.0
+    zeros, seen = run[:, None] * 2 + np.arange(2), rng.random((210, 2)) > 0.05
+    seen[100, 1] = True
+    axes, order = np.ones((210, 2, 1, 1)), np.arange(210.0)
+    assert gross_errors(rest, seen, axes, order)[run == 4, 0].any()
+    assert np.argwhere(gross_errors(rest, seen, axes, order, zeros)).tolist() == [[100, 1]]

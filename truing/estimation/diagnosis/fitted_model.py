@@ -259,11 +259,14 @@ class Fitter:
         rows = stand.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, :own]
         axes = self.calibration.measured.whitener @ stand.fit.frames.R[:, None]
         axes = axes @ stand.model.turns(stand.fit.shared, stand.fit.local)
-        wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, stand.scene.covariates.get("order"))
+        order = stand.scene.covariates.get("order")
+        wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, stand.model.zeros)
         self.calibration = self.calibration.without(wrong)
         count = int(wrong.sum())
         if self.held_out is not None and stand.held_out is not None:
-            unseen = gross_errors(stand.held_out.whitened, self.held_out.measured.seen)
+            unseen = gross_errors(
+                stand.held_out.whitened, self.held_out.measured.seen, zeros=stand.held_out.model.zeros
+            )
             self.held_out = self.held_out.without(unseen)
             count += int(unseen.sum())
         self.gross += count

@@ -28,7 +28,7 @@ from truing.simulation.reading_state import AIR, MATERIAL, PRESSURE, TIME, Readi
 
 _PER_HOUR, _PER_KELVIN = 1.0, 1.0  # plausible, in a channel's own unit
 _SIGNAL_PER_HOUR = 0.05  # mV
-_PLAUSIBLE_PATH_M = 0.05
+_PLAUSIBLE_PATH_M = 0.5
 _BOTH = (MATERIAL, AIR)
 _NAMES = {MATERIAL: "per_k_material", AIR: "per_k_air"}
 # A drift of one run alone is less likely than of a channel in all of them; of both temperatures, than of one.
@@ -212,7 +212,7 @@ class DeadPath(OfChannel):
     channel: str = ""
 
     id = "dead-path"
-    reach = 100.0  # a forgotten path may be metres long
+    reach = 30.0  # a forgotten path may be metres long
 
     @property
     def says(self) -> str:

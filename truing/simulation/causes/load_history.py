@@ -20,6 +20,8 @@ _SHORTEST_S = 10.0
 # Neighbours among the time constants that are tried, and one sigma of the logarithm of one about that.
 _RATIO, _PLAUSIBLE_LOG = 2.0, 0.5
 _MOST_CONSTANTS = 10
+# What has settled long before the reading cannot be told from a softer sensor.
+_HELD = 0.5
 _ALL_SHARE = 0.5
 _TINY = 1e-30
 
@@ -56,7 +58,7 @@ class Creep(OfLoad):
         if not np.isfinite(steps.time_s).all():
             return ()
         held, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
-        shortest = max(_SHORTEST_S, 0.25 * float(np.median(held))) if len(held) else longest
+        shortest = max(_SHORTEST_S, _HELD * float(np.median(held))) if len(held) else longest
         if not shortest < longest:
             return ()
         count = min(_MOST_CONSTANTS, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_RATIO))))
