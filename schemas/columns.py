@@ -91,8 +91,13 @@ _POSES = (
         for j in range(i, 6)
     ),
     _real("rms_mm", "mm", "root mean square of the residuals of the targets kept", minimum=0.0, nullable=True),
-    Column("n_used", "integer", "targets, or points of a scan, that entered the fit", minimum=0),
-    Column("n_rejected", "integer", "targets, or points of a scan, kept out as gross errors or by a person", minimum=0),
+    Column("n_used", "integer", "targets, points of a scan or readings that entered the fit", minimum=0),
+    Column(
+        "n_rejected",
+        "integer",
+        "targets, points of a scan or readings kept out as gross errors or by a person",
+        minimum=0,
+    ),
     _real("overlap", "", "share of a scan's points that lie on the reference surface", minimum=0.0, maximum=1.0),
     _real("noise_ratio", "", "by which the standard deviations were enlarged for what noise leaves open", minimum=1.0),
 )
@@ -133,6 +138,15 @@ _LOADS = (
     Column("channel", "text", "what the instrument read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
     _real("reading", "", "motion of the platform since the start of the run, in the unit of its row"),
     Column("signal", "real", "signal of that channel of the force sensor", "mV", nullable=True, family=r"v[1-8]_mv"),
+    Column("case", "integer", "the load case: the same loads, reached the same way", minimum=1),
+    Column(
+        "branch",
+        "text",
+        "whether the load grew away from zero or came back; several loads at once: the largest in its range",
+        choices=("unloaded", "loading", "unloading"),
+    ),
+    _real("residual", "", "measured minus fitted, in the unit of its row", nullable=True),
+    Column("term", "text", "what a number multiplies"),
     _real("air_temperature_c", "degC", "temperature of the air along the beams", minimum=-273.15, nullable=True),
     _real("air_pressure_hpa", "hPa", "pressure of the air", minimum=0.0, nullable=True),
     _real("relative_humidity_pct", "%", "humidity of the air", minimum=0.0, maximum=100.0, nullable=True),

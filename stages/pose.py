@@ -18,18 +18,23 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="pose",
-    reads=("observations?", "survey?", "scans?"),
-    leaves=("poses", "residuals"),
-    settings=("bodies", "mechanism.type", "exclude", "keep"),
-    summary="rigid-body poses with covariance, and the residuals of every target",
+    reads=("observations?", "survey?", "scans?", "readings?"),
+    leaves=("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?"),
+    settings=("campaign.kind", "bodies", "mechanism.type", "exclude", "keep"),
+    summary="rigid-body poses or displacements under load, with covariance, and the residuals of every reading",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Fit every body in every pose, relative to its survey where there is one, and see it from the reference body."""
+    """Fit every body in every pose, relative to its survey where there is one, and see it from the reference body.
+
+    Of a loaded platform: join its readings to displacements.
+    """
+    if settings.campaign.kind == "interferometer":
+        return _of_loads(tables)
     observations, scans = (tables.get(name, ARTIFACTS[name].empty()) for name in ("observations", "scans"))
     if not observations.num_rows and not scans.num_rows:
-        empty = {name: ARTIFACTS[name].empty() for name in DECLARATION.leaves}
+        empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
     from stages.point_arrays import pose_ids
     from stages.rigid_poses.scan_poses import with_scans
@@ -45,6 +50,15 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     sources = f"{observations.num_rows} points" + (f" and {scans.num_rows} dense scans" if scans.num_rows else "")
     read = f"{sources} of {len(bodies)} bodies in {len(poses)} poses"
     return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies))
+
+
+def _of_loads(tables: Mapping[str, pa.Table]) -> Outcome:
+    if "readings" not in tables or not tables["readings"].num_rows:
+        empty = {name: ARTIFACTS[name].empty() for name in ("displacement", "reading_residuals", "run_terms")}
+        return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no readings of displacement")
+    from stages.sensor.platform_poses import platform_poses
+
+    return platform_poses(tables["readings"])
 
 
 def _bodies(

@@ -76,6 +76,8 @@ def fit_response(
     if form == "linear" and d != width:
         raise ValueError(f"the linear model pairs each response with its own drive: {width} responses, {d} drives")
     group = np.zeros(n, np.int64) if group is None else np.asarray(group)
+    if width > 1 and _separate(cov, np.isfinite(y), offset_cov):
+        return _component_by_component(u, y, cov, form, offset_cov, group)
     free = {
         "none": np.zeros((width, d), bool),
         "linear": np.eye(width, d, dtype=bool),
@@ -85,6 +87,54 @@ def fit_response(
     design = _design(u, free, group)
     prior = _offset_precision(offset_cov, int(free.sum()), width, int(group.max()) + 1)
     return _solve(form, free, design, np.nan_to_num(y), np.isfinite(y), weight, prior)
+
+
+def _separate(cov: Array, seen: NDArray[np.bool_], offset_cov: Array | None) -> bool:
+    """Whether the components have no error in common: each is a problem of its own, and much smaller."""
+    apart = ~np.eye(cov.shape[1], dtype=bool)
+    both = seen[:, :, None] & seen[:, None, :] & apart
+    return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[apart]))
+
+
+def _component_by_component(
+    u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: NDArray[np.int64]
+) -> ResponseFit:
+    """The same fit where nothing couples the components: each from the rows in which it was seen."""
+    (n, width), groups = y.shape, int(group.max()) + 1
+    drives = [np.arange(u.shape[1]) if form == "matrix" else np.arange(k, k + (form == "linear")) for k in range(width)]
+    coefficients, offset = np.zeros((width, u.shape[1])), np.zeros((groups, width))
+    residuals, loo = np.full((2, n, width), np.nan)
+    free, blocks, deficient, chi_square, dof = np.zeros(coefficients.shape, bool), [], 0, 0.0, 0
+    for k, own in enumerate(drives):
+        free[k, own] = True
+        rows = np.flatnonzero(np.isfinite(y[:, k]))
+        if not len(rows):
+            blocks.append(np.zeros((len(own), len(own))))
+            deficient += len(own) + (groups if offset_cov is None else 0)
+            continue
+        met, place = np.unique(group[rows], return_inverse=True)
+        prior = None if offset_cov is None else offset_cov[k : k + 1, k : k + 1]
+        weight = _precision(cov[rows, k, k][:, None, None], np.ones((len(rows), 1), bool))
+        every = np.ones((1, len(own)), bool)
+        design = _design(u[np.ix_(rows, own)], every, place)
+        told = _offset_precision(prior, len(own), 1, len(met))
+        one = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, told)
+        coefficients[k, own], offset[met, k] = one.coefficients[0], one.offset[:, 0]
+        residuals[rows, k], loo[rows, k] = one.residuals[:, 0], one.loo_residuals[:, 0]
+        blocks.append(one.covariance)
+        deficient += one.deficient + (groups - len(met) if offset_cov is None else 0)
+        chi_square, dof = chi_square + one.chi_square, dof + one.dof
+    return ResponseFit(
+        form, coefficients, _block_diagonal(blocks), free, offset, residuals, loo, chi_square, dof, deficient
+    )
+
+
+def _block_diagonal(blocks: list[Array]) -> Array:
+    size = [len(block) for block in blocks]
+    whole, start = np.zeros((sum(size), sum(size))), np.concatenate([[0], np.cumsum(size)])
+    for block, first in zip(blocks, start[:-1], strict=True):
+        whole[first : first + len(block), first : first + len(block)] = block
+    return whole
 
 
 def _design(u: Array, free: NDArray[np.bool_], group: NDArray[np.int64]) -> Array:

@@ -21,10 +21,15 @@ _OPEN = 1e-8  # share of a column, squared, that the others have to leave of it
 
 def branches(load: ArrayLike) -> NDArray[np.int64]:
     """Return for steps (N,) in the order in which they were taken: 1 where the load grew away from zero (or changed
-    its sign), -1 where it came back, and the branch before where it stayed; 0 until it first moves."""
+    its sign), -1 where it came back, and the branch before where it stayed; 0 until it first moves.
+
+    Of several loads at once (N, A), in comparable units, the largest decides; its sign is their direction's.
+    """
     load = np.asarray(load, float)
-    before = np.concatenate([[0.0], load[:-1]])
-    grew = np.where(load * before < 0.0, 1.0, np.sign(np.abs(load) - np.abs(before)))
+    load = load[:, None] if load.ndim == 1 else load
+    before = np.concatenate([np.zeros((1, load.shape[1])), load[:-1]])
+    size, size_before = (np.abs(values).max(axis=1, initial=0.0) for values in (load, before))
+    grew = np.where(np.sum(load * before, axis=1) < 0.0, 1.0, np.sign(size - size_before))
     last = np.maximum.accumulate(np.where(grew != 0.0, np.arange(len(load)), -1))
     return np.where(last >= 0, grew[np.maximum(last, 0)], 0.0).astype(np.int64)
 

@@ -1,0 +1,225 @@
+"""Where loads move the platform: six components per load case, from readings of one channel at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.declaration import Outcome
+from stages.responses.tables import Rows
+from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
+from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, LoadSteps, load_steps
+from truing.estimation.interferometry.platform_displacement import (
+    PlatformDisplacement,
+    drift_columns,
+    platform_displacement,
+    zero_columns,
+)
+from truing.estimation.interferometry.run_curves import RunCurves, run_curves
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+GROSS = "gross error"
+_HOUR = 3600.0
+_UNITS = ("um", "um", "um", "arcsec", "arcsec", "arcsec")
+_MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
+_MOVED_UNIT = np.array([1e-3] * 3 + [1.0] * 3)
+
+
+@dataclass(frozen=True)
+class PlatformPoses:
+    """Displacements of K cases, and the runs' terms that they are counted from.
+
+    zero, drift (R, 6) and their sigmas, NaN where a run did not read a channel, or did not tell its drift; drift per s.
+    """
+
+    steps: LoadSteps
+    cases: LoadCases
+    curves: RunCurves
+    value: Array
+    covariance: Array
+    zero: Array
+    zero_sigma: Array
+    drift: Array
+    drift_sigma: Array
+
+
+def platform_poses(readings: pa.Table) -> Outcome:
+    """The tables of the pose stage: displacement, reading_residuals, run_terms."""
+    found = find_poses(load_steps({"readings": readings}))
+    steps, identifier = found.steps, "int64" if isinstance(found.steps.runs[0], int) else "string"
+    tables = {
+        "displacement": _displacement_rows(found).table(identifier),
+        "reading_residuals": _residual_rows(found).table(identifier),
+        "run_terms": _term_rows(found).table(identifier),
+    }
+    count = int(np.isfinite(steps.reading).sum())
+    read = f"{count} readings of {len(steps.runs)} runs in {len(found.value)} load cases"
+    return Outcome(tables, read=read, left_out=_left_out(found), figure=_figure(found))
+
+
+def find_poses(steps: LoadSteps) -> PlatformPoses:
+    """Join readings to displacements, each channel by itself: their errors have nothing in common."""
+    cases = load_cases(steps)
+    curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
+    count, runs = len(cases.load), len(steps.runs)
+    value, covariance = np.full((count, 6), np.nan), np.zeros((count, 6, 6))
+    terms = np.full((4, runs, 6), np.nan)
+    for k in range(6):
+        rows = np.flatnonzero(np.isfinite(steps.reading[:, k]) & ~curves.rejected[:, k])
+        covariance[:, k, k] = np.inf
+        if not len(rows):
+            continue
+        one, met, drifting = _of_channel(steps, cases, curves.sigma[rows, k], rows, k)
+        value[: len(one.value), k], covariance[: len(one.value), k, k] = one.value[:, k], one.covariance[:, k, k]
+        sigma = np.sqrt(np.diag(one.shared_covariance))
+        terms[0, met, k], terms[1, met, k] = one.shared[: len(met)], sigma[: len(met)]
+        terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
+    return PlatformPoses(steps, cases, curves, value, covariance, *terms)
+
+
+def _of_channel(
+    steps: LoadSteps, cases: LoadCases, sigma: Array, rows: NDArray[np.int64], k: int
+) -> tuple[PlatformDisplacement, NDArray[np.int64], Mask]:
+    """Displacements by one channel, its runs, and which of them tell their own drift: they came back to a load.
+
+    The zero of a run is one reading. Nothing is known of its drift before.
+    """
+    met, run = np.unique(steps.run[rows], return_inverse=True)
+    time, case = steps.time_s[rows], cases.of_step[rows]
+    zeros, drifts = zero_columns(run), drift_columns(run, time)
+    largest = np.abs(drifts).max(axis=0)
+    drifting = np.array([_comes_back(case[run == r], time[run == r]) for r in range(len(met))])
+    scale = largest[drifting]
+    first = np.array([sigma[run == r][0] for r in range(len(met))])
+    shared = np.concatenate([zeros, drifts[:, drifting] / scale], axis=1)
+    known = np.concatenate([first, np.full(int(drifting.sum()), np.inf)])
+    along = np.broadcast_to(np.eye(6)[k], (len(rows), 6))
+    found = platform_displacement(along, steps.reading[rows, k], sigma, case, shared, known)
+    per_second = np.concatenate([np.ones(len(met)), 1.0 / scale])
+    return _rescaled(found, per_second), met, drifting
+
+
+def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacement:
+    from dataclasses import replace
+
+    covariance = found.shared_covariance * np.outer(factor, factor)
+    return replace(found, shared=found.shared * factor, shared_covariance=covariance, gain=found.gain / factor)
+
+
+def _comes_back(case: NDArray[np.int64], time: Array) -> bool:
+    """Whether a run visits a load case at two times at least."""
+    visits = np.unique(case, return_inverse=True)[1]
+    low, high = np.full(visits.max() + 1, np.inf), np.full(visits.max() + 1, -np.inf)
+    np.minimum.at(low, visits, time)
+    np.maximum.at(high, visits, time)
+    return bool(np.any(high > low))
+
+
+def _displacement_rows(found: PlatformPoses) -> Rows:
+    cases, rows = found.cases, Rows("displacement")
+    used, rejected = (np.zeros(len(cases.load), np.int64) for _ in range(2))
+    seen = np.isfinite(found.steps.reading)
+    np.add.at(used, cases.of_step, (seen & ~found.curves.rejected).sum(1))
+    np.add.at(rejected, cases.of_step, found.curves.rejected.sum(1))
+    variance = np.where(np.isfinite(found.covariance), found.covariance, np.nan)
+    entries = {f"cov_{i}_{j}": variance[:, i, j] for i in range(6) for j in range(i, 6)}
+    for (i, j), name in (((i, j), f"cov_{i}_{j}") for i in range(6) for j in range(i + 1, 6)):
+        known = np.isfinite(found.value[:, i]) & np.isfinite(found.value[:, j])
+        entries[name] = np.where(known, entries[name], np.nan)
+    roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
+    rows.add(
+        case=np.arange(1, len(cases.load) + 1),
+        branch=[BRANCHES[way] for way in cases.branch],
+        **dict(zip(LOAD_COLUMNS, cases.load.T, strict=True)),
+        **dict(zip(_MOVED, (found.value / _MOVED_UNIT).T, strict=True)),
+        **entries,
+        n_used=used,
+        n_rejected=rejected,
+        **roles,
+    )
+    return rows
+
+
+def _residual_rows(found: PlatformPoses) -> Rows:
+    steps, curves, rows = found.steps, found.curves, Rows("reading_residuals")
+    at, k = np.nonzero(np.isfinite(steps.reading))
+    rejected, residual = curves.rejected[at, k], curves.residual[at, k] / READING_SI[k]
+    sigma = curves.sigma[at, k] / READING_SI[k]
+    reasons = [
+        f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if out else None
+        for out, r, s in zip(rejected, residual, sigma, strict=True)
+    ]
+    rows.add(
+        run=[steps.runs[r] for r in steps.run[at]],
+        step=steps.step[at],
+        channel=[CHANNELS[j] for j in k],
+        branch=[BRANCHES[way] for way in found.cases.branch_of_step[at]],
+        residual=residual,
+        sigma=sigma,
+        unit=[_UNITS[j] for j in k],
+        weight=np.where(rejected, 0.0, 1.0),
+        rejected=rejected,
+        reason=reasons,
+    )
+    return rows
+
+
+def _term_rows(found: PlatformPoses) -> Rows:
+    from scipy.special import ndtr
+
+    rows = Rows("run_terms")
+    parts = (("zero", found.zero, found.zero_sigma, 1.0, ""), ("drift", found.drift, found.drift_sigma, _HOUR, "/h"))
+    for name, value, sigma, factor, per in parts:
+        r, k = np.nonzero(np.isfinite(value))
+        if len(r):
+            scale = factor / READING_SI[k]
+            rows.add(
+                run=[found.steps.runs[i] for i in r],
+                channel=[CHANNELS[j] for j in k],
+                term=name,
+                value=value[r, k] * scale,
+                sigma=sigma[r, k] * scale,
+                unit=[_UNITS[j] + per for j in k],
+                p_value=2.0 * ndtr(-np.abs(value[r, k] / sigma[r, k])),
+            )
+    return rows
+
+
+def _left_out(found: PlatformPoses) -> str:
+    at, k = np.nonzero(found.curves.rejected)
+    if not len(at):
+        return "no reading"
+    steps = found.steps
+    named = [f"{CHANNELS[j]} of run {steps.runs[steps.run[i]]} step {steps.step[i]}" for i, j in zip(at, k, strict=True)]
+    more = f" and {len(named) - 3} more" if len(named) > 3 else ""
+    return f"{len(named)} readings as gross errors: {', '.join(named[:3])}{more}"
+
+
+def _figure(found: PlatformPoses) -> str:
+    known = np.isfinite(found.value)
+    never = [name for name, seen in zip(CHANNELS, known.any(0), strict=True) if not seen]
+    words = f"{int(known.all(1).sum())} of {len(known)} load cases in all six components"
+    missing = [
+        f"{axis} {' '.join(np.array(CHANNELS)[~seen])}"
+        for axis, seen in _by_axis(found).items()
+        if not seen.all() and seen.any() and not never
+    ]
+    if never:
+        return f"{words}; never measured: {', '.join(never)}"
+    return f"{words}; not measured under {'; '.join(missing)}" if missing else words
+
+
+def _by_axis(found: PlatformPoses) -> dict[str, Mask]:
+    """Which channels were read under each axis of load that was loaded by itself."""
+    alone = found.cases.load != 0.0
+    alone &= alone.sum(1, keepdims=True) == 1
+    known = np.isfinite(found.value)
+    return {LOADS[a]: known[alone[:, a]].any(0) for a in range(6) if alone[:, a].any()}

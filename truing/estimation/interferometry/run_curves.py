@@ -1,0 +1,216 @@
+"""A smooth curve of load and time through every run of a channel, and readings far off theirs: gross errors.
+
+The curves bend as elastic sensors may (asymmetry, hysteresis, a clearance), so that what they do not follow is no
+property of the sensor. A jump that lasts is none of a single reading either, and stays in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.interferometry.load_run import branches
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_FALSE_REJECTIONS = 0.05  # expected in a whole campaign
+_NORMAL_MEDIAN = 0.6745
+_L1_ROUNDS, _FIXPOINT_ROUNDS = 30, 20
+_CLOSE = 0.05  # residuals nearer than that, in sigmas, gain no more weight
+_SPARE = 4  # readings of a run beyond the terms of its curve, at least
+_LASTS = 3  # so many readings on one side, one after the other, are a jump
+_RIDGE = 1e-10
+
+
+@dataclass(frozen=True)
+class RunCurves:
+    """Of steps (B, K channels): residual, NaN where there was no reading or too few for a curve; which are rejected.
+
+    sigma (B, K): declared, or the scatter about the curves where none was.
+    """
+
+    residual: Array
+    rejected: Mask
+    sigma: Array
+
+
+def run_curves(load: Array, time_s: Array, run: NDArray[np.int64], reading: Array, sigma: Array) -> RunCurves:
+    """Fit a curve to every run and channel of readings (B, K) under loads (B, 6); sigma NaN where undeclared.
+
+    Of at most 0.05 good readings in a campaign it is expected that they are rejected.
+    """
+    pieces = [(np.flatnonzero(run == r), k) for r in np.unique(run) for k in range(reading.shape[1])]
+    pieces = [(rows[np.isfinite(reading[rows, k])], k) for rows, k in pieces]
+    pieces = [(rows, k) for rows, k in pieces if len(rows)]
+    columns = [curve_columns(load[rows], time_s[rows]) for rows, _ in pieces]
+    batch = _Batch.of(pieces, columns, reading)
+    noise = _noise(batch, reading, sigma)
+    rejected_of = _rejected(batch, np.stack([_padded(noise[rows, k], batch.width) for rows, k in pieces]))
+    left, _ = batch.solved(np.where(batch.seen & ~rejected_of, 1.0, 0.0))
+    noise = _settled(batch, left, rejected_of, reading, sigma, noise)
+    residual, rejected = np.full(reading.shape, np.nan), np.zeros(reading.shape, bool)
+    for piece, (rows, k) in enumerate(pieces):
+        residual[rows, k], rejected[rows, k] = left[piece, : len(rows)], rejected_of[piece, : len(rows)]
+        if batch.terms[piece] == 0:
+            residual[rows, k] = np.nan
+    return RunCurves(residual, rejected, noise)
+
+
+def curve_columns(load: Array, time_s: Array) -> Array:
+    """Return the columns (N, P) of a run's curve: as many kinds of terms as its readings (N,) leave room for.
+
+    A zero; then of each axis that was loaded F; then time; |F| and F^3; sign F and the loop of hysteresis. (N, 0) where
+    there are too few readings even for zero and load.
+    """
+    moved = np.flatnonzero(np.ptp(load, axis=0) > 0.0)
+    F = load[:, moved] / np.abs(load[:, moved]).max(axis=0, initial=0.0)
+    way = np.stack([branches(one) for one in F.T], axis=1) if len(moved) else np.zeros(F.shape)
+    share = np.abs(F)
+    kinds = [
+        [np.ones((len(F), 1)), F],
+        [(time_s - time_s[0])[:, None] / max(float(np.ptp(time_s)), 1e-9)],
+        [share, F**3],
+        [np.sign(F), (way < 0) * share * (1.0 - share) * np.sign(F)],
+    ]
+    taken: list[Array] = []
+    for kind in kinds:
+        more = np.concatenate([*taken, *kind], axis=1)
+        if more.shape[1] > len(F) - _SPARE:
+            break
+        taken = [more]
+    return taken[0] if taken else np.empty((len(F), 0))
+
+
+def _padded(values: Array, width: int) -> Array:
+    return np.concatenate([values, np.ones(width - len(values))])
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """M pieces of up to N readings with up to P columns each, padded: columns (M, N, P) of unit length, y (M, N)."""
+
+    columns: Array
+    y: Array
+    seen: Mask
+    terms: NDArray[np.int64]
+    channel: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, pieces: list[tuple[NDArray[np.int64], int]], columns: list[Array], reading: Array) -> _Batch:
+        width = max((len(rows) for rows, _ in pieces), default=0)
+        size = max((one.shape[1] for one in columns), default=0)
+        held, y = np.zeros((len(pieces), width, size)), np.zeros((len(pieces), width))
+        seen = np.zeros(y.shape, bool)
+        for piece, ((rows, k), one) in enumerate(zip(pieces, columns, strict=True)):
+            length = np.linalg.norm(one, axis=0)
+            held[piece, : len(rows), : one.shape[1]] = one / np.where(length > 0.0, length, 1.0)
+            y[piece, : len(rows)] = reading[rows, k]
+            seen[piece, : len(rows)] = True
+        terms = np.array([one.shape[1] for one in columns], np.int64)
+        return cls(held, y, seen, terms, np.array([k for _, k in pieces], np.int64))
+
+    @property
+    def width(self) -> int:
+        return self.y.shape[1]
+
+    @property
+    def judged(self) -> Mask:
+        """(M,) which pieces have a curve."""
+        return self.terms > 0
+
+    def solved(self, weight: Array) -> tuple[Array, Array]:
+        """Residuals (M, N) of weighted fits, and what a reading's error of one moves its own curve by (M, N)."""
+        weighted = self.columns * weight[..., None]
+        normal = np.swapaxes(weighted, 1, 2) @ self.columns
+        size = np.maximum(np.einsum("mpp->mp", normal).max(1, initial=0.0), 1e-300)
+        normal = normal + _RIDGE * size[:, None, None] * np.eye(normal.shape[1])
+        inverse = np.linalg.inv(normal)
+        beta = inverse @ np.einsum("mnp,mn->mp", weighted, self.y)[..., None]
+        left = np.where(self.seen, self.y - (self.columns @ beta)[..., 0], 0.0)
+        return left, np.einsum("mnp,mpq,mnq->mn", self.columns, inverse, self.columns, optimize=True)
+
+    def robust(self, sigma: Array) -> Array:
+        """Residuals (M, N) of least absolute deviation, over sigma (M, N)."""
+        weight = self.seen / sigma**2
+        far = np.abs(self.solved(weight)[0]) / sigma
+        for _ in range(_L1_ROUNDS):
+            far = np.abs(self.solved(weight / np.maximum(far, _CLOSE))[0]) / sigma
+        return far
+
+    def scatter(self, far: Array) -> Array:
+        """Robust scatter (M,) of residuals: of each piece, but for as many of the smallest as its curve can meet."""
+        rest = np.sort(np.where(self.seen, far, np.inf), axis=1)
+        spare = np.maximum(self.seen.sum(1) - self.terms, 1)
+        middle = np.minimum(self.terms + spare // 2, self.seen.sum(1) - 1)
+        return np.asarray(np.take_along_axis(rest, middle[:, None], axis=1)[:, 0] / _NORMAL_MEDIAN)
+
+
+def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
+    """Declared sigma, and the median scatter of a channel's runs about their curves where none is declared."""
+    open_channels = np.isfinite(reading) & ~np.isfinite(sigma)
+    noise = np.array(sigma, float)
+    if not open_channels.any():
+        return noise
+    plain = np.where(batch.seen, 1.0, 0.0)
+    spread = np.sqrt(np.sum(batch.solved(plain)[0] ** 2, axis=1) / np.maximum(batch.seen.sum(1), 1))
+    unit = np.where(spread > 0.0, spread, 1.0)
+    scatter = batch.scatter(batch.robust(np.broadcast_to(unit[:, None], batch.y.shape))) * unit
+    for k in range(reading.shape[1]):
+        own = scatter[(batch.channel == k) & batch.judged]
+        found = float(np.median(own)) if len(own) else np.nan
+        if not found > 0.0:
+            found = float(np.nanstd(reading[:, k])) or 1.0
+        noise[open_channels[:, k], k] = found
+    return noise
+
+
+def _settled(batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: Array, first: Array) -> Array:
+    """The noise with what was not declared taken from all runs of a channel, gross errors left out."""
+    noise, kept = np.array(first), batch.seen & ~rejected & batch.judged[:, None]
+    spare = np.where(batch.judged, np.maximum(kept.sum(1) - batch.terms, 0), 0)
+    squares = np.sum(np.where(kept, left, 0.0) ** 2, axis=1)
+    for k in range(reading.shape[1]):
+        own = (batch.channel == k) & (spare > 0)
+        if squares[own].sum() > 0.0:
+            unknown = np.isfinite(reading[:, k]) & ~np.isfinite(sigma[:, k])
+            noise[unknown, k] = np.sqrt(squares[own].sum() / spare[own].sum())
+    return noise
+
+
+def _rejected(batch: _Batch, sigma: Array) -> Mask:
+    """Which readings (M, N) are far off, from a robust start to a fixpoint."""
+    from scipy.special import ndtri
+
+    limit = -ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1))
+    start = batch.robust(sigma)
+    wide = (limit * np.maximum(1.0, batch.scatter(start)))[:, None]
+    judged = batch.seen & batch.judged[:, None]
+    kept = judged & (start < 1.5 * wide)
+    for _ in range(_FIXPOINT_ROUNDS):
+        left, reach = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
+        own = reach / sigma**2
+        spread = sigma * np.sqrt(np.where(kept, np.maximum(1.0 - own, 1e-3), 1.0 + own))
+        again = judged & (np.abs(left) < wide * spread)
+        if (again == kept).all():
+            break
+        kept = again
+    left, _ = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
+    return judged & ~kept & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+
+
+def _lasting(side: Array) -> Mask:
+    """Which of signs (M, N) stand in a row of several alike that are not 0."""
+    found = np.zeros(side.shape, bool)
+    for shift in range(_LASTS):
+        first = np.roll(side, shift, axis=1)
+        same = side != 0.0
+        for step in range(_LASTS):
+            moved = np.roll(first, -step, axis=1)
+            same &= moved == side
+            inside = np.arange(side.shape[1]) - shift + step
+            same &= (inside >= 0) & (inside < side.shape[1])
+        found |= same
+    return found
