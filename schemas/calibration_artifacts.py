@@ -43,10 +43,18 @@ CALIBRATION = (
     Artifact(
         "compliance",
         "compliance.parquet",
-        "displacement per load, entry by entry",
+        "displacement per load, entry by entry: by each model as far as it is known, and simulated",
         ("model", "response", "load", "coefficient", "sigma", "unit"),
-        optional=("p_value", "significant"),
+        optional=("p_value", "significant", "simulated", "simulated_sigma", "pull", "verdict"),
         key=("model", "response", "load"),
+    ),
+    Artifact(
+        "axis_curves",
+        "axis_curves.parquet",
+        "displacement against load of the load cases along one axis alone: measured, and simulated where that is known",
+        ("load", "channel", "case", "branch", "applied", "measured", "sigma", "unit"),
+        optional=("simulated", "simulated_sigma"),
+        key=("load", "channel", "case"),
     ),
     Artifact(
         "calibration",

@@ -15,15 +15,36 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="deformation",
-    reads=("observations?", "survey?", "configurations?", "poses?", "residuals?", "displacement?"),
-    leaves=("deformation", "deformation_models", "deformation_errors", "target_deformation?", "compliance?"),
+    reads=(
+        "observations?",
+        "survey?",
+        "configurations?",
+        "poses?",
+        "residuals?",
+        "readings?",
+        "given_compliance?",
+        "displacement?",
+        "reading_residuals?",
+        "run_terms?",
+    ),
+    leaves=(
+        "deformation?",
+        "deformation_models?",
+        "deformation_errors",
+        "target_deformation?",
+        "compliance?",
+        "axis_curves?",
+    ),
     settings=(
         "campaign.kind",
         "campaign.drives",
         "mechanism.type",
         "mechanism.legs",
-        "noise.displacement_mm",
-        "noise.rotation_rad",
+        "mechanism.height_mm",
+        "mechanism.elements",
+        "mechanism.tolerance",
+        "noise.load_n",
+        "noise.load_nm",
     ),
     summary="deformation residuals, linear and matrix deformation models",
 )
@@ -68,11 +89,20 @@ def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.responses.load_deformation import load_deformation
+    from stages.responses.load_deformation import load_deformation, without_loads
 
-    if "displacement" not in tables:
-        return not_evaluated("no six-component displacement of the platform")
-    return load_deformation(tables["displacement"], settings.noise.displacement_mm, settings.noise.rotation_rad)
+    readings = tables.get("readings")
+    if readings is None or not readings.num_rows:
+        why = "not evaluated: no readings of displacement under load"
+        return Outcome(without_loads(), read="nothing", left_out="nothing", figure=why)
+    if set(_roles(readings)) == {"verification"}:
+        why = "not evaluated: every run is for verification, and nothing may be fitted to those"
+        return Outcome(without_loads(), read="nothing", left_out="nothing", figure=why)
+    return load_deformation(tables, settings)
+
+
+def _roles(readings: pa.Table) -> list[str]:
+    return readings.column("role").to_pylist() if "role" in readings.column_names else []
 
 
 def not_evaluated(why: str) -> Outcome:

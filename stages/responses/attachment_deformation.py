@@ -20,7 +20,7 @@ from stages.point_arrays import (
     survey_points,
     used_targets,
 )
-from stages.responses.tables import FALSE_ALARM, HeldOut, Rows, entry_tests, error_rows, fit_models
+from stages.responses.tables import FALSE_ALARM, Rows, entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, fit_response, keep_consistent
 from truing.estimation.response_structure import (
     gain_p_value,
@@ -70,7 +70,7 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
     fits["linear"] = _leg_by_leg(drive[fitted], kept[fitted], shifts.noise[fitted])
     told = _determined(drive[fitted], kept[fitted])
     fits = {name: fit for name, fit in fits.items() if told[name].any()}
-    held = HeldOut(drive[heldout], kept[heldout])
+    held = {name: kept[heldout] - fit.offset.mean(0) - fit.predict(drive[heldout]) for name, fit in fits.items()}
     rejected = np.isfinite(shifts.shift) & ~good
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
@@ -227,11 +227,11 @@ def _model_rows(fits: Mapping[str, ResponseFit], told: Mapping[str, NDArray[np.b
 
 
 def _error_rows(
-    fits: Mapping[str, ResponseFit], gains: Rows, heldout: HeldOut, shifts: Shifts, kept: Array, whole: bool
+    fits: Mapping[str, ResponseFit], gains: Rows, held: Mapping[str, Array], shifts: Shifts, kept: Array, whole: bool
 ) -> Rows:
     rows = Rows("deformation_errors")
     for name, fit in fits.items():
-        error_rows(rows, name, fit, heldout, "um", 1e6, None)
+        error_rows(rows, name, fit, {**residual_sets(fit), "verification_": held[name]}, "um", 1e6, None)
     if whole:
         rows.extend(gains)
         rows.add(model="matrix", figure="modulo_plane", value=float(shifts.modulo_plane), unit="1")

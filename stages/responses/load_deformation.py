@@ -1,8 +1,10 @@
-"""Compliance of a loaded platform: six-component displacement against six-component load."""
+"""Compliance of a loaded platform: its linear and its matrix model from readings, entry by entry beside the simulated
+one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,108 +12,266 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome
-from stages.point_arrays import number_column
-from stages.responses.tables import HeldOut, Rows, entry_tests, error_rows, fit_models
-from truing.estimation.response import ResponseFit, keep_consistent
-from truing.estimation.response_structure import gain_p_value, symmetry
+from stages.responses.axis_curves import axis_curve_rows
+from stages.responses.tables import FALSE_ALARM, Rows, birge, entry_tests, error_rows, residual_sets
+from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
+from stages.sensor.simulated_compliance import SimulatedCompliance, simulated_compliance
+from truing.estimation.interferometry.compliance import (
+    Comparison,
+    Compliance,
+    compare,
+    fit_compliance,
+    left_out_runs,
+)
+from truing.estimation.response import ResponseFit, fit_response
+from truing.estimation.response_structure import gain_p_value, holm_significant, symmetry
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from schemas.campaign import Campaign, Noise
+
 Array = NDArray[np.float64]
 
-LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
-RESPONSES = ("dx", "dy", "dz", "rx", "ry", "rz")
-_LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
-_RESPONSE_COLUMNS = (
-    ("dx_mm", 1e-3),
-    ("dy_mm", 1e-3),
-    ("dz_mm", 1e-3),
-    ("rx_rad", 1.0),
-    ("ry_rad", 1.0),
-    ("rz_rad", 1.0),
-)
-_FORMS = ("none", "linear", "matrix")
+NO_SIMULATION = "no simulation"
+_PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 
 
-def load_deformation(displacement: pa.Table, sigma_mm: float | None, sigma_rad: float | None) -> Outcome:
-    """Fit the linear and the matrix compliance, one free zero per run; noise from the residuals where none is
-    declared."""
-    u = np.nan_to_num(np.column_stack([number_column(displacement, name) for name in _LOAD_COLUMNS]))
-    y = np.column_stack([number_column(displacement, name) * factor for name, factor in _RESPONSE_COLUMNS])
-    run, heldout = _runs(displacement)
-    fitted = ~heldout
-    group = np.unique(run[fitted], return_inverse=True)[1]
-    cov = np.tile(np.diag(_variances(u[fitted], y[fitted], group, sigma_mm, sigma_rad)), (int(fitted.sum()), 1, 1))
-    kept = keep_consistent(u[fitted], y[fitted], cov, group=group)
-    fits = fit_models(u[fitted], np.where(kept, y[fitted], np.nan), cov, _FORMS, group=group)
-    empty = {name: ARTIFACTS[name].empty() for name in ("deformation", "deformation_models")}
-    tables = {
-        "compliance": _compliance_rows(fits).table(),
-        "deformation_errors": _error_rows(fits, u, y, heldout).table(),
+@dataclass(frozen=True)
+class Loaded:
+    """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many."""
+
+    steps: LoadSteps
+    reading: Array
+    variance: Array
+    drifts: int
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """Which steps (B,) models may be fitted to."""
+        return ~self.steps.held_out
+
+
+def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    """Fit the linear and the matrix compliance, one free zero per run, and hold them against the simulated one."""
+    simulated = simulated_compliance(settings, tables.get("given_compliance"))
+    loaded = _loaded(tables, settings.noise, simulated)
+    found = {form: _fit(loaded, form) for form in ("linear", "matrix")}
+    against = {} if simulated is None else {form: compare(fit, simulated.entries, simulated.covariance)
+                                            for form, fit in found.items()}  # fmt: skip
+    artifacts = {
+        "compliance": _compliance_rows(found, simulated, against).table(),
+        "deformation_errors": _error_rows(loaded, found, simulated, against).table(),
+        "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
-    rejected = int((~kept).sum())
-    left_out = f"{rejected} readings as gross errors" if rejected else "nothing"
-    return Outcome({**empty, **tables}, f"{len(u)} steps in {len(np.unique(run))} runs", left_out, _figure(fits))
+    read = f"{int(np.isfinite(loaded.reading).sum())} readings of {len(loaded.steps.runs)} runs"
+    return Outcome(artifacts, read, _left_out(tables, loaded), _figure(loaded, found, against))
 
 
-def _runs(displacement: pa.Table) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
-    run = np.asarray(displacement.column("run").to_pylist(), dtype=object).astype(str)
-    if "role" not in displacement.schema.names:
-        return run, np.zeros(len(run), bool)
-    return run, np.asarray(displacement.column("role").to_pylist(), dtype=object) == "verification"
+def _loaded(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
+    """Readings without gross errors and without the drifts that runs show beyond chance."""
+    steps = load_steps({"readings": tables["readings"]})
+    kept, sigma = _kept(tables["reading_residuals"], steps)
+    drift = _drifts(tables["run_terms"], steps)
+    begin = np.array([steps.time_s[steps.run == r].min(initial=np.inf) for r in range(len(steps.runs))])
+    moved = drift[steps.run] * (steps.time_s - begin[steps.run])[:, None]
+    reading = np.where(kept, steps.reading - moved, np.nan)
+    loaded = Loaded(steps, reading, sigma**2, int(np.count_nonzero(drift)))
+    load_sigma = np.repeat([noise.load_n, noise.load_nm], 3)
+    if not load_sigma.any():
+        return loaded
+    # a load that is not quite what was declared moves the platform as well
+    entries = _fit(loaded, "matrix").entries if simulated is None else simulated.entries
+    by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
+    return Loaded(steps, reading, sigma**2 + by_loads, loaded.drifts)
 
 
-def _variances(u: Array, y: Array, group: NDArray[np.int64], sigma_mm: float | None, sigma_rad: float | None) -> Array:
-    """(6,) declared variances; where undeclared, the robust scatter of a first matrix fit with equal weights."""
-    declared = np.array([sigma_mm or np.nan] * 3 + [sigma_rad or np.nan] * 3) * np.repeat([1e-3, 1.0], 3)
-    spread = np.nanstd(y, axis=0)
-    cov = np.tile(np.diag(np.where(spread > 0.0, spread, 1.0) ** 2), (len(y), 1, 1))
-    first = fit_models(u, y, cov, ("matrix",), group=group)["matrix"]
-    scatter = 1.4826 * np.nanmedian(np.abs(first.residuals), axis=0)
-    return np.where(np.isfinite(declared), declared, np.where(scatter > 0.0, scatter, 1.0)) ** 2
+def _kept(residuals: pa.Table, steps: LoadSteps) -> tuple[NDArray[np.bool_], Array]:
+    """Which readings (B, 6) were not rejected, and their sigma (B, 6), SI."""
+    place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
+    columns = [residuals.column(name).to_pylist() for name in ("run", "step", "channel", "rejected", "sigma")]
+    kept, sigma = np.isfinite(steps.reading), np.ones(steps.reading.shape)
+    for run, step, channel, rejected, one in zip(*columns, strict=True):
+        at = place[run, step], CHANNELS.index(channel)
+        kept[at] &= not rejected
+        sigma[at] = one * READING_SI[at[1]]
+    return kept, sigma
 
 
-def _compliance_rows(fits: Mapping[str, ResponseFit]) -> Rows:
+def _drifts(terms: pa.Table, steps: LoadSteps) -> Array:
+    """The drift (R, 6) per s of runs that show one beyond chance; zero of the others."""
+    found = np.zeros((len(steps.runs), 6))
+    rows = [row for row in terms.to_pylist() if row["term"] == "drift"]
+    real = holm_significant(np.array([row["p_value"] for row in rows]), FALSE_ALARM)
+    for row, significant in zip(rows, real, strict=True):
+        k = CHANNELS.index(row["channel"])
+        found[steps.runs.index(row["run"]), k] = row["value"] * READING_SI[k] / 3600.0 if significant else 0.0
+    return found
+
+
+def _fit(loaded: Loaded, form: str) -> Compliance:
+    rows = loaded.fitted
+    cov = np.where(np.eye(6, dtype=bool), loaded.variance[rows][:, None, :], 0.0)
+    return fit_compliance(
+        loaded.steps.load[rows], loaded.reading[rows], cov, loaded.steps.run[rows], form=form  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _compliance_rows(
+    found: Mapping[str, Compliance], simulated: SimulatedCompliance | None, against: Mapping[str, Comparison]
+) -> Rows:
     rows = Rows("compliance")
-    for name in ("linear", "matrix"):
-        sigma, p, significant = entry_tests(fits[name])
-        i, j = np.nonzero(fits[name].free & (sigma > 0.0))  # axes that were never loaded say nothing
+    for name, one in found.items():
+        factor = birge(one.fit)
+        sigma, p, significant = entry_tests(one.fit)
+        i, j = np.nonzero(one.known & (one.fit.free[:, :6]))
         rows.add(
             model=name,
-            response=[RESPONSES[k] for k in i],
+            response=[CHANNELS[k] for k in i],
             load=[LOADS[k] for k in j],
-            coefficient=fits[name].coefficients[i, j],
+            coefficient=one.entries[i, j],
             sigma=sigma[i, j],
-            unit=[f"{'m' if a < 3 else 'rad'}/{'N' if b < 3 else '(N m)'}" for a, b in zip(i, j, strict=True)],
+            unit=[_unit(a, b) for a, b in zip(i, j, strict=True)],
             p_value=p[i, j],
             significant=significant[i, j],
+            **_beside(one, factor, i, j, simulated, against.get(name)),
+        )
+    if simulated is not None:
+        i, j = (index.ravel() for index in np.indices((6, 6)))
+        rows.add(
+            model="simulated",
+            response=[CHANNELS[k] for k in i],
+            load=[LOADS[k] for k in j],
+            coefficient=simulated.entries.ravel(),
+            sigma=simulated.sigma.ravel(),
+            unit=[_unit(a, b) for a, b in zip(i, j, strict=True)],
         )
     return rows
 
 
-def _error_rows(fits: Mapping[str, ResponseFit], u: Array, y: Array, heldout: NDArray[np.bool_]) -> Rows:
-    rows = Rows("deformation_errors")
+def _beside(
+    one: Compliance,
+    factor: float,
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    simulated: SimulatedCompliance | None,
+    compared: Comparison | None,
+) -> dict[str, object]:
+    """The simulated entry, how many sigmas the measured one is off it, and whether that is beyond chance."""
+    from scipy.special import ndtr
+
+    if simulated is None or compared is None:
+        return {"verdict": [NO_SIMULATION] * len(i)}
+    spread = np.hypot(factor * one.sigma[i, j], simulated.sigma[i, j])
+    pull = compared.difference[i, j] / spread
+    differs = holm_significant(2.0 * ndtr(-np.abs(pull)), FALSE_ALARM)
+    return {
+        "simulated": simulated.entries[i, j],
+        "simulated_sigma": simulated.sigma[i, j],
+        "pull": pull,
+        "verdict": ["differs" if apart else "agrees" for apart in differs],
+    }
+
+
+def _unit(response: int, load: int) -> str:
+    return f"{'m' if response < 3 else 'rad'}/{'N' if load < 3 else '(N m)'}"
+
+
+def _error_rows(
+    loaded: Loaded,
+    found: Mapping[str, Compliance],
+    simulated: SimulatedCompliance | None,
+    against: Mapping[str, Comparison],
+) -> Rows:
+    rows, fits, held = Rows("deformation_errors"), _fits(loaded, found, simulated), loaded.steps.held_out
+    run, load = loaded.steps.run, loaded.steps.load
     for name, fit in fits.items():
-        for part, unit, scale in ((slice(0, 3), "um", 1e6), (slice(3, 6), "urad", 1e6)):
-            error_rows(rows, name, fit, HeldOut(u[heldout], y[heldout]), unit, scale, RESPONSES, part=part)
-        for k, response in enumerate(RESPONSES):
-            rows.add(model=name, figure="r_squared", value=_r_squared(fits["none"], fit, k), unit="1", subject=response)
-    rows.add(model="matrix", figure="p_value_over_linear", value=gain_p_value(fits["linear"], fits["matrix"]), unit="1")
-    if not fits["matrix"].deficient:  # otherwise some of its entries are open, and so is its symmetry
-        even = symmetry(fits["matrix"])
-        rows.add(model="matrix", figure="symmetry_p_value", value=even.p_value, unit="1")
+        sets = {"": residual_sets(fit)[""]}
+        if name in found:
+            own = loaded.fitted
+            by_others = left_out_runs(load[own], loaded.reading[own], loaded.variance[own], run[own], name)
+            sets["cv_"] = by_others if np.isfinite(by_others).all(0).any() else np.full_like(by_others, np.nan)
+        entries = _entries(name, found, simulated)
+        sets["verification_"] = _from_own_zero(loaded.reading[held] - load[held] @ entries.T, run[held])
+        for part, unit, scale in _PARTS:
+            error_rows(rows, name, fit, sets, unit, scale, CHANNELS, part=part)
+        for k, channel in enumerate(CHANNELS):
+            share = _r_squared(fits["none"], fit, k)
+            if np.isfinite(share):
+                rows.add(model=name, figure="r_squared", value=share, unit="1", subject=channel)
+    gain = gain_p_value(fits["linear"], fits["matrix"])
+    rows.add(model="matrix", figure="p_value_over_linear", value=gain, unit="1")
+    if found["matrix"].known.all():  # otherwise some of its entries are open, and so is its symmetry
+        rows.add(model="matrix", figure="symmetry_p_value", value=symmetry(fits["matrix"]).p_value, unit="1")
+    for name, one in against.items():
+        rows.add(model=name, figure="agreement_p_value", value=one.p_value, unit="1")
+        rows.add(model=name, figure="agreement_chi_square", value=one.chi_square, unit="1")
+        rows.add(model=name, figure="entries_compared", value=float(one.dof), unit="1")
     return rows
+
+
+def _fits(
+    loaded: Loaded, found: Mapping[str, Compliance], simulated: SimulatedCompliance | None
+) -> dict[str, ResponseFit]:
+    """The models from the one without load to the matrix, and what the simulation leaves as it stands."""
+    rows = loaded.fitted
+    u, y, run = loaded.steps.load[rows], loaded.reading[rows], loaded.steps.run[rows]
+    cov = np.where(np.eye(6, dtype=bool), loaded.variance[rows][:, None, :], 0.0)
+    fits = {"none": fit_response(u, y, cov, form="none", group=run)}
+    if simulated is not None:
+        fits["simulated"] = fit_response(u, y - u @ simulated.entries.T, cov, form="none", group=run)
+    return fits | {name: one.fit for name, one in found.items()}
+
+
+def _entries(name: str, found: Mapping[str, Compliance], simulated: SimulatedCompliance | None) -> Array:
+    """What a model says of every entry (6, 6); NaN where it says nothing."""
+    if name == "simulated":
+        assert simulated is not None
+        return simulated.entries
+    return found[name].entries if name in found else np.zeros((6, 6))
+
+
+def _from_own_zero(residual: Array, run: NDArray[np.int64]) -> Array:
+    """Residuals (N, 6) less the mean of their own run, which no model can predict."""
+    left = np.array(residual)
+    for one in np.unique(run):
+        rows = run == one
+        count = np.maximum(np.isfinite(left[rows]).sum(0), 1)
+        left[rows] -= np.nansum(left[rows], axis=0) / count
+    return left
 
 
 def _r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
     """Share of the variation of one component, about its zero per run, that the loads explain."""
     before, after = nothing.residuals[:, k], fit.residuals[:, k]
-    return float(1.0 - np.nansum(after**2) / np.nansum(before**2))
+    total = float(np.nansum(before**2))
+    return float(1.0 - np.nansum(after**2) / total) if total > 0.0 else float("nan")
 
 
-def _figure(fits: Mapping[str, ResponseFit]) -> str:
-    shares = [_r_squared(fits["none"], fits["matrix"], k) for k in range(6)]
-    return "compliance matrix explains " + ", ".join(
-        f"{r} {100 * s:.0f} %" for r, s in zip(RESPONSES, shares, strict=True)
+def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
+    rejected = int(np.sum(tables["reading_residuals"].column("rejected").to_numpy(zero_copy_only=False)))
+    said = [f"{rejected} readings as gross errors"] if rejected else []
+    said += [f"the drift of {loaded.drifts} runs and channels"] if loaded.drifts else []
+    return ", ".join(said) or "nothing"
+
+
+def _figure(loaded: Loaded, found: Mapping[str, Compliance], against: Mapping[str, Comparison]) -> str:
+    nothing = fit_response(
+        loaded.steps.load[loaded.fitted],
+        loaded.reading[loaded.fitted],
+        np.where(np.eye(6, dtype=bool), loaded.variance[loaded.fitted][:, None, :], 0.0),
+        form="none",
+        group=loaded.steps.run[loaded.fitted],
     )
+    shares = {name: _r_squared(nothing, found["matrix"].fit, k) for k, name in enumerate(CHANNELS)}
+    words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if np.isfinite(share))
+    said = f"compliance matrix explains {words}"
+    if "matrix" not in against:
+        return said
+    one = against["matrix"]
+    return f"{said}; {one.dof} of 36 entries beside the simulated ones, p {one.p_value:.2g}"
+
+
+def without_loads() -> dict[str, pa.Table]:
+    """The empty tables of a campaign without readings under load."""
+    return {name: ARTIFACTS[name].empty() for name in ("compliance", "deformation_errors", "axis_curves")}

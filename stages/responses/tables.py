@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -53,14 +54,6 @@ class Rows:
         return pa.table([pa.array(filled[f.name], f.type, from_pandas=True) for f in schema], schema=schema)
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Drives (N, D) and responses (N, L) that nothing was fitted to."""
-
-    u: Array
-    y: Array
-
-
 def birge(fit: ResponseFit) -> float:
     """Factor on the standard deviations: above 1 only where the residuals are larger than declared noise allows."""
     from scipy.special import chdtrc
@@ -81,7 +74,7 @@ def error_rows(
     rows: Rows,
     name: str,
     fit: ResponseFit,
-    heldout: HeldOut | None,
+    sets: Mapping[str, Array],
     unit: str,
     scale: float,
     responses: tuple[str, ...] | None,
@@ -89,14 +82,12 @@ def error_rows(
     part: slice = slice(None),
     whole: str | None = None,
 ) -> None:
-    """The error figures of one model: fitted, cross-validated and held out; for all responses and for each.
+    """The error figures of one model, for all responses and for each.
 
-    ``scale`` turns SI into ``unit``. Responses are legs counted from 1 where ``responses`` is None, are told by name
+    ``sets`` are residuals (N, L), of the fit and of what was held out, by what stands before a figure's name;
+    `residual_sets` has those that every fit has. ``scale`` turns SI into ``unit``. Responses are legs counted from 1 where ``responses`` is None, are told by name
     where it names them, and are told only together, under the subject ``whole``, where it is empty.
     """
-    sets = {"": fit.residuals, "cv_": fit.loo_residuals}
-    if heldout is not None and len(heldout.u):
-        sets["verification_"] = heldout.y - fit.offset.mean(axis=0) - fit.predict(heldout.u)
     chosen = range(*part.indices(fit.residuals.shape[1])) if responses != () else ()
     for prefix, residual in sets.items():
         _size_rows(rows, name, prefix, residual[:, part] * scale, unit, {"subject": whole})
@@ -106,6 +97,11 @@ def error_rows(
     ratio = float(np.sqrt(fit.chi_square / max(fit.dof, 1)))
     rows.add(model=name, figure="noise_ratio", value=ratio, unit="1", subject=whole)
     rows.add(model=name, figure="degrees_of_freedom", value=float(fit.dof), unit="1", subject=whole)
+
+
+def residual_sets(fit: ResponseFit) -> dict[str, Array]:
+    """Residuals of the fit, and of each row by a fit to all others."""
+    return {"": fit.residuals, "cv_": fit.loo_residuals}
 
 
 def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:

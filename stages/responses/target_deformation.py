@@ -18,7 +18,7 @@ from stages.point_arrays import (
     residual_points,
     used_targets,
 )
-from stages.responses.tables import Rows, entry_tests, error_rows, fit_models
+from stages.responses.tables import Rows, entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, keep_consistent
 from truing.estimation.response_structure import gain_p_value
 from truing.estimation.rigid_poses.frame import residual_covariance
@@ -149,7 +149,7 @@ def _model_rows(rows: Rows, found: BodyShifts, fit: ResponseFit, drives: tuple[s
 
 def _error_rows(rows: Rows, found: BodyShifts, fits: Mapping[str, ResponseFit]) -> None:
     for name, form in (("none", "none"), ("linear", "matrix")):
-        error_rows(rows, name, fits[form], None, "um", 1e6, (), whole=found.body)
+        error_rows(rows, name, fits[form], residual_sets(fits[form]), "um", 1e6, (), whole=found.body)
     gain = gain_p_value(fits["none"], fits["matrix"])
     rows.add(model="linear", figure="p_value_over_none", value=gain, unit="1", subject=found.body)
 

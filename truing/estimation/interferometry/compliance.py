@@ -89,6 +89,46 @@ def _determined(u: Array, seen: Mask, run: NDArray[np.int64], form: str, free_ze
     return touched & (lost < np.sqrt(_LOST))
 
 
+def left_out_runs(
+    wrench: ArrayLike, displacement: ArrayLike, variance: ArrayLike, run: NDArray[np.int64], form: str = "matrix"
+) -> Array:
+    """Return displacements (N, 6) less what all other runs predict, each run from a zero of its own.
+
+    variance (N, 6). NaN where nothing was read, and where the other runs do not tell an entry that the run's loads ask
+    for: such a run alone says what it says.
+    """
+    u, y, run = np.asarray(wrench, float), np.asarray(displacement, float), np.asarray(run)
+    found = np.full(y.shape, np.nan)
+    for k in range(y.shape[1]):
+        rows = np.flatnonzero(np.isfinite(y[:, k]))
+        drives = [k] if form == "linear" else list(range(u.shape[1]))
+        found[rows, k] = _by_others(u[np.ix_(rows, drives)], y[rows, k], np.asarray(variance)[rows, k], run[rows])
+    return found
+
+
+def _by_others(u: Array, y: Array, variance: Array, run: NDArray[np.int64]) -> Array:
+    """Residuals (N,) of each run against the fit to all others, drives (N, D) and responses less their run's mean."""
+    runs, number = np.unique(run, return_inverse=True)
+    member = (number[:, None] == np.arange(len(runs))) / variance[:, None]
+    share = member / member.sum(0)
+    own_u, own_y = u - (share.T @ u)[number], y - (share.T @ y)[number]
+    normal = np.einsum("nr,nd,ne->rde", member, own_u, own_u, optimize=True)
+    right = np.einsum("nr,nd,n->rd", member, own_u, own_y, optimize=True)
+    rest, target = normal.sum(0) - normal, right.sum(0) - right
+    size = np.sqrt(np.einsum("dd->d", normal.sum(0)))
+    size = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(rest / np.outer(size, size))
+    kept = values > _LOST
+    inverse = np.einsum("rde,re,rfe->rdf", vectors, kept / np.where(kept, values, 1.0), vectors)
+    entries = np.einsum("rdf,rf->rd", inverse, target / size) / size
+    # what a run's loads ask for beyond the directions that the others have
+    asked = own_u / size / np.maximum(np.linalg.norm(own_u / size, axis=1, keepdims=True), 1e-300)
+    missed = np.einsum("nd,nde->ne", asked, np.where(kept[:, None, :], 0.0, vectors)[number])
+    blind = np.zeros(len(runs), bool)
+    np.logical_or.at(blind, number, np.sum(missed**2, axis=1) > np.sqrt(_LOST))
+    return np.where(blind[number], np.nan, own_y - np.einsum("nd,nd->n", own_u, entries[number]))
+
+
 @dataclass(frozen=True)
 class Comparison:
     """A measured compliance less the simulated one.
