@@ -145,7 +145,7 @@ _LOADS = (
         "whether the load grew away from zero or came back; several loads at once: the largest in its range",
         choices=("unloaded", "loading", "unloading"),
     ),
-    _real("applied", "", "load along the axis of its row, N or N m"),
+    _real("applied", "", "load along the axis of its row, N or N m", nullable=True),
     _real("measured", "", "what was measured, in the unit of its row"),
     _real("simulated", "", "what the simulation gives instead of the number beside it", nullable=True),
     _real("simulated_sigma", "", "one standard deviation of it by the tolerances", minimum=0.0, nullable=True),
@@ -168,7 +168,12 @@ _QUALITY = (
 _DIAGNOSIS = (
     Column("rank", "integer", "1 is the most probable", minimum=1),
     Column("cause", "text", "an id of the catalogue, or unexplained"),
-    Column("verdict", "text", "the finding: pass, warn, fail; found, indistinguishable, rejected; or agrees, differs", nullable=True),
+    Column(
+        "verdict",
+        "text",
+        "the finding: pass, warn, fail; found, indistinguishable, rejected; or agrees, differs",
+        nullable=True,
+    ),
     _real("probability", "", "among the candidates, given the data", minimum=0.0, maximum=1.0, nullable=True),
     Column("parameters", "text", "JSON: name to value, sigma and unit"),
     Column("follows", "text", "for unexplained: the columns that it follows, separated by blanks", nullable=True),
@@ -268,6 +273,19 @@ _CALIBRATION = (
     _real("observed", "", "how much the parameter moved when the effect was left out of the fit", nullable=True),
 )
 
+_LOAD_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
+
+_SENSOR = (
+    Column("matrix", "text", "which matrix", choices=("G", "G'", "G_B", "G_B'", "terms")),
+    Column("row", "text", "the row of a matrix: a component of the wrench, or a signal"),
+    Column("column_name", "text", "the column of a matrix: a leg, a signal, or a term"),
+    _real("sigma_by_case", "", "one standard deviation by leaving load cases out in turn", minimum=0.0, nullable=True),
+    Column("chosen", "flag", "whether held-out loads speak for it"),
+    _real("length_m", "m", "over which moments are counted; 1 m leaves them as they are", minimum=0.0, nullable=True),
+    Column("error_class", "text", "the error, by the name that laboratories give it"),
+    Column("indicated", "text", "the component that indicated it", choices=_LOAD_NAMES),
+)
+
 _REQUIREMENTS = (
     Column("component", "text", "position along or rotation about an axis", choices=("x", "y", "z", "rx", "ry", "rz")),
     _real("requirement", "", "the accuracy asked for, in the unit of its row", nullable=True),
@@ -291,6 +309,7 @@ COLUMNS: dict[str, Column] = {
         _EXTENSION,
         _READING_ERRORS,
         _CALIBRATION,
+        _SENSOR,
         _REQUIREMENTS,
     )
     for column in group

@@ -22,28 +22,56 @@ READINGS_AGAINST_POSES = "readings-against-poses"  # the check that fails where 
 WRONG_SHARE = 0.5  # of the movement, by which no machine departs from its drawing
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
+OF_MECHANISM = (
+    "calibration",
+    "implicit_calibration",
+    "correlations",
+    "accuracy",
+    "implicit_accuracy",
+    "model_choice",
+    "observability",
+    "absorption",
+    "requirements",
+)
+
 DECLARATION = Stage(
     name="calibrate",
-    reads=("configurations?", "survey?", "poses", "deformation", "deformation_models", "model?"),
+    reads=(
+        "configurations?",
+        "survey?",
+        "poses?",
+        "deformation?",
+        "deformation_models?",
+        "model?",
+        "readings?",
+        "signals?",
+        "displacement?",
+        "given_compliance?",
+    ),
     leaves=(
-        "calibration",
-        "implicit_calibration",
-        "correlations",
-        "accuracy",
-        "implicit_accuracy",
-        "model_choice",
-        "observability",
-        "absorption",
-        "requirements",
+        *(f"{name}?" for name in OF_MECHANISM),
+        "sensor_matrix?",
+        "sensor_merit?",
+        "sensor_choice?",
+        "error_classes?",
     ),
     settings=(
+        "campaign.kind",
         "mechanism.type",
         "mechanism.legs",
         "mechanism.tolerance",
         "mechanism.flexure",
         "mechanism.leg_tube",
+        "mechanism.height_mm",
+        "mechanism.elements",
+        "mechanism.reference_temperature_c",
+        "loading",
+        "signals",
         "noise.point_mm",
         "noise.actuator_mm",
+        "noise.signal_mv",
+        "noise.load_n",
+        "noise.load_nm",
         "requirement",
     ),
     summary="kinematic and stiffness models identified, with what the data can know of them",
@@ -52,6 +80,10 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, and choose among them."""
+    if settings.campaign.kind == "interferometer":
+        from stages.sensor_calibration.run import calibrate_sensor
+
+        return calibrate_sensor(tables, settings, progress)
     if not settings.mechanism.is_legged:
         return not_evaluated(f"mechanism {settings.mechanism.type}: no legs whose readings say where the platform is")
     if "configurations" not in tables:
@@ -143,5 +175,5 @@ def _apart(gathered: Gathered) -> str:
 
 def not_evaluated(why: str) -> Outcome:
     """The outcome of a campaign that does not hold what this stage needs."""
-    empty = {name: ARTIFACTS[name].empty() for name in DECLARATION.leaves}
+    empty = {name: ARTIFACTS[name].empty() for name in OF_MECHANISM}
     return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")

@@ -131,9 +131,9 @@ def _displacement_rows(found: PlatformPoses) -> Rows:
     np.add.at(rejected, cases.of_step, found.curves.rejected.sum(1))
     variance = np.where(np.isfinite(found.covariance), found.covariance, np.nan)
     entries = {f"cov_{i}_{j}": variance[:, i, j] for i in range(6) for j in range(i, 6)}
-    for (i, j), name in (((i, j), f"cov_{i}_{j}") for i in range(6) for j in range(i + 1, 6)):
-        known = np.isfinite(found.value[:, i]) & np.isfinite(found.value[:, j])
-        entries[name] = np.where(known, entries[name], np.nan)
+    known = np.isfinite(found.value)
+    for i, j in zip(*np.triu_indices(6, 1), strict=True):
+        entries[f"cov_{i}_{j}"] = np.where(known[:, i] & known[:, j], entries[f"cov_{i}_{j}"], np.nan)
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
     rows.add(
         case=np.arange(1, len(cases.load) + 1),
@@ -198,7 +198,9 @@ def _left_out(found: PlatformPoses) -> str:
     if not len(at):
         return "no reading"
     steps = found.steps
-    named = [f"{CHANNELS[j]} of run {steps.runs[steps.run[i]]} step {steps.step[i]}" for i, j in zip(at, k, strict=True)]
+    named = [
+        f"{CHANNELS[j]} of run {steps.runs[steps.run[i]]} step {steps.step[i]}" for i, j in zip(at, k, strict=True)
+    ]
     more = f" and {len(named) - 3} more" if len(named) > 3 else ""
     return f"{len(named)} readings as gross errors: {', '.join(named[:3])}{more}"
 

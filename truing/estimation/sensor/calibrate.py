@@ -143,7 +143,8 @@ def _declared(problem: _Problem, which: int) -> NDArray:
 
 def _first_noise(problem: _Problem) -> NDArray:
     """Return the noise (W, W) left by inputs and zeros alone, for weighing data against a prior."""
-    if (declared := problem.covariances[0]) is not None:
+    declared = problem.covariances[0]
+    if declared is not None and np.linalg.eigvalsh(declared).min() > 0:
         return declared
     inputs = len(problem.terms.inputs)
     columns = np.delete(problem.columns, np.s_[inputs : len(problem.terms.labels)], axis=1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.covariance import symmetric
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate
@@ -32,18 +32,18 @@ def newton_per_millivolt(
 
 
 def leg_force_matrix(
-    matrix: MatrixEstimate, newton_per_mv: float, amplification: float, relative_sigma: float = 0.0
+    matrix: MatrixEstimate, newton_per_mv: ArrayLike, amplification: float, relative_sigma: float = 0.0
 ) -> MatrixEstimate:
     """Return G_B' = (k / c) G_B, from leg forces (N) to the wrench (eq. 33, 34).
 
-    newton_per_mv: c of every cell, amplification: k. relative_sigma: of one cell's sensitivity, independent from cell
+    newton_per_mv: c, one for all cells or of each; amplification: k. relative_sigma: of one cell's sensitivity, independent from cell
     to cell (the paper's 2.0 +- 0.01 mV/V), which scales its column.
     """
-    factor = amplification / newton_per_mv
+    factor = np.broadcast_to(amplification / np.asarray(newton_per_mv, float), matrix.value.shape)
     value = factor * matrix.value
     rows, cells = value.shape
     own = relative_sigma**2 * np.einsum("ic,jd,cd->icjd", value, value, np.eye(cells)).reshape(rows * cells, -1)
-    return MatrixEstimate(value, factor**2 * matrix.covariance + own)
+    return MatrixEstimate(value, np.outer(factor, factor) * matrix.covariance + own)
 
 
 def condition_number(matrix: MatrixEstimate) -> Figures:
@@ -62,6 +62,13 @@ def sensitivities(matrix: MatrixEstimate) -> Figures:
     # J_j changes by -J dG J_j, so |J_j| by -(J^T J_j)_a dG_ab J_bj / |J_j|
     change = -np.einsum("aj,bj->jab", J.T @ J, J) / norm[:, None, None]
     return _propagated(norm, change.reshape(len(norm), -1), matrix)
+
+
+def per_length(matrix: MatrixEstimate, length_m: float) -> MatrixEstimate:
+    """Return a matrix whose rows are three forces and three moments, the moments over a characteristic length."""
+    scale = np.repeat([1.0, 1.0 / length_m], 3)[:, None]
+    spread = np.broadcast_to(scale, matrix.value.shape)
+    return MatrixEstimate(scale * matrix.value, np.outer(spread, spread) * matrix.covariance)
 
 
 def relative_errors(theory: NDArray, measured: Figures) -> Figures:
