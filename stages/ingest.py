@@ -28,7 +28,7 @@ DECLARATION = Stage(
     reads=(),
     leaves=(
         *("survey?", "configurations?", "scans?", "observations?", "start?"),
-        *("readings?", "signals?", "given_compliance?", "displacement?", "exclusions"),
+        *("readings?", "signals?", "given_compliance?", "exclusions"),
     ),
     settings=(
         "campaign.kind",
@@ -221,29 +221,9 @@ def _interferometer(settings: Any, source: CampaignFiles, log: FaultLog) -> Outc
 
     found = read_loading_tables(source, settings, log)
     log.throw()
-    six = _displacement(found.artifacts) if source.entries("displacement") else {}
     return Outcome(
-        {**found.artifacts, **six, "exclusions": _exclusions(found.left_out)},
+        {**found.artifacts, "exclusions": _exclusions(found.left_out)},
         read=found.read,
         left_out=_left_out_words(found.left_out),
         figure=found.figure,
     )
-
-
-def _displacement(tables: Mapping[str, pa.Table]) -> dict[str, pa.Table]:
-    """The table of six components that displacement.csv is, one row per load step."""
-    import pyarrow as pa
-
-    from stages.ingestion.tables import as_artifact
-    from stages.sensor.reading_arrays import LOAD_COLUMNS, load_steps
-
-    steps = load_steps({"readings": tables["readings"]})
-    columns = {
-        "run": np.array(steps.runs, dtype=object)[steps.run].tolist(),
-        "step": steps.step,
-        "time_s": steps.time_s,
-    }
-    columns |= {name: steps.load[:, k] for k, name in enumerate(LOAD_COLUMNS)}
-    for k, name in enumerate(("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")):
-        columns[name] = pa.array(steps.reading[:, k] * (1e3 if name.endswith("_mm") else 1.0), from_pandas=True)
-    return {"displacement": as_artifact("displacement", pa.table({**columns, **steps.covariates}))}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -108,8 +108,6 @@ def _of_channel(
 
 
 def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacement:
-    from dataclasses import replace
-
     covariance = found.shared_covariance * np.outer(factor, factor)
     return replace(found, shared=found.shared * factor, shared_covariance=covariance, gain=found.gain / factor)
 
@@ -198,9 +196,8 @@ def _left_out(found: PlatformPoses) -> str:
     if not len(at):
         return "no reading"
     steps = found.steps
-    named = [
-        f"{CHANNELS[j]} of run {steps.runs[steps.run[i]]} step {steps.step[i]}" for i, j in zip(at, k, strict=True)
-    ]
+    places = zip(k, steps.run[at], steps.step[at], strict=True)
+    named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in places]
     more = f" and {len(named) - 3} more" if len(named) > 3 else ""
     return f"{len(named)} readings as gross errors: {', '.join(named[:3])}{more}"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,9 +86,7 @@ def _creeps(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis
         age = steps.time_s[part] - steps.time_s[first - 1]
         if age[0] <= _CREEP_S[0] and age[-1] >= _CREEP_S[1]:
             one = creep(age, indicated[part, axis], float(sigma[axis]), float(ranges[axis]), *_CREEP_S)
-            held.append(
-                ErrorClass("creep", axis, axis, one.value, one.sigma, one.limit, float(steps.load[first, axis]))
-            )
+            held.append(replace(one, axis=axis, component=axis, load=float(steps.load[first, axis])))
     return [max(held, key=lambda one: abs(one.value))] if held else []
 
 

@@ -108,9 +108,9 @@ def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
         column_name=[labels[j] for j in column],
         value=values.ravel(),
         sigma=spread[:, : len(labels)].ravel(),
-        unit=[unit[i] if labels[j] == "zero" else f"{unit[i]} per {labels[j]}" for i, j in zip(row, column, strict=True)],
+        unit=[unit[i] + ("" if labels[j] == "zero" else f" per {labels[j]}") for i, j in zip(row, column, strict=True)],
         chosen=True,
-    )  # fmt: skip
+    )
 
 
 def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:

@@ -36,8 +36,8 @@ def leg_force_matrix(
 ) -> MatrixEstimate:
     """Return G_B' = (k / c) G_B, from leg forces (N) to the wrench (eq. 33, 34).
 
-    newton_per_mv: c, one for all cells or of each; amplification: k. relative_sigma: of one cell's sensitivity, independent from cell
-    to cell (the paper's 2.0 +- 0.01 mV/V), which scales its column.
+    newton_per_mv: c, one for all cells or of each; amplification: k. relative_sigma: of one cell's sensitivity,
+    independent from cell to cell (the paper's 2.0 +- 0.01 mV/V), which scales its column.
     """
     factor = np.broadcast_to(amplification / np.asarray(newton_per_mv, float), matrix.value.shape)
     value = factor * matrix.value
