@@ -205,7 +205,7 @@ def test_a_platform_loaded_along_one_axis_tells_the_compliance_of_that_axis_alon
     table.to_csv(tmp_path / "displacement.csv", index=False)
     head = '[campaign]\nname = "one"\nkind = "interferometer"\n[noise]\ndisplacement_mm = 0.001\nrotation_rad = 1e-6\n'
     (tmp_path / "campaign.toml").write_text(head, encoding="utf-8")
-    tables, _ = run_line(tmp_path, "ingest", "deformation")
+    tables, _ = run_line(tmp_path, "ingest", "pose", "deformation")
     rows = tables["compliance"].to_pandas().query("model == 'matrix'").set_index("response")
     assert set(rows["load"]) == {"fz"}
     assert abs(rows.loc["dz", "coefficient"] - 1e-8) < 4.0 * rows.loc["dz", "sigma"]
