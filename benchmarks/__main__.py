@@ -11,6 +11,7 @@ import benchmarks
 _SHARED = (
     "__main__",
     "blind_figures",
+    "blind_instruments",
     "blind_page",
     "errors_in_variables_peers",
     "errors_in_variables_problem",

@@ -1,10 +1,10 @@
 """How well the diagnosis does on campaigns that it has never seen: hundreds of them, with effects hidden at random.
 
-    python -m benchmarks.blind [--campaigns 40] [--workers 2] [--seed 2] [--results FILE] [--write]
+    python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
 
 Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
 Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
-kept line by line in FILE. ``--write`` makes the tables and figures of docs/how-well-does-it-diagnose.md anew from it.
+kept line by line in F. ``--write`` makes the tables and figures of the instrument's page anew from it.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.blind.generator.case import hide, layouts_for
-from tests.blind.generator.hidden import CATALOGUE, STRANGE, draw_two
+from benchmarks.blind_instruments import INSTRUMENTS, Instrument
 from tests.blind.judging import Judged, Record, run_share
 from tests.blind.rates import clear_from, told
 
-RESULTS = Path("runs") / "blind.jsonl"
+RUNS = Path("runs")
 # Of twenty campaigns: nothing, one effect, two, one of no catalogue.
 CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
+OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
 PER_CALL = 4
 SEED = 2  # of the campaigns that the page tells of
 
@@ -42,36 +42,40 @@ class Drawn:
     layout: str
     strength: float
     seed: int
+    instrument: str
 
 
-def drawn(number: int, seed: int) -> Drawn:
+def drawn(number: int, seed: int, instrument: str = "photogrammetry") -> Drawn:
     """The campaign of a number: groups and causes take turns, all else is drawn."""
+    own = INSTRUMENTS[instrument]
     rng = np.random.default_rng([seed, 6, number])
-    turn, place = divmod(number * 7, len(CYCLE))  # 7 and 20 have no divisor in common: groups are mixed
+    place = number * 7 % len(CYCLE)  # 7 and 20 have no divisor in common: groups are mixed
     group = CYCLE[place]
-    names = _names(group, turn, rng)
-    kinds = layouts_for(names)
-    strength = _strength(group, names, rng)
-    return Drawn(number, group, names, str(rng.choice(kinds)), strength, int(rng.integers(2**31)))
+    names = _names(group, own, rng)
+    kinds = own.layouts_for(names)
+    strength = _strength(group, names, own.obvious, rng)
+    return Drawn(number, group, names, str(rng.choice(kinds)), strength, int(rng.integers(2**31)), instrument)
 
 
-def _names(group: str, turn: int, rng: np.random.Generator) -> tuple[str, ...]:
+def _names(group: str, own: Instrument, rng: np.random.Generator) -> tuple[str, ...]:
     if group == "one":
-        return (str(rng.choice(sorted(CATALOGUE))),)
+        return (str(rng.choice(sorted(own.catalogue))),)
     if group == "two":
-        return draw_two(rng)
+        return own.draw_two(rng)
     if group == "unknown":
-        return (str(rng.choice(sorted(STRANGE))),)
+        return (str(rng.choice(sorted(own.strange))),)
     return ()
 
 
-def _strength(group: str, names: Sequence[str], rng: np.random.Generator) -> float:
-    """From where the effects must be found up to three times that; of single ones some are weaker."""
+def _strength(group: str, names: Sequence[str], obvious: float, rng: np.random.Generator) -> float:
+    """From where the effects must be found up to three times that; of single ones some are weaker, some obvious."""
     if not names:
         return 1.0
     clear = max(clear_from(name, two=group == "two") for name in names)
     if group == "one" and rng.random() < BELOW_CLEAR:
         return float(clear * rng.uniform(0.4, 1.0))
+    if obvious and len(names) == 1 and rng.random() < obvious:
+        return float(clear * np.exp(rng.uniform(*np.log(OBVIOUS))))
     return float(clear * np.exp(rng.uniform(0.0, np.log(3.0))))
 
 
@@ -79,7 +83,9 @@ def run(cases: Sequence[Drawn]) -> list[Record]:
     """Draws, writes and diagnoses campaigns in one call of the command line."""
     with tempfile.TemporaryDirectory() as home:
         folders = [
-            hide(one.names, one.layout, one.strength, one.seed).write(Path(home) / f"{one.group}-{one.number}")
+            INSTRUMENTS[one.instrument]
+            .hide(one.names, one.layout, one.strength, one.seed)
+            .write(Path(home) / f"{one.group}-{one.number}")
             for one in cases
         ]
         records = run_share(folders)
@@ -109,19 +115,23 @@ def run_missing(cases: Sequence[Drawn], results: Path, workers: int) -> Iterator
 def main() -> None:
     """Run what is missing, and write the page if asked to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--instrument", choices=sorted(INSTRUMENTS), default="photogrammetry")
     parser.add_argument("--campaigns", type=int, default=40)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
-    cases = [drawn(number, options.seed) for number in range(options.campaigns)]
-    for record in run_missing(cases, options.results, options.workers):
+    own = INSTRUMENTS[options.instrument]
+    results = options.results or RUNS / f"{own.short}.jsonl"
+    cases = [drawn(number, options.seed, options.instrument) for number in range(options.campaigns)]
+    for record in run_missing(cases, results, options.workers):
         print(_line(record), flush=True)
-    if options.write:
-        from benchmarks.blind_page import write_page
+    from benchmarks import blind_page
 
-        write_page(kept(options.results))
+    print(blind_page.goals([Judged(record) for record in kept(results)]))
+    if options.write:
+        blind_page.write_page(kept(results), own)
 
 
 def _line(record: Record) -> str:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.blind import rates
-from tests.blind.generator.hidden import CATALOGUE
 from tests.blind.judging import Judged
 
 MATRIX = "platform-deformation-matrix"
+UNSIZED = ("targets-swapped", "rows-exchanged")
 EDGES = (2.4, 3.6, 4.5, 5.2, 6.0, 7.0, 8.7, 11.0, 14.0, 18.5)
 MATRIX_EDGES = (3.4, 6.0, 7.5, 8.7, 11.0, 15.0, 26.5)
 CANDIDATES, LEVEL = 2000, 0.03  # what one parameter must stand against, as the theory beside the curve has it
@@ -39,7 +39,7 @@ def _singles(campaigns: Sequence[Judged]) -> list[Judged]:
 
 
 def _is_scaled(one: Judged) -> bool:
-    return one.hidden[0].cause in CATALOGUE and np.isfinite(one.hidden[0].strength)
+    return one.hidden[0].cause != "unexplained" and bool(np.isfinite(one.hidden[0].strength))
 
 
 def theory(strength: NDArray, parameters: int, candidates: int) -> NDArray:
@@ -55,11 +55,12 @@ def power_figure(path: Path, campaigns: Sequence[Judged]) -> None:
     few = [one for one in own if one.hidden[0].cause != MATRIX]
     many = [one for one in own if one.hidden[0].cause == MATRIX]
     parts = [
-        *_power_panel(0, "all causes but K", few, EDGES, (1, CANDIDATES)),
-        *_power_panel(420, "K, 36 parameters", many, MATRIX_EDGES, (36, CANDIDATES)),
+        *_power_panel(0, "all causes but K" if many else "all causes", few, EDGES, (1, CANDIDATES)),
         *_legend(330, {"found": COLOURS["found"], "named": COLOURS["named"], "theory": "#000000"}),
     ]
-    path.write_text(_svg(840, 350, parts), encoding="utf-8")
+    if many:
+        parts += _power_panel(420, "K, 36 parameters", many, MATRIX_EDGES, (36, CANDIDATES))
+    path.write_text(_svg(840 if many else 660, 350, parts), encoding="utf-8")
 
 
 def _power_panel(
@@ -115,17 +116,19 @@ def _legend(y: float, names: dict[str, str]) -> list[str]:
     return out
 
 
-def strip_figure(path: Path, campaigns: Sequence[Judged]) -> None:
+def strip_figure(path: Path, campaigns: Sequence[Judged], catalogue: Sequence[str]) -> None:
     """Write every campaign with one effect as a dot at its signal-to-noise, a row per cause."""
-    names = [cause for cause in CATALOGUE if cause != "targets-swapped"]
-    low, high, width = np.log(2.3), np.log(27.0), 560
+    strongest = max((one.hidden[0].strength for one in _singles(campaigns)), default=0.0)
+    names = [cause for cause in catalogue if cause not in UNSIZED]
+    low, high, width = np.log(2.3), np.log(max(27.0, 1.05 * strongest)), 560
+    ticks = [tick for tick in (3, 4, 5, 6, 8, 10, 14, 20, 30, 60, 120, 240) if np.log(tick) < high]
 
     def x(strength: float) -> float:
         return float(230 + width * (np.log(strength) - low) / (high - low))
 
     bottom = 30 + 26 * len(names)
-    out = [f'<path d="M{x(s):.1f},20V{bottom}" stroke="#ddd"/>' for s in (3, 4, 5, 6, 8, 10, 14, 20)]
-    out += [_text(x(s), bottom + 16, f"{s:g}") for s in (3, 4, 5, 6, 8, 10, 14, 20)]
+    out = [f'<path d="M{x(s):.1f},20V{bottom}" stroke="#ddd"/>' for s in ticks]
+    out += [_text(x(s), bottom + 16, f"{s:g}") for s in ticks]
     for row, cause in enumerate(names):
         y = 36 + 26 * row
         own = [one for one in _singles(campaigns) if one.hidden[0].cause == cause]

@@ -6,24 +6,19 @@ import gzip
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind_figures import confusion_figure, power_figure, strip_figure
+from benchmarks.blind_instruments import INSTRUMENTS, Instrument
 from docs.experiments.marked_tables import renew, table
 from tests.blind import rates
-from tests.blind.generator.draw import LAYOUTS
-from tests.blind.generator.hidden import CATALOGUE
 from tests.blind.judging import Judged, Record
 from tests.blind.rates import Count
 
-PROJECT = Path(__file__).resolve().parents[1]
-PAGE = PROJECT / "docs" / "how-well-does-it-diagnose.md"
-FIGURES = PROJECT / "docs" / "figures"
-KEPT = PROJECT / "docs" / "experiments" / "blind_results.jsonl.gz"  # what the page was made from
 NAME = "unexplained"
+POINTS = INSTRUMENTS["photogrammetry"]
 
 
 def interval(good: int, trials: int) -> tuple[float, float]:
@@ -35,27 +30,32 @@ def interval(good: int, trials: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def write_page(records: Sequence[Record]) -> None:
-    """Make tables and figures of the page anew, and keep the results that they were made from."""
+def write_page(records: Sequence[Record], own: Instrument = POINTS) -> None:
+    """Make tables and figures of an instrument's page anew, and keep the results that they were made from."""
     lines = "".join(json.dumps(record) + "\n" for record in sorted(records, key=lambda one: one["number"]))
-    KEPT.write_bytes(gzip.compress(lines.encode(), mtime=0))
-    campaigns = kept_campaigns()
-    renew(PAGE, tables(campaigns))
-    power_figure(FIGURES / "blind-power.svg", campaigns)
-    strip_figure(FIGURES / "blind-causes.svg", campaigns)
-    confusion_figure(FIGURES / "blind-confusion.svg", *confusion(campaigns))
+    own.kept.write_bytes(gzip.compress(lines.encode(), mtime=0))
+    campaigns = kept_campaigns(own)
+    renew(own.page, tables(campaigns, own))
+    power_figure(own.figure("power"), campaigns)
+    strip_figure(own.figure("causes"), campaigns, own.catalogue)
+    confusion_figure(own.figure("confusion"), *confusion(campaigns, own))
 
 
-def kept_campaigns() -> list[Judged]:
-    """Return the campaigns that the page was made from."""
-    lines = gzip.decompress(KEPT.read_bytes()).decode().splitlines()
+def kept_campaigns(own: Instrument = POINTS) -> list[Judged]:
+    """Return the campaigns that an instrument's page was made from."""
+    lines = gzip.decompress(own.kept.read_bytes()).decode().splitlines()
     return [Judged(json.loads(line)) for line in lines]
 
 
-def tables(campaigns: Sequence[Judged]) -> dict[str, Callable[[], str]]:
+def tables(campaigns: Sequence[Judged], own: Instrument = POINTS) -> dict[str, Callable[[], str]]:
     """Return what makes each table of the page."""
-    makers = {"goals": goals, "causes": causes, "layouts": layouts, "unknown": unknown, "wrong": wrong}
-    return {name: lambda make=make: make(campaigns) for name, make in makers.items()}
+    return {
+        "goals": lambda: goals(campaigns),
+        "causes": lambda: causes(campaigns, own),
+        "layouts": lambda: layouts(campaigns, own),
+        "unknown": lambda: unknown(campaigns),
+        "wrong": lambda: wrong(campaigns),
+    }
 
 
 def _clear(campaigns: Sequence[Judged]) -> list[Judged]:
@@ -123,13 +123,13 @@ def _middle(values: NDArray) -> list[str]:
     return [str(len(values)), f"median {middle:.2f}", f"nine in ten: {low:.2f} to {high:.2f}"]
 
 
-def causes(campaigns: Sequence[Judged]) -> str:
+def causes(campaigns: Sequence[Judged], own: Instrument) -> str:
     """Return the table of each cause: what is clear, and what is too weak to be found for certain."""
     rows = []
-    for cause in CATALOGUE:
-        own = [one for one in campaigns if [effect.cause for effect in one.hidden] == [cause]]
-        clear = [one for one in own if rates.is_clear(one)]
-        weak = [one for one in own if not rates.is_clear(one)]
+    for cause in own.catalogue:
+        alone = [one for one in campaigns if [effect.cause for effect in one.hidden] == [cause]]
+        clear = [one for one in alone if rates.is_clear(one)]
+        weak = [one for one in alone if not rates.is_clear(one)]
         covered = rates.coverage(clear)
         shares = [
             rates.detected(clear),
@@ -144,12 +144,13 @@ def causes(campaigns: Sequence[Judged]) -> str:
     return table(heads, rows)
 
 
-def layouts(campaigns: Sequence[Judged]) -> str:
+def layouts(campaigns: Sequence[Judged], own: Instrument) -> str:
     """Return the table of each layout."""
     rows = []
-    for kind in LAYOUTS:
-        own = [one for one in _clear(campaigns) if one.record["truth"]["layout"] == kind]
-        shares = [rates.alarms(own), rates.detected(own), rates.named(own), rates.placed(own), rates.both_named(own)]
+    for kind in own.layouts:
+        there = [one for one in _clear(campaigns) if one.record["truth"]["layout"] == kind]
+        judged = (rates.alarms, rates.detected, rates.named, rates.placed, rates.both_named)
+        shares = [judge(there) for judge in judged]
         rows.append([kind, *(f"{share.good} of {share.trials}" if share.trials else "" for share in shares)])
     return table(["layout", "false alarms", "found", "named", "right legs or targets", "both of two named"], rows)
 
@@ -197,12 +198,12 @@ def _found(one: Judged) -> str:
     return "; ".join(told) or "nothing"
 
 
-def confusion(campaigns: Sequence[Judged]) -> tuple[list[str], list[str], NDArray]:
+def confusion(campaigns: Sequence[Judged], own: Instrument) -> tuple[list[str], list[str], NDArray]:
     """Return rows (what was hidden), columns (what it is told to be) and shares, of clear campaigns with one effect.
 
     What is called indistinguishable from the right name counts as the right name.
     """
-    rows, columns = [*CATALOGUE, NAME], [*CATALOGUE, NAME, "nothing"]
+    rows, columns = [*own.catalogue, NAME], [*own.catalogue, NAME, "nothing"]
     counts = np.zeros((len(rows), len(columns)))
     for one in _clear(campaigns):
         if len(one.hidden) == 1:

@@ -24,8 +24,8 @@ from pipeline.power_command import diagnosed
 from stages.diagnose import gathered_of
 from stages.power import Answer, Question, Trial, expected_sights, questions
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
-from truing.simulation.causes import catalogue
 from tests.blind.hidden_twice import CAUSES, Ground
+from truing.simulation.causes import catalogue
 
 RESULTS = Path("runs") / "power-agreement.jsonl"
 FACTORS = (0.6, 0.85, 1.2)  # of the size that theory expects to be found four times out of five

@@ -244,7 +244,7 @@ def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
     kept = {key: truth[key] for key in ("seed", "effects", "layout", "strengths") if key in truth}
     record: Record = {
         "name": folder.name,
-        "truth": {**kept, "legs": len(truth["geometry"]["a_mm"])},
+        "truth": {**kept, "legs": truth["legs"] if "legs" in truth else len(truth["geometry"]["a_mm"])},
         "seconds": round(seconds, 2),
     }
     if not (out / "diagnosis.parquet").exists():

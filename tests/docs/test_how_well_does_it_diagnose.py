@@ -17,7 +17,7 @@ from tests.blind.judging import Judged
 from tests.docs.shown import shown
 from tests.tolerance import assert_between, assert_close
 
-PAGE = blind_page.PAGE.read_text(encoding="utf-8")
+PAGE = blind_page.POINTS.page.read_text(encoding="utf-8")
 CAMPAIGNS = blind_page.kept_campaigns()
 TABLES = blind_page.tables(CAMPAIGNS)
 

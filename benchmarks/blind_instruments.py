@@ -1,0 +1,83 @@
+"""What the blind benchmark draws from, instrument by instrument: causes, layouts, and where its results are told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from tests.blind.generator import case, draw, hidden
+from tests.blind.generator.sensor import case as sensor_case
+from tests.blind.generator.sensor import draw as sensor_draw
+from tests.blind.generator.sensor import hidden as sensor_hidden
+
+PROJECT = Path(__file__).resolve().parents[1]
+DOCS = PROJECT / "docs"
+
+
+class Written(Protocol):
+    """A campaign with effects in it."""
+
+    def write(self, folder: Path) -> Path:
+        """Write the campaign's folder, and its truth beside it."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """Causes of its catalogue, effects of none, layouts; how two effects and a campaign are drawn.
+
+    ``obvious``: the share of single effects that are many times as large as must be found. ``told_in``: its page in
+    docs, whose name the results that are kept and the figures take.
+    """
+
+    catalogue: Sequence[str]
+    strange: Sequence[str]
+    layouts: Sequence[str]
+    draw_two: Callable[[np.random.Generator], tuple[str, str]]
+    layouts_for: Callable[[Sequence[str]], list[str]]
+    hide: Callable[[Sequence[str], str, float, int], Written]
+    told_in: str
+    short: str
+    obvious: float = 0.0
+
+    @property
+    def page(self) -> Path:
+        """Return the page that tells how well it is diagnosed."""
+        return DOCS / f"{self.told_in}.md"
+
+    @property
+    def kept(self) -> Path:
+        """Return the results that the page was made from."""
+        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_results.jsonl.gz"
+
+    def figure(self, name: str) -> Path:
+        """Return a figure of the page."""
+        return DOCS / "figures" / f"{self.short}-{name}.svg"
+
+
+INSTRUMENTS = {
+    "photogrammetry": Instrument(
+        tuple(hidden.CATALOGUE),
+        tuple(hidden.STRANGE),
+        tuple(draw.LAYOUTS),
+        hidden.draw_two,
+        case.layouts_for,
+        case.hide,
+        "how-well-does-it-diagnose",
+        "blind",
+    ),
+    "sensor": Instrument(
+        tuple(sensor_hidden.CATALOGUE),
+        tuple(sensor_hidden.STRANGE),
+        tuple(sensor_draw.LAYOUTS),
+        sensor_hidden.draw_two,
+        sensor_case.layouts_for,
+        sensor_case.hide,
+        "how-well-does-it-diagnose-a-sensor",
+        "blind-sensor",
+        obvious=0.2,
+    ),
+}
