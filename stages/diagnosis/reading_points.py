@@ -105,7 +105,7 @@ def _known(
     signals = steps.signal.shape[1]
     noise = settings.noise
     return KnownReadings(
-        UncertainSensor(sensor.joints, sensor.elastic, sensor.compliance, sensor.length_sigma, sensor.stiffness_sigma),
+        _uncertain(sensor),
         (*CHANNELS, *steps.signals),
         typical,
         largest_loads(steps, settings),
@@ -115,6 +115,13 @@ def _known(
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
     )
+
+
+def _uncertain(sensor: NominalSensor) -> UncertainSensor:
+    """The sensor with what is not known of it; of a given compliance the elements are none of its business."""
+    own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
+    elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
+    return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
 
 
 def largest_loads(steps: LoadSteps, settings: Campaign) -> Array:

@@ -23,6 +23,7 @@ from truing.simulation.six_upur.uncertain_sensor import Response
 from truing.simulation.targets import Targets
 
 _AXES = 6
+_BLOCKS = 5  # of what is left out in turn
 # Beforehand either model of what a leg carries may hold, and anything between them: at the middle, give or take one.
 _BETWEEN = 0.5
 # Channels are no base, platform or leg.
@@ -81,23 +82,28 @@ class ReadingModel(EffectsModel):
 
     @cached_property
     def zeros(self) -> NDArray:
-        """Return the number (B, K) of the zero that a reading counts from: of its run and channel, known or not."""
-        count, own = len(self.known.channels), self._zero_of
-        further = own.size + self.steps.code[:, None] * count + np.arange(count)
-        known = np.isin(self.conditions.run, self.known.zeros.run)[:, None]
-        numbers = np.where(known, own, further)
-        return np.asarray(np.unique(numbers, return_inverse=True)[1].reshape(numbers.shape) - np.any(numbers < 0))
+        """Return the number (B, K) of the run and channel whose zero a reading counts from."""
+        count = len(self.known.channels)
+        return np.asarray(self.steps.code[:, None] * count + np.arange(count))
 
     @property
     def together(self) -> NDArray:
-        """Return which load steps (B,) err together: those of a run."""
+        """Return the numbers of the runs (B,), whose steps err together."""
         return self.steps.code
 
     @property
     def blocks(self) -> NDArray:
-        """Return which load steps (B,) can be left out together: those of a run, runs numbered in time."""
-        starts = self.steps.time_s[self.steps.first]
-        return np.asarray(np.unique(np.stack([starts, self.steps.code], -1), axis=0, return_inverse=True)[1].ravel())
+        """Return which steps (B,) are left out of a fit together: whole runs, one of each that loads the same axes;
+        parts of a run where no other loads its axes."""
+        steps = self.steps
+        axes = (steps.load != 0.0) @ (1 << np.arange(_AXES))
+        pattern = np.zeros(int(steps.code.max(initial=-1)) + 1, int)
+        np.bitwise_or.at(pattern, steps.code, axes)
+        alike = pattern[:, None] == pattern
+        of_run = np.tril(alike, -1).sum(1) % _BLOCKS
+        length = np.bincount(steps.code)
+        within = steps.rank * _BLOCKS // np.maximum(length, 1)[steps.code]
+        return np.where(alike.sum(1)[steps.code] > 1, of_run[steps.code], within)
 
     @cached_property
     def steps(self) -> LoadSteps:
@@ -120,7 +126,7 @@ class ReadingModel(EffectsModel):
         own, steps = self.conditions, self.steps
         return Scene(
             self.targets,
-            np.zeros((len(self.known.channels), 3)),
+            np.zeros((len(self.known.channels), 0)),
             own.load,
             np.empty(0),
             own.poses,

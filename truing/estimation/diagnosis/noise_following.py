@@ -78,7 +78,7 @@ def drivers(
             x = 2 * (values - values.min()) / np.ptp(values) - 1
             for power in (x, x**2 - np.mean(x**2)):
                 found.append(Driver(name, np.repeat(power[:, None], len(shape), 1), targets, name))
-    for axis, values in zip("xyz", shape.T, strict=True):
+    for axis, values in zip("xyz", shape.T, strict=False):  # numbers have no place
         found.append(Driver(f"the place along {axis}", np.repeat(values[None], poses, 0), bodies))
     if distance is not None:
         found.append(Driver("the distance from the instrument", distance, targets))
