@@ -8,7 +8,13 @@ import re
 from truing.report.numbers import rough, with_uncertainty
 
 # What a bare number is called by, where one unit of it is far from what anything does.
-_BARE = {"kappa": (1e3, "um/mm"), "K": (1e3, "um/mm"), "gain": (100.0, "%"), "scale": (1e6, "ppm")}
+_PER_CENT = (100.0, "%")
+_BARE = {
+    "kappa": (1e3, "um/mm"), "K": (1e3, "um/mm"), "gain": _PER_CENT, "scale": (1e6, "ppm"), "loss": (1e6, "ppm"),
+    **dict.fromkeys(("asymmetry", "cubic", "width", "fraction"), _PER_CENT),
+}
+# From here on a scale is told in per cent.
+_LARGE_SCALE = 1e-3
 _OTHERS = {
     "1/K": (1e6, "ppm/K"),
     "1/mm": (1e3, "um/mm2"),
@@ -16,10 +22,14 @@ _OTHERS = {
     "mm/K": (1e3, "um/K"),
     "mm/mm": (1e3, "um/mm"),
     "rad": (180.0 / math.pi, "deg"),
+    "m": (1e3, "N·m per kN"),  # a moment that comes with a force
+    "1/m": (1.0, "N per N·m"),  # a force that comes with a torque
 }
 _SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))
-# Lengths that are read off a drawing, not off an instrument.
-_DRAWN = ("pitch", "flexure_length")
+# Lengths that are read off a drawing, or with a rule, not off an instrument.
+_DRAWN = r"pitch|flexure_length|dead_path|(offset|arm)_[xyz]"
+# Angles between a beam and an axis, not of an oscillation.
+_SMALL_ANGLE = r"angle|tilt_\w+"
 
 
 def stem(parameter: str) -> str:
@@ -33,9 +43,11 @@ def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
     """Factor and unit in which a parameter of about this size is told."""
     own = stem(parameter)
     if unit in ("", "1"):
-        return _BARE.get(own, (1.0, ""))
+        return _PER_CENT if own == "scale" and abs(size) >= _LARGE_SCALE else _BARE.get(own, (1.0, ""))
     if unit == "mm":
-        return (1e3, "um") if abs(size) < 1.0 and own not in _DRAWN else (1.0, "mm")
+        return (1e3, "um") if abs(size) < 1.0 and not re.fullmatch(_DRAWN, own) else (1.0, "mm")
+    if unit == "rad" and re.fullmatch(_SMALL_ANGLE, own):
+        return 1e3, "mrad"
     if unit == "s":
         return next(((factor, span) for least, factor, span in _SPANS if abs(size) >= least), (1.0, "s"))
     return _OTHERS.get(unit, (1.0, unit))
@@ -47,8 +59,6 @@ def told_size(parameter: str, value: object, sigma: float | None, unit: str) -> 
         return "" if value is None else str(value)
     known = sigma is not None and math.isfinite(sigma)
     factor, handy = handy_unit(parameter, unit, max(abs(value), sigma or 0.0) if known else value)
-    if handy == "ppm" and max(abs(value), sigma or 0.0) >= 5e-3:
-        factor, handy = 100.0, "%"
     return with_uncertainty(factor * value, factor * sigma if known and sigma is not None else None, handy)
 
 

@@ -53,7 +53,7 @@ def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
     if not effects:
         left = "; beyond that the simulation agrees with the measurement: no cause moves it."
         return ("warn", clause(noise[0], tables) + left)
-    brings = gain(found)
+    brings = gain(found, tables)
     said = _listed([clause(row, tables) for row in [*effects, *noise][:_TOLD]], len(found))
     more = len(found) - _TOLD
     said += f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""

@@ -1,0 +1,41 @@
+"""What predictions are held against, in words: points of poses, or readings of load steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from truing.report.tables import Tables
+
+_OF_A_BENCH = ("reading_errors", "readings", "signals")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """How the parts of a campaign are named: what is held out as a whole, what of it was fitted to and what was not."""
+
+    whole: str
+    fitted: str
+    held_out: str
+    held_out_errors: str
+    not_planned: str
+
+
+POINTS = Compared(
+    "pose",
+    "calibration poses",
+    "held-out poses",
+    "verification errors",
+    "No configurations were computed: nothing was found or left open that poses of this mechanism settle.",
+)
+READINGS = Compared(
+    "run",
+    "runs fitted",
+    "held-out runs",
+    "held-out errors",
+    "What would confirm it is told in words: for benches no table of load steps is computed.",
+)
+
+
+def compared(tables: Tables) -> Compared:
+    """The words for a campaign's kind."""
+    return READINGS if any(name in tables for name in _OF_A_BENCH) else POINTS
