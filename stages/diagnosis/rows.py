@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from truing.estimation.diagnosis.noise_level import NoiseLevel
     from truing.estimation.diagnosis.verdicts import Verdict
 
-_SCATTER = "Measure one pose ten times over without moving anything: the scatter is the true noise."
-
 
 @dataclass(frozen=True)
 class Words:
@@ -88,6 +86,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         unit=shown.unit,
         fitted_words=shown.fitted,
         held_out_words=shown.held_out,
+        drive=shown.drive,
     )
     return {
         "cause": cause.id,
@@ -126,13 +125,13 @@ def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
 
 
 def _noise_row(level: NoiseLevel, final: Stand, shown: Shown) -> dict[str, Any]:
-    """Noise larger than declared is structure too: something moves the points that nothing here explains."""
+    """Noise larger than declared is structure too: something moves what was measured that nothing here explains."""
     from truing.report.diagnosis.findings import noise_explanation
 
     said = noise_explanation(
         level.ratio, level.sigma, shown.rms(final.error), shown.floor(final.floor), unit=shown.unit
     )
-    return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": _SCATTER}
+    return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": shown.scatter}
 
 
 def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
@@ -148,7 +147,7 @@ def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str,
         "subject": f"{whose} {names[0]}" if names else "",
         "follows": own.driver.column,
         "explanation": said,
-        "next_measurement": f"{_SCATTER} Repeat it where {follows} differs.",
+        "next_measurement": f"{shown.scatter} Repeat it where {follows} differs.",
     }
 
 

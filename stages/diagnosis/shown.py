@@ -13,13 +13,15 @@ if TYPE_CHECKING:
 
 # A channel is concerned where an effect moves it by this share of what it moves the most, in units of the noise.
 _CONCERNED = 0.2
+_SCATTER = "Hold one load and read every channel ten times over: the scatter is the true noise."
 
 
 @dataclass(frozen=True)
 class Shown:
     """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
 
-    ``predicted`` is what the numbers are of, ``held_out`` what was not fitted to, in words.
+    In words: ``fitted`` is what was fitted to, ``held_out`` what was not, ``drive`` what predictions are made from,
+    ``scatter`` how to see the noise by itself.
     """
 
     unit: str = "um"
@@ -27,6 +29,8 @@ class Shown:
     targets: NDArray | slice = field(default_factory=lambda: slice(None))
     fitted: str = "the calibration poses"
     held_out: str = "held-out poses"
+    drive: str = "the readings"
+    scatter: str = "Measure one pose ten times over without moving anything: the scatter is the true noise."
 
     def rms(self, error: PredictionError | None) -> float | None:
         """The root mean square of an error, None where nothing of it was seen."""
@@ -68,4 +72,4 @@ class Channels:
         total = {unit: float(np.sum(weight[units == unit] ** 2)) for unit in dict.fromkeys(self.units)}
         unit = max(total, key=lambda name: total[name])
         own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
-        return Shown(unit, float(self.si[own[0]]), own, "the runs fitted", "held-out runs")
+        return Shown(unit, float(self.si[own[0]]), own, "the runs fitted", "held-out runs", "the loads", _SCATTER)

@@ -37,8 +37,13 @@ def bench_tables(diagnosis: pd.DataFrame | None = None, *, held: int = 0, signal
 
 OFFSETS = {"offset_x": size(12.03, 0.04, "mm"), "offset_y": size(-7.98, 0.05, "mm")}
 MISSED = {
-    **{"rms_before": 4.1, "rms_after": 0.21, "heldout_rms_before": 4.2, "heldout_rms_after": 0.22},
-    **{"noise_floor": 0.2, "unit": "arcsec", "next_measurement": "Shift the load fz by a known millimetre."},
+    "rms_before": 4.1,
+    "rms_after": 0.21,
+    "heldout_rms_before": 4.2,
+    "heldout_rms_after": 0.22,
+    "noise_floor": 0.2,
+    "unit": "arcsec",
+    "next_measurement": "Shift the load fz by a known millimetre.",
 }
 
 

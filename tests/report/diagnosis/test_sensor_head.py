@@ -1,4 +1,4 @@
-"""Every cause on a force sensor's bench has its sentence: what, where, how large, in units that a force laboratory uses."""
+"""Every cause on a force sensor's bench has its sentence: what, where, how large, in a force laboratory's units."""
 
 from __future__ import annotations
 
@@ -38,10 +38,15 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "load-imbalance",
             "load fz",
             {"moment_y": size(0.004, 0.0001, "m"), "moment_y_asymmetry": size(0.0021, 0.0001, "m")},
-            "brings a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and negative load",
+            "brings a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and",
         ),
         ("load-imbalance", "load mz", {"force_x_growth": size(0.3, 0.04, "1/m")}, "force along x that grows out of"),
-        ("stiffness-scale", "load fx", {"scale": size(-0.031, 0.002)}, "is 3.10 ± 0.20 % softer under x loads than sim"),
+        (
+            "stiffness-scale",
+            "load fx",
+            {"scale": size(-0.031, 0.002)},
+            "is 3.10 ± 0.20 % softer under x loads than sim",
+        ),
         ("stiffness-scale", "", {"scale": size(0.031, 0.002)}, "is 3.10 ± 0.20 % stiffer under load than simulated"),
         (
             "stiffness-asymmetry",
@@ -50,7 +55,12 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "gives 2.00 ± 0.10 % more under negative torques about y than under positive ones",
         ),
         ("stiffness-nonlinear", "load fz", {"cubic": size(0.02, 0.001)}, "at the largest it gives 2.00 ± 0.10 % more"),
-        ("hysteresis", "load fz", {"width": size(0.012, 0.001)}, "unloaded under z loads: 1.20 ± 0.10 % of the largest"),
+        (
+            "hysteresis",
+            "load fz",
+            {"width": size(0.012, 0.001)},
+            "unloaded under z loads: 1.20 ± 0.10 % of the largest",
+        ),
         ("joint-clearance", "load fy", {"clearance": size(3.1, 0.2, "um")}, "jumps, by 3.10 ± 0.20 µm as the y load"),
         (
             "creep",
@@ -58,8 +68,18 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             {"fraction": size(0.012, 0.001), "tau": size(590.0, 30.0, "s")},
             "by 1.20 ± 0.10 % of its deflection, with a time constant of 9.8 ± 0.5 min",
         ),
-        ("zero-drift", "channel dz", {"rate": size(-1.2, 0.1, "um/h")}, "of channel dz walks down, by 1.20 ± 0.10 µm/h"),
-        ("zero-drift", "run 4 channel rx", {"rate": size(1.2, 0.1, "arcsec/h")}, "The zero of channel rx in run 4 walks"),
+        (
+            "zero-drift",
+            "channel dz",
+            {"rate": size(-1.2, 0.1, "um/h")},
+            "of channel dz walks down, by 1.20 ± 0.10 µm/h",
+        ),
+        (
+            "zero-drift",
+            "run 4 channel rx",
+            {"rate": size(1.2, 0.1, "arcsec/h")},
+            "The zero of channel rx in run 4 walks",
+        ),
         (
             "thermal-drift",
             "channel dx",
@@ -68,9 +88,19 @@ SLIP = {"count": size(-2), "from_step": size(7)}
         ),
         ("cosine-error", "channel dz", {"angle": size(0.0082, 0.0003, "rad")}, "dz stands 8.2 ± 0.3 mrad off its axis"),
         ("abbe-offset", "channel dz", {"arm_x": size(-0.8, 0.1, "mm")}, "misses the origin: 0.80 ± 0.10 mm towards −x"),
-        ("dead-path", "", {"dead_path": size(152.0, 4.0, "mm")}, "Every linear channel carries a dead path of 152 ± 4 mm"),
+        (
+            "dead-path",
+            "",
+            {"dead_path": size(152.0, 4.0, "mm")},
+            "Every linear channel carries a dead path of 152 ± 4 mm",
+        ),
         ("fringe-slip", "run 4", SLIP, "Run 4 counts 2 half wavelengths too few from step 7 on"),
-        ("fringe-slip", "run 4 channel dz", {"count": size(1)}, "Channel dz in run 4 counts 1 half wavelength too many"),
+        (
+            "fringe-slip",
+            "run 4 channel dz",
+            {"count": size(1)},
+            "Channel dz in run 4 counts 1 half wavelength too many",
+        ),
         (
             "crosstalk",
             "signal v3",

@@ -13,6 +13,8 @@ from truing.report.numbers import plain, with_uncertainty
 # What is said of a cause that an accepted one includes.
 CONTAINED = "which is part of what is accepted"
 _MOVES = "It moves what was measured by up to "
+# What an empty subject stands for, beside one of this kind.
+_ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
 # How many parameters a sentence names before it says how many more there are.
 _NAMED = 6
 
@@ -20,6 +22,8 @@ _NAMED = 6
 @dataclass(frozen=True)
 class Facts:
     """What a sentence is made of; how far predictions miss in ``unit``, what was fitted and what was not in words.
+
+    ``drive``: what predictions are made from, in words.
 
     ``parameters`` as in the column of that name. ``subject`` as the tables name it; ``says`` may name it already.
     ``largest``: how far the effect moves anything that was measured, at most.
@@ -45,6 +49,7 @@ class Facts:
     unit: str = "um"
     fitted_words: str = "the calibration poses"
     held_out_words: str = "held-out poses"
+    drive: str = "the readings"
 
 
 def explanation(facts: Facts) -> str:
@@ -94,7 +99,7 @@ def _elsewhere(facts: Facts) -> str:
     """Return what else may be the subject, as far as the data leave it open."""
     if not facts.subjects:
         return ""
-    whole = "all legs" if facts.subject.startswith("leg") else "the whole"
+    whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole")
     told = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
     return f" That it concerns {' or '.join(told)} instead is less probable by these odds only."
 
@@ -145,7 +150,7 @@ def _improvement(facts: Facts) -> str:
         return ""
     unit = facts.unit
     missed = f"miss by {facts.rms_after:.2f} {unit} rms with it, {facts.rms_before:.2f} without"
-    said = f"Predictions from the readings {missed}"
+    said = f"Predictions from {facts.drive} {missed}"
     before, after = facts.held_out
     if before is not None and after is not None:
         said += f" ({facts.held_out_words}: {after:.2f} and {before:.2f} {unit})"
@@ -185,6 +190,6 @@ def noise_explanation(
         )
     return (
         f"What is left is {size} times as large as the declared noise, more than can be "
-        f"put down to how well that is known: the instrument is noisier than declared, or something moves the points "
-        f"that nothing in the catalogue explains.{missed}"
+        f"put down to how well that is known: the instrument is noisier than declared, or something moves what "
+        f"was measured that nothing in the catalogue explains.{missed}"
     )

@@ -9,7 +9,12 @@ import numpy as np
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
 from truing.report.diagnosis import gain_figures
-from truing.report.diagnosis.judged import Judged, found_of, share_removed, whole_gain
+from truing.report.diagnosis.compared import POINTS, Compared, compared
+from truing.report.diagnosis.judged import Judged, found_of, share_removed
+from truing.report.diagnosis.overall import as_it_is, overall
+from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
+from truing.report.diagnosis.reading_misses import reading_misses
+from truing.report.diagnosis.resampled import rms_with_interval
 from truing.report.diagnosis.words import AT_THE_FLOOR
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Listing, Section
@@ -17,19 +22,15 @@ from truing.report.tables import Tables, filled
 
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import NDArray
 
 Drawn = list[tuple[object, str]]
-_HELD_OUT, _FITTED = "held-out poses, which nothing was fitted to", "calibration poses"
-_ROLES = {"calibration": "calibration poses", "verification": "held-out poses"}
-# Resampled campaigns behind an interval.
-_DRAWS = 2000
+_NOT_FITTED = "which nothing was fitted to"
 _ERROR = "position_error_um"
 
 
 @dataclass(frozen=True)
 class _Missed:
-    """Rms of measured minus predicted over the poses that ``words`` names; before is after where nothing was found."""
+    """Rms of measured minus predicted over what ``words`` names; before is after where nothing was found."""
 
     words: str
     before: float
@@ -37,32 +38,32 @@ class _Missed:
     floor: float | None
     unit: str
     modelled: bool
+    held_out: bool
 
 
 def gained(rows: list[Judged], tables: Tables) -> Section:
-    """Measured minus predicted before and after, pose by pose and cause by cause, and how plain calibrations do.
+    """Measured minus predicted before and after, part by part and cause by cause, and how plain calibrations do.
 
     ``rows``: all candidates; where none was found, how far the simulation misses as it is.
     """
     found = [row for row in found_of(rows) if not row.is_noise]
-    missed = _missed(rows, found)
-    told = [*_cause_by_cause(found), *_poses(missed, tables), *_plain(tables)]
-    listings = [listing for listing in (_by_role(tables), _calibrations(tables)) if listing.rows]
+    of = compared(tables)
+    missed = _missed(rows, found, tables, of)
+    told = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
+    misses = reading_misses(tables)
+    by_part = _by_role(tables) if misses is None else by_channel(misses)
+    listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "How far predictions miss"
-    return Section("gain", title, _lead(missed), tuple(told), tuple(listings), _state(missed))
+    return Section("gain", title, _lead(missed, of), tuple(told), tuple(listings), _state(missed))
 
 
-def _missed(rows: list[Judged], found: list[Judged]) -> list[_Missed]:
-    """What is missed on held-out poses, then on the others."""
-    told = found[-1:] or [row for row in rows if row.rms[0] is not None][:1]
+def _missed(rows: list[Judged], found: list[Judged], tables: Tables, of: Compared) -> list[_Missed]:
+    """What is missed on what was held out, then on the rest."""
     missed = []
-    for held, words in ((True, _HELD_OUT), (False, _FITTED)):
-        pair = whole_gain(found, held)
-        if not found and told:
-            as_it_is = (told[0].held_out if held else told[0].rms)[0]
-            pair = None if as_it_is is None else (as_it_is, as_it_is)
-        if pair is not None:
-            missed.append(_Missed(words, *pair, told[0].floor, sign(told[0].unit), bool(found)))
+    for held, words in ((True, f"{of.held_out}, {_NOT_FITTED}"), (False, of.fitted)):
+        whole = overall(found, tables, held_out=held) if found else None
+        told = [whole] if whole is not None else [] if found else as_it_is(rows, tables, held_out=held)
+        missed += [_Missed(words, o.before, o.after, o.floor, sign(o.unit), bool(found), held) for o in told]
     return missed
 
 
@@ -73,13 +74,13 @@ def _state(missed: list[_Missed]) -> str:
     return "pass" if missed[0].after <= AT_THE_FLOOR * missed[0].floor else "fail"
 
 
-def _lead(missed: list[_Missed]) -> str:
-    """What is left on poses that nothing was fitted to, against the noise, and the share of the excess removed."""
+def _lead(missed: list[_Missed], of: Compared) -> str:
+    """What is left on what nothing was fitted to, against the noise, and the share of the excess removed."""
     if not missed:
         return "Nothing says how far predictions miss."
     said = [_of_role(one) for one in missed]
-    if missed[0].words != _HELD_OUT:
-        said.append("No pose was held out, so nothing here was predicted before it was seen.")
+    if not missed[0].held_out:
+        said.append(f"No {of.whole} was held out, so nothing here was predicted before it was seen.")
     return " ".join(said)
 
 
@@ -98,18 +99,26 @@ def _per_cent(share: float) -> str:
     return "all" if share > 0.9995 else f"{100.0 * share:.3g} %"
 
 
-def _cause_by_cause(found: list[Judged]) -> Drawn:
+def _cause_by_cause(found: list[Judged], of: Compared) -> Drawn:
     rows = [row for row in found if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
-    words = "Calibration poses were fitted to, held-out poses were not."
-    return [(gain_figures.misses([row for row in rows if row.unit == unit]), words) for unit in units]
+    words = f"{of.fitted[:1].upper()}{of.fitted[1:]} were fitted to, {of.held_out} were not."
+    if of is not POINTS:
+        # Each is told over the channels that it moves: one does not go on where another ends.
+        starts = ["simulation as it is", *(["with what was found before"] * (len(rows) - 1))]
+        return [(gain_figures.misses([row], of, start), words) for row, start in zip(rows, starts, strict=True)]
+    return [(gain_figures.misses([row for row in rows if row.unit == unit], of), words) for unit in units]
 
 
-def _poses(missed: list[_Missed], tables: Tables) -> Drawn:
+def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
+    """Every pose, or every reading of a bench."""
+    modelled = any(one.modelled for one in missed)
+    misses = reading_misses(tables)
+    if misses is not None:
+        return drawn_readings(misses, modelled)
     table = filled(tables, "prediction")
     if table is None:
         return []
-    modelled = any(one.modelled for one in missed)
     words = "Diamonds: held out, nothing was fitted to them."
     words = f"Each line joins a pose before and after. {words}" if modelled else words
     return [(gain_figures.pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
@@ -124,28 +133,15 @@ def _by_role(tables: Tables) -> Listing:
     rng = np.random.default_rng(0)
     roles = table["role"].replace("reference", "calibration")
     rows = []
-    for role, words in _ROLES.items():
+    for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out)):
         own = table[roles == role]
         if not len(own):
             continue
-        sizes = [_with_interval(own[f"rms_{when}"].to_numpy(dtype=float), rng) for when in ("before", "after")]
+        sizes = [rms_with_interval(own[f"rms_{when}"], rng) for when in ("before", "after")]
         most = [plain(own[f"largest_{when}"].max()) for when in ("before", "after")]
         rows.append((words, str(len(own)), *sizes, *most, sign(str(own["unit"].iloc[0]))))
     caption = "Measured minus predicted over all poses; in brackets 95 % intervals from poses drawn again"
     return Listing(heads, tuple(rows), caption=caption, held_by="prediction.parquet")
-
-
-def _with_interval(rms: NDArray, rng: np.random.Generator) -> str:
-    """Root of the mean square over poses, with the interval that drawing the poses again gives."""
-    squares = rms[np.isfinite(rms)] ** 2
-    if not len(squares):
-        return "–"
-    said = plain(float(np.sqrt(squares.mean())))
-    if len(squares) < 3:
-        return said
-    drawn = np.sqrt(squares[rng.integers(0, len(squares), (_DRAWS, len(squares)))].mean(axis=1))
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return f"{said} ({plain(float(low))} to {plain(float(high))})"
 
 
 def _compared(tables: Tables) -> pd.DataFrame | None:
@@ -185,14 +181,14 @@ def _calibrations(tables: Tables) -> Listing:
     rows = tuple(
         (
             name,
-            _ROLES[role],
+            words,
             plain(_rms(own[_ERROR])),
             plain(own[_ERROR].max()),
             plain(_rms(own["position_noise_um"])) if "position_noise_um" in own else "–",
             "µm",
         )
         for name in dict.fromkeys(errors["called"])
-        for role in _ROLES
+        for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out))
         if len(own := errors[(errors["called"] == name) & (roles == role)])
     )
     return Listing(heads, rows, caption="Position of the platform, plain calibrations beside it", folded=True)

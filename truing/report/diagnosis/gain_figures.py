@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truing.report.diagnosis.compared import POINTS, Compared
 from truing.report.diagnosis.judged import Judged
 from truing.report.figure_style import (
     BLUE,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
-_ROLES = {"calibration": ("calibration poses", BLUE), "verification": ("held-out poses", ORANGE)}
+_ROLES = {"calibration": (POINTS.fitted, BLUE), "verification": (POINTS.held_out, ORANGE)}
 _SYMBOLS = {"calibration": "circle", "verification": "diamond"}
 _ROW, _AROUND = 55, 200
 _SERIES = (("before", "without the causes", ORANGE), ("after", "with them", BLUE))
@@ -32,18 +33,17 @@ _AS_IT_IS = (("before", "simulation as it is", BLUE),)
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 
 
-def misses(found: list[Judged]) -> go.Figure:
+def misses(found: list[Judged], of: Compared = POINTS, start: str = "simulation as it is") -> go.Figure:
     """Measured minus predicted, rms, before and after each accepted cause of one unit, against what noise leaves."""
     import plotly.graph_objects as go
 
-    stages = ["simulation as it is ", *(f"+ {label(row.name)} " for row in found)]
+    stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
     figure = go.Figure()
-    pairs = {"calibration": [row.rms for row in found], "verification": [row.held_out for row in found]}
-    for role, sizes in pairs.items():
+    fitted, held_out = [row.rms for row in found], [row.held_out for row in found]
+    for name, colour, sizes in ((of.fitted, BLUE, fitted), (of.held_out, ORANGE, held_out)):
         heights = [sizes[0][0], *(after for _, after in sizes)]
         if all(height is None for height in heights):
             continue
-        name, colour = _ROLES[role]
         marker, words = {"color": colour}, [plain(height) for height in heights]
         figure.add_trace(go.Bar(y=stages, x=heights, name=name, orientation="h", text=words, marker=marker))
     unit = sign(found[0].unit)

@@ -16,7 +16,17 @@ from truing.report.tables import Tables, cell, filled
 FOUND, RIVAL, REJECTED = "found", "indistinguishable", "rejected"
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
-_COLUMNS = {"temperature_c": "the temperature", "time_s": "time", "approach": "the direction of approach"}
+_COLUMNS = {
+    "temperature_c": "the temperature",
+    "time_s": "time",
+    "order": "the order in which it was measured",
+    "approach": "the direction of approach",
+    "air_temperature_c": "the temperature of the air",
+    "material_temperature_c": "the temperature of the material",
+    "air_pressure_hpa": "the pressure of the air",
+    "relative_humidity_pct": "the humidity",
+}
+_LOAD = r"([fm][xyz])_nm?"
 
 
 @dataclass(frozen=True)
@@ -100,9 +110,10 @@ def cause_words(cause: str) -> str:
 
 
 def columns_words(columns: tuple[str, ...]) -> str:
-    """Columns that something follows, as a sentence names them: ``actuator 2 and the temperature``."""
+    """Columns that something follows, as a sentence names them: ``actuator 2 and the temperature``, ``load fz``."""
     drives = [found[1] for c in columns if (found := re.fullmatch(r"rho(\d+)_mm", c))]
-    others = [_COLUMNS.get(c, c) for c in columns if not re.fullmatch(r"rho\d+_mm", c)]
+    loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
+    others = [_COLUMNS.get(c, c) for c in loads if not re.fullmatch(r"rho\d+_mm", c)]
     if len(drives) > 2:
         return " and ".join(["the actuators", *others])
     told = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []

@@ -7,6 +7,7 @@ import io
 import re
 from typing import TYPE_CHECKING
 
+from truing.report.diagnosis.compared import READINGS, compared
 from truing.report.diagnosis.judged import Judged
 from truing.report.diagnosis.words import without_readings
 from truing.report.numbers import count, printed
@@ -29,8 +30,8 @@ def following(rows: list[Judged], tables: Tables) -> Section:
         ("next", f"{row.name}: {without_readings(row.then)}") for row in rows if row.then and row.verdict != "rejected"
     )
     if table is None:
-        why = "No configurations were computed: nothing was found or left open that poses of this mechanism settle."
-        return Section("next", _TITLE, why, said=asked, state="not evaluated")
+        state = "" if asked and compared(tables) is READINGS else "not evaluated"
+        return Section("next", _TITLE, compared(tables).not_planned, said=asked, state=state)
     parts = [(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False)]
     lead = (
         f"{count(len(table), 'configuration')} for {count(len(parts), 'purpose')}, readings as the machine takes them."

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from truing.report.diagnosis.compared import READINGS, compared
 from truing.report.diagnosis.judged import Judged, whole_gain
-from truing.report.diagnosis.reading_misses import reading_misses
+from truing.report.diagnosis.reading_misses import reading_misses, root_mean_square
 from truing.report.tables import Tables
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -41,6 +35,17 @@ def overall(found: list[Judged], tables: Tables, *, held_out: bool) -> Overall |
     return None if pair is None else Overall(*pair, effects[-1].floor, effects[-1].unit, held_out)
 
 
+def as_it_is(rows: list[Judged], tables: Tables, *, held_out: bool) -> list[Overall]:
+    """How far the simulation misses where nothing was found: on a bench unit by unit."""
+    if compared(tables) is READINGS:
+        misses = reading_misses(tables)
+        units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
+        return [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
+    told = next((row for row in rows if row.rms[0] is not None), None)
+    size = None if told is None else (told.held_out if held_out else told.rms)[0]
+    return [] if told is None or size is None else [Overall(size, size, told.floor, told.unit, held_out)]
+
+
 def _of_readings(unit: str, tables: Tables, held_out: bool) -> Overall | None:
     misses = reading_misses(tables)
     if misses is None:
@@ -48,9 +53,6 @@ def _of_readings(unit: str, tables: Tables, held_out: bool) -> Overall | None:
     own = misses[(misses["unit"] == unit) & ((misses["role"] == "verification") == held_out)]
     if not len(own):
         return None
-    floor = _rms(own["sigma"]) if own["sigma"].notna().all() else None
-    return Overall(_rms(own["before"]), _rms(own["after"]), floor, unit, held_out, "declared noise")
-
-
-def _rms(values: pd.Series) -> float:
-    return float(np.sqrt(np.mean(values.to_numpy(dtype=float) ** 2)))
+    floor = root_mean_square(own["sigma"]) if own["sigma"].notna().all() else None
+    before, after = root_mean_square(own["before"]), root_mean_square(own["after"])
+    return Overall(before, after, floor, unit, held_out, "declared noise")

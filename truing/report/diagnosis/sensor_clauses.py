@@ -24,7 +24,9 @@ def load_words(axis: str, article: str = "the ", plural: bool = False) -> str:
     ending = "s" if plural else ""
     if axis not in _ALONG:
         return f"{article}load{ending} {axis}".rstrip()
-    return f"{article}{_ALONG[axis]} load{ending}" if axis[0] == "f" else f"{article}torque{ending} about {_ALONG[axis]}"
+    return (
+        f"{article}{_ALONG[axis]} load{ending}" if axis[0] == "f" else f"{article}torque{ending} about {_ALONG[axis]}"
+    )
 
 
 def _loads(row: Judged) -> str:
@@ -103,20 +105,21 @@ def _asymmetry(row: Judged) -> str:
 
 def _nonlinear(row: Judged) -> str:
     size, more = _only(row, "cubic")
-    return (
-        f"the sensor is not linear under {_loads(row)}: at the largest it gives {size} {'more' if more else 'less'} than in "
-        "proportion"
-    )
+    way = "more" if more else "less"
+    return f"the sensor is not linear under {_loads(row)}: at the largest it gives {size} {way} than in proportion"
 
 
 def _hysteresis(row: Judged) -> str:
     size, more = _only(row, "width")
     way = "behind" if more else "ahead"
-    return f"the sensor comes back {way} when unloaded under {_loads(row)}: {size} of the largest deflection at half load"
+    return (
+        f"the sensor comes back {way} when unloaded under {_loads(row)}: {size} of the largest deflection at half load"
+    )
 
 
 def _play(row: Judged) -> str:
-    return f"the joints have play: the platform jumps{by(_only(row, 'clearance')[0])} as {load_words(_axis(row))} changes its sign"
+    jumps = f"jumps{by(_only(row, 'clearance')[0])}"
+    return f"the joints have play: the platform {jumps} as {load_words(_axis(row))} changes its sign"
 
 
 def _creep(row: Judged) -> str:

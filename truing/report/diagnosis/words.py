@@ -11,7 +11,7 @@ from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words,
 from truing.report.numbers import count, printed, rough
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import why_no_diagnosis
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, cell, filled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +29,9 @@ _ASKED = (
     "thermal-expansion",
     "body-drift",
     "target-moved",
+    "load-eccentricity",
+    "stiffness-scale",
+    "hysteresis",
 )
 # Against noise: errors of at most so many times the noise floor are called at it.
 AT_THE_FLOOR = 1.1
@@ -87,10 +90,15 @@ def hidden_sizes(table: pd.DataFrame | None) -> list[str]:
     if table is None or not table["size"].notna().any():
         return []
     known = table.dropna(subset="size")
-    worst = known.loc[known.groupby("cause", sort=False)["size"].idxmax()].set_index("cause")
-    order = [*(cause for cause in _ASKED if cause in worst.index), *(c for c in worst.index if c not in _ASKED)]
-    chosen = [(cause, worst.loc[cause]) for cause in order[:_SIZES]]
-    return [f"{cause_words(c)} {plain_size(str(r['parameter']), float(r['size']), str(r['unit']))}" for c, r in chosen]
+    order = [*(cause for cause in _ASKED if (known["cause"] == cause).any()), *known["cause"]]
+    return [f"{cause_words(c)} {_worst(known[known['cause'] == c])}" for c in dict.fromkeys(order)][:_SIZES]
+
+
+def _worst(own: pd.DataFrame) -> str:
+    """The largest size of a cause's parameters, unit by unit: ``0.8 um/h or 0.3 arcsec/h``."""
+    largest = own.loc[own.groupby("unit", sort=False, dropna=False)["size"].idxmax()]
+    told = (plain_size(str(r.parameter), float(r.size), cell(r.unit)) for r in largest.itertuples())
+    return " or ".join(dict.fromkeys(told))
 
 
 def _rivals(found: list[Judged], rows: list[Judged], tables: Tables) -> list[Verdict]:

@@ -1,0 +1,201 @@
+"""Figures of a bench: how far each channel is missed under each load, against the load, and in the order taken."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truing.report.diagnosis.reading_misses import LOAD_UNITS, LOADS, channels_of, root_mean_square
+from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
+from truing.report.numbers import plain, rough, sign
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+    from numpy.typing import NDArray
+
+_SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with them", BLUE, "circle"))
+_AS_IT_IS = (("before", "simulation as it is", BLUE, "circle"),)
+_LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
+# A panel for a channel under a load that is missed by so many times the noise; not more panels than that.
+_TELLING, _PANELS, _FEWEST_PANELS = 1.5, 6, 2
+_BAND = 1.96
+_RUNS_NAMED = 14
+# White at the noise, dark at a hundred times it.
+_COLOURS = ((0.0, "#FFFFFF"), (0.15, "#FFF3DC"), (0.5, "#F2B84B"), (1.0, "#B8480F"))
+_DARKEST = 100.0
+
+
+def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
+    """Rms of measured minus predicted over the noise, a cell per channel and load axis, before and after."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    series = _series(modelled)
+    figure = make_subplots(1, len(series), subplot_titles=[words for _, words, _, _ in series], shared_yaxes=True)
+    channels, axes = channels_of(misses), _axes_of(misses)
+    for column, (when, _, _, _) in enumerate(series, 1):
+        ratio = np.array([[_over_noise(_under(misses, c, a), when) for a in axes] for c in channels])
+        figure.add_trace(
+            go.Heatmap(
+                z=np.log10(np.clip(ratio, 1.0, _DARKEST)),
+                x=axes,
+                y=channels,
+                zmin=0.0,
+                zmax=np.log10(_DARKEST),
+                colorscale=_COLOURS,
+                showscale=False,
+                text=[[rough(value) if np.isfinite(value) else "" for value in line] for line in ratio],
+                texttemplate="%{text}",
+                xgap=2,
+                ygap=2,
+                hovertemplate="%{y} under %{x}: %{text} times the noise<extra></extra>",
+            ),
+            1,
+            column,
+        )
+    words = "Rms of measured − predicted in units of the noise: 1 is noise; empty: not measured"
+    style(figure, "Where predictions miss: channel by channel, load by load", words, 150 + 30 * len(channels))
+    figure.update_xaxes(title_text="load", showgrid=False)
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    figure.update_layout(margin={"t": 96})
+    return figure
+
+
+def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
+    """Measured minus predicted against the load, a panel for each channel and load that is missed the most."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    panels = _panels(misses)
+    rows = -(-len(panels) // 2)
+    titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
+    figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.3 / rows, horizontal_spacing=0.12)
+    for place, (channel, axis) in enumerate(panels):
+        own = _under(misses, channel, axis)
+        for when, words, colour, _ in _series(modelled):
+            for back, branch, symbol in ((False, "loading", "triangle-up"), (True, "unloading", "triangle-down")):
+                part = own[_goes_back(own, axis) == back]
+                figure.add_trace(
+                    go.Scatter(
+                        x=part[axis],
+                        y=part[when],
+                        mode="markers",
+                        marker={"color": colour, "symbol": f"{symbol}-open" if when == "before" else symbol, "size": 7},
+                        name=f"{words}, {branch}",
+                        legendgroup=f"{when} {branch}",
+                        showlegend=place == 0,
+                        hovertemplate="%{x} " + LOAD_UNITS[axis] + ": %{y:.3g}<extra>" + words + "</extra>",
+                    ),
+                    place // 2 + 1,
+                    place % 2 + 1,
+                )
+        figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
+    words = "Measured − predicted where it is largest beside the noise; a triangle points up while the load grows"
+    style(figure, "How far predictions miss, against the load", words, 150 + 250 * rows)
+    figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
+    figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136})
+    return figure
+
+
+def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
+    """Measured minus predicted in the order taken, a panel per channel, its runs apart."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    channels = channels_of(misses)
+    figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
+    scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
+    for row, channel in enumerate(channels, 1):
+        own = misses[misses["channel"] == channel].reset_index(drop=True)
+        noise, unit = _BAND * root_mean_square(own["noise"]), sign(_unit(misses, channel))
+        figure.add_hrect(y0=-noise, y1=noise, fillcolor=GREY, opacity=0.15, line={"width": 0}, row=row, col=1)
+        for when, words, colour, symbol in _series(modelled):
+            figure.add_trace(
+                scatter(
+                    x=np.arange(len(own)),
+                    y=own[when],
+                    mode="markers",
+                    marker={"color": colour, "symbol": symbol, "size": 5},
+                    name=words,
+                    legendgroup=when,
+                    showlegend=row == 1,
+                    text=_texts(own, unit, when),
+                    hovertemplate="%{text}<extra></extra>",
+                ),
+                row,
+                1,
+            )
+        figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
+        figure.update_xaxes(**_run_axis(figure, own, row), row=row, col=1)
+    words = "Measured − predicted, runs one after the other; grey: where 95 % of the noise lies"
+    style(figure, "How far predictions miss, in the order taken", words, 140 + 150 * len(channels))
+    figure.update_layout(legend=_LEGEND, margin={"t": 110})
+    return figure
+
+
+def _series(modelled: bool) -> tuple[tuple[str, str, str, str], ...]:
+    return _SERIES if modelled else _AS_IT_IS
+
+
+def _axes_of(misses: pd.DataFrame) -> list[str]:
+    return [axis for axis in LOADS if misses[axis].ne(0.0).any()]
+
+
+def _under(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
+    """Readings of a channel in the runs that load an axis, steps at rest included."""
+    own = misses[misses["channel"] == channel]
+    loaded = own[axis].ne(0.0).groupby(own["run"]).transform("any")
+    return own[loaded]
+
+
+def _over_noise(own: pd.DataFrame, when: str) -> float:
+    noise = root_mean_square(own["noise"])
+    return root_mean_square(own[when]) / noise if noise > 0.0 else float("nan")
+
+
+def _unit(misses: pd.DataFrame, channel: str) -> str:
+    return str(misses.loc[misses["channel"] == channel, "unit"].iloc[0])
+
+
+def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
+    """Channel and load axis of what is missed most beside the noise."""
+    sizes = {
+        (channel, axis): _over_noise(_under(misses, channel, axis), "before")
+        for channel in channels_of(misses)
+        for axis in _axes_of(misses)
+    }
+    known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
+    telling = [key for key in known if sizes[key] > _TELLING]
+    return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
+
+
+def _goes_back(own: pd.DataFrame, axis: str) -> NDArray[np.bool_]:
+    """Whether a step's load is smaller than that of the step before in its run."""
+    size = own[axis].abs()
+    return np.asarray(size < size.groupby(own["run"]).shift().fillna(0.0))
+
+
+def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
+    return [
+        f"run {label(run)}, step {step}: {plain(missed)} {unit}"
+        for run, step, missed in zip(own["run"], own["step"], own[when], strict=True)
+    ]
+
+
+def _run_axis(figure: go.Figure, own: pd.DataFrame, row: int) -> dict[str, Any]:
+    """Lines between runs, and their names where there is room for them."""
+    first = np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
+    for start in first[1:]:
+        figure.add_vline(x=float(start) - 0.5, line={"color": GREY, "width": 0.5, "dash": "dot"}, row=row, col=1)
+    middles = 0.5 * (first + np.append(first[1:], len(own)) - 1.0)
+    shown = range(0, len(first), max(1, -(-len(first) // _RUNS_NAMED)))
+    names = [_run_words(own[own["run"] == own["run"].iloc[first[k]]]) for k in shown]
+    return {"tickvals": [middles[k] for k in shown], "ticktext": names, "showgrid": False, "zeroline": False}
+
+
+def _run_words(run: pd.DataFrame) -> str:
+    """``3: fz``: a run, and the axis that it loads where it is one."""
+    loaded = [axis for axis in LOADS if run[axis].ne(0.0).any()]
+    return f"{label(run['run'].iloc[0])}: {loaded[0]}" if len(loaded) == 1 else label(run["run"].iloc[0])
