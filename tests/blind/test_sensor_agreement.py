@@ -34,7 +34,7 @@ SENSORS = {
 RANGES = {"A": (10e3, 5e3), "notches": (500.0, 30.0), "leaves": (20e3, 4e3)}
 
 
-def _theirs(sensor: Sensor) -> ElasticSensor:
+def theirs(sensor: Sensor) -> ElasticSensor:
     joints = joint_centres(sensor.lower_mm / 1e3, sensor.upper_mm / 1e3, sensor.height_mm / 1e3)
     return elastic_sensor(joints, [_element(element) for element in sensor.elements])
 
@@ -56,7 +56,7 @@ def _element(one: Element) -> elements.Element:
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_both_give_the_platform_and_the_legs_the_same(name: str) -> None:
-    found, expected = build(SENSORS[name], flawless(SENSORS[name])), _theirs(SENSORS[name])
+    found, expected = build(SENSORS[name], flawless(SENSORS[name])), theirs(SENSORS[name])
     size = np.sqrt(np.diag(expected.compliance))
     assert_close(found.compliance / np.outer(size, size), expected.compliance / np.outer(size, size), atol=1e-10)
     assert_close(found.tension, expected.axial_forces, atol=1e-10, what="tension by wrench")
@@ -78,7 +78,7 @@ def _exact(name: str, seed: int = 5) -> Campaign:
 @pytest.mark.parametrize("name", SENSORS)
 def test_readings_of_a_sensor_with_errors_agree_to_a_tenth_of_the_noise(name: str) -> None:
     """The generator closes the loops of a sensor with errors; what truing knows of them is their first order."""
-    campaign, nominal = _exact(name), _theirs(SENSORS[name])
+    campaign, nominal = _exact(name), theirs(SENSORS[name])
     errors = np.stack([getattr(campaign.truth.errors, source) for source in SOURCES], axis=1)
     compliance = nominal.compliance + np.einsum("ls,lsij->ij", errors, compliance_change(nominal).by_source)
     off = campaign.readings - campaign.schedule.load @ compliance.T
@@ -88,7 +88,7 @@ def test_readings_of_a_sensor_with_errors_agree_to_a_tenth_of_the_noise(name: st
 
 
 def test_softer_legs_move_further_as_the_derivative_says() -> None:
-    sensor, nominal = SENSORS["leaves"], _theirs(SENSORS["leaves"])
+    sensor, nominal = SENSORS["leaves"], theirs(SENSORS["leaves"])
     softer = np.exp(1e-5 * np.random.default_rng(2).normal(size=(6, sensor.elastic)))
     found = build(sensor, replace(flawless(sensor), softer=softer)).compliance - nominal.compliance
     expected = -np.einsum("lp,lpij->ij", np.log(softer), compliance_change(nominal).by_stiffness)
@@ -97,7 +97,7 @@ def test_softer_legs_move_further_as_the_derivative_says() -> None:
 
 
 def test_signals_show_the_tension_of_the_legs() -> None:
-    campaign, nominal = _exact("A"), _theirs(SENSORS["A"])
+    campaign, nominal = _exact("A"), theirs(SENSORS["A"])
     tension = campaign.schedule.load @ nominal.axial_forces.T
     gain, offset = campaign.truth.gain.T
     shown: Array = gain * tension + offset

@@ -12,12 +12,14 @@ import pytest
 
 from tests.blind.generator.folder import truth_path
 from tests.blind.generator.sensor import effects as hidden
+from tests.blind.generator.sensor import recording
 from tests.blind.generator.sensor.campaign import Campaign, draw_campaign
-from tests.blind.generator.sensor.effects import Effect, across, as_record
+from tests.blind.generator.sensor.effects import Effect, as_record
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.force_sensor import LAYOUT, SEED, force_sensor_campaign, write_force_sensor
 from tests.blind.generator.sensor.layout import ARCSEC, AXES, CHANNELS, Layout, Noise, Programme
 from tests.blind.generator.sensor.machine import build, flawless
+from tests.blind.generator.sensor.recording import across
 from tests.blind.generator.sensor.schedule import unloading
 from tests.tolerance import assert_close
 
@@ -36,14 +38,14 @@ EFFECTS: tuple[Effect, ...] = (
     hidden.JointClearance(FZ, 5e-6),
     hidden.Creep((FZ,), 0.02, 300.0),
     hidden.Creep(tuple(range(6)), 0.02, 300.0),
-    hidden.ZeroDrift(DZ, 2e-9),
-    hidden.ThermalDrift(DZ, 5e-6, 3e-6),
-    hidden.CosineError(DX, 0.02, across(DX, 0.4)),
-    hidden.AbbeOffset(DZ, (0.02, 0.03, 0.0)),
-    hidden.DeadPath(DX, 0.4),
-    hidden.FringeSlip(DZ, 3, False, 8, 9),
-    hidden.Crosstalk(2, 4, 0.05),
-    hidden.RowsExchanged(3, (4, 8)),
+    recording.ZeroDrift(DZ, 2e-9),
+    recording.ThermalDrift(DZ, 5e-6, 3e-6),
+    recording.CosineError(DX, 0.02, across(DX, 0.4)),
+    recording.AbbeOffset(DZ, (0.02, 0.03, 0.0)),
+    recording.DeadPath(DX, 0.4),
+    recording.FringeSlip(DZ, 3, False, 8, 9),
+    recording.Crosstalk(2, 4, 0.05),
+    recording.RowsExchanged(3, (4, 8)),
 )
 
 

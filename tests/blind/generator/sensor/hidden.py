@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.blind.generator.sensor import effects, strange
+from tests.blind.generator.sensor import effects, recording, strange
 from tests.blind.generator.sensor.campaign import Campaign
-from tests.blind.generator.sensor.effects import Effect, Elastic, across
+from tests.blind.generator.sensor.effects import Effect, Elastic
 from tests.blind.generator.sensor.layout import AXES
+from tests.blind.generator.sensor.recording import across
 
 OfSize = Callable[[float], Effect]
 Draw = Callable[[Campaign, np.random.Generator], OfSize]
@@ -102,31 +103,31 @@ def _drifting(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     if campaign.layout.programme.channels != "all" and rng.random() < 0.4:
         run = int(rng.choice(np.unique(campaign.schedule.run[campaign.seen[:, channel]])))
     rate = 10 * sign * _noise(campaign, channel) / HOUR_S
-    return lambda size: effects.ZeroDrift(channel, size * rate, run)
+    return lambda size: recording.ZeroDrift(channel, size * rate, run)
 
 
 def _thermal(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     channel, sign = _channel(campaign, rng), _sign(rng)
     material, of_air = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.6))[rng.choice(3, p=[0.45, 0.45, 0.1])]
     per_k = 20 * sign * _noise(campaign, channel)
-    return lambda size: effects.ThermalDrift(channel, size * per_k * material, size * per_k * of_air)
+    return lambda size: recording.ThermalDrift(channel, size * per_k * material, size * per_k * of_air)
 
 
 def _askew(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     channel = _channel(campaign, rng)
     aside = across(channel, float(rng.uniform(-np.pi, np.pi)))
-    return lambda size: effects.CosineError(channel, 0.01 * size, aside)
+    return lambda size: recording.CosineError(channel, 0.01 * size, aside)
 
 
 def _arm(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     channel = _channel(campaign, rng, 3)
     way = 0.01 * np.array(across(channel, float(rng.uniform(-np.pi, np.pi))))
-    return lambda size: effects.AbbeOffset(channel, tuple((size * way).tolist()))
+    return lambda size: recording.AbbeOffset(channel, tuple((size * way).tolist()))
 
 
 def _dead(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     channel = _channel(campaign, rng, 3)
-    return lambda size: effects.DeadPath(channel, 0.2 * size)
+    return lambda size: recording.DeadPath(channel, 0.2 * size)
 
 
 def _slipped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
@@ -138,13 +139,13 @@ def _slipped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
             break
     start = int(rng.choice(shown[EITHER_SIDE:-EITHER_SIDE]))
     alone = not np.any(np.delete(schedule.watched[schedule.run == run], channel, axis=1))
-    return lambda size: effects.FringeSlip(channel, run, alone, int(sign) * max(round(5 * size), 1), start)
+    return lambda size: recording.FringeSlip(channel, run, alone, int(sign) * max(round(5 * size), 1), start)
 
 
 def _talking(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     one, other = rng.choice(campaign.layout.signals, 2, replace=False).tolist()
     fraction = 0.005 * _sign(rng)
-    return lambda size: effects.Crosstalk(one, other, size * fraction)
+    return lambda size: recording.Crosstalk(one, other, size * fraction)
 
 
 def _exchanged(campaign: Campaign, rng: np.random.Generator) -> OfSize:
@@ -157,7 +158,7 @@ def _exchanged(campaign: Campaign, rng: np.random.Generator) -> OfSize:
         if np.any(schedule.load[one] != schedule.load[other]):
             break
     pair = (int(schedule.step[one]), int(schedule.step[other]))
-    return lambda size: effects.RowsExchanged(run, pair)
+    return lambda size: recording.RowsExchanged(run, pair)
 
 
 CATALOGUE: Mapping[str, Kind] = {
