@@ -68,7 +68,11 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
         _poses(steps, points, seen, sigma, held) if held.any() else None,
         "; ".join(words),
         _FRAMING,
-        shown=Channels(units, np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)])),
+        shown=Channels(
+            units,
+            np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
+            np.arange(len(units)) >= len(CHANNELS),
+        ),
     )
 
 

@@ -52,20 +52,25 @@ POINTS = Shown()
 
 @dataclass(frozen=True)
 class Channels:
-    """The units (K,) of a sensor's channels and what one of each is in SI."""
+    """The units (K,) of a sensor's channels and what one of each is in SI; ``signal`` (K,) which are no readings."""
 
     units: tuple[str, ...]
     si: NDArray
+    signal: NDArray
 
     def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
-        """How to tell of an effect: over the channels that it moves, those of one unit."""
+        """How to tell of an effect: over the channels that it moves, of one unit; signals where it moves no reading."""
         moved = after.whitened - before.whitened
         size = np.sqrt(np.sum(np.where(before.seen, moved[..., 0], 0.0) ** 2, 0))
-        return self._of(np.where(size >= _CONCERNED * size.max(), size, 0.0))
+        size = np.where(size >= _CONCERNED * size.max(), size, 0.0)
+        readings = np.where(self.signal, 0.0, size)
+        return self._of(readings if readings.any() else size)
 
     def whole(self, error: PredictionError) -> Shown:
         """How to tell of all readings: those of the unit of which there are most."""
-        return self._of(error.seen.sum(0).astype(float))
+        seen = error.seen.sum(0).astype(float)
+        readings = np.where(self.signal, 0.0, seen)
+        return self._of(readings if readings.any() else seen)
 
     def _of(self, weight: NDArray) -> Shown:
         units = np.array(self.units)

@@ -212,16 +212,16 @@ def _freed(rows: NDArray, columns: NDArray, measured: MeasuredPoints, zeros: NDA
     """Return whitened rows (B, M, D) without what columns (B, M, h) of each pose, or the zeros of runs, explain."""
     if zeros is None:
         return np.asarray(rows - columns @ _fit(columns, rows))
-    basis = _zero_basis(measured, zeros)
-    flat = rows.reshape(len(basis), -1)
-    return np.asarray((flat - basis @ (basis.T @ flat)).reshape(rows.shape))
-
-
-def _zero_basis(measured: MeasuredPoints, zeros: NDArray) -> NDArray:
-    """Return orthonormal columns (B K, zeros), whitened, each the same for all readings (d = 1) that share a zero."""
     weight = np.where(measured.seen & (zeros >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
-    columns = (zeros.ravel()[:, None] == np.arange(zeros.max() + 1)) * weight[:, None]
-    return np.asarray(columns / np.maximum(np.sqrt(np.sum(columns**2, 0)), 1e-300))
+    return _without_zeros(rows.reshape(len(weight), -1), weight, np.maximum(zeros, 0).ravel()).reshape(rows.shape)
+
+
+def _without_zeros(rows: NDArray, weight: NDArray, zeros: NDArray) -> NDArray:
+    """Return rows (N, D) of readings less the zero that those with one number (N,) share, weight (N,) times it."""
+    norm = np.bincount(zeros, weight**2)
+    found = np.stack([np.bincount(zeros, weight * column) for column in rows.T], -1)
+    shared = found / np.where(norm > 0.0, norm, 1.0)[:, None]
+    return np.asarray(rows - weight[:, None] * shared[zeros])
 
 
 def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.random.Generator) -> NDArray:
