@@ -5,9 +5,11 @@ from __future__ import annotations
 from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
 from truing.report.calibration.requirement_section import chosen_requirements, tally
 from truing.report.diagnosis.changes import change_words, has_changed
-from truing.report.diagnosis.words import diagnosis_verdicts
+from truing.report.diagnosis.words import diagnosis_verdicts, lower
+from truing.report.load_steps import in_channel_order, load_steps, signal_names
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Head
+from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, filled
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
@@ -33,7 +35,7 @@ def _quality(tables: Tables) -> list[Verdict]:
         return []
     qa = tables["qa"]
     if not len(qa):
-        return [("none", "Quality not evaluated: the campaign holds no object points.")]
+        return [("none", f"Quality not evaluated: {lower(why_no_quality(tables))}")]
     accepted = qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
     said = f" {count(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
@@ -59,15 +61,26 @@ def _requirements(tables: Tables) -> list[Verdict]:
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:
     tiles = []
-    points, steps, residuals = (filled(tables, name) for name in ("observations", "displacement", "residuals"))
+    points, residuals = (filled(tables, name) for name in ("observations", "residuals"))
     if points is not None:
         tiles += [("poses", f"{points['pose'].nunique():,}"), ("object points", f"{len(points):,}")]
-    if steps is not None:
-        tiles.append(("load steps", f"{len(steps):,}"))
+    tiles += _bench_tiles(tables)
     if residuals is not None:
         out = int(residuals["rejected"].sum())
         tiles.append(("points left out", f"{out:,} ({100 * out / len(residuals):.1f} %)"))
     return tiles + _model_tiles(tables) + _calibration_tiles(tables)
+
+
+def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
+    """Runs, load steps, readings and signals."""
+    steps, readings, signals = load_steps(tables), filled(tables, "readings"), signal_names(tables)
+    if not len(steps):
+        return []
+    tiles = [("runs", f"{steps['run'].nunique():,}"), ("load steps", f"{len(steps):,}")]
+    if readings is not None:
+        channels = in_channel_order(readings["channel"].unique())
+        tiles += [("readings", f"{len(readings):,}"), ("channels", " ".join(channels))]
+    return [*tiles, ("signals", str(len(signals)))] if signals else tiles
 
 
 def _model_tiles(tables: Tables) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.report.measured_loads import measured_loads
 from truing.report.numbers import count, duration, plain, quantity
 from truing.report.page import Listing, Section
 from truing.report.poses import figures as pose_figures
@@ -16,15 +17,13 @@ if TYPE_CHECKING:
 
 _XYZ = ["x_mm", "y_mm", "z_mm"]
 _SIGMA = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
-_LOADS = {"fx_n": "N", "fy_n": "N", "fz_n": "N", "mx_nm": "N m", "my_nm": "N m", "mz_nm": "N m"}
-_MOVED = {"dx_mm": "mm", "dy_mm": "mm", "dz_mm": "mm", "rx_rad": "urad", "ry_rad": "urad", "rz_rad": "urad"}
 
 
 def measured(tables: Tables) -> Section | None:
     """Bodies and targets with what was seen of them, or the loads and displacements of a bench."""
     points = filled(tables, "observations")
     if points is None:
-        return _measured_loads(tables) if filled(tables, "scans") is None else _measured_scans(tables)
+        return measured_loads(tables) if filled(tables, "scans") is None else _measured_scans(tables)
     survey, known = filled(tables, "survey"), _known_targets(tables, points)
     listings = [_bodies(points, survey, known)]
     if filled(tables, "configurations") is not None:
@@ -134,24 +133,6 @@ def _scans(scans: pd.DataFrame) -> Listing:
     )
     heads = ("body", "scans registered", "points used, median", "overlap", "rms", "scatter over declared noise")
     return Listing(heads, rows, caption="Dense scans")
-
-
-def _measured_loads(tables: Tables) -> Section | None:
-    if "displacement" not in tables:
-        return Section(
-            "measured", "Measured", "The campaign holds neither object points nor load steps.", state="empty"
-        )
-    steps = tables["displacement"]
-    lead = f"{count(len(steps), 'load step')} in {count(steps['run'].nunique(), 'run')}, "
-    lead += "six components of displacement each."
-    rows = [(c.partition("_")[0], *_span(steps[c], unit)) for c, unit in {**_LOADS, **_MOVED}.items() if c in steps]
-    heads = ("component", "from", "to")
-    return Section("measured", "Measured", lead, listings=(Listing(heads, tuple(rows), caption="Loads and motion"),))
-
-
-def _span(values: pd.Series, unit: str) -> tuple[str, str]:
-    factor = 1e6 if unit == "urad" else 1.0
-    return quantity(factor * values.min(), unit), quantity(factor * values.max(), unit)
 
 
 def _campaign_sentence(tables: Tables) -> str:

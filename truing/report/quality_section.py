@@ -6,6 +6,7 @@ from typing import Any
 
 from truing.report.numbers import quantity
 from truing.report.page import Listing, Section
+from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, cell
 
 _ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
@@ -19,7 +20,7 @@ def quality(tables: Tables) -> Section | None:
     if "qa" not in tables:
         return None
     if not len(tables["qa"]):
-        return Section("qa", "Quality", "The campaign holds no object points.", state="not evaluated")
+        return Section("qa", "Quality", why_no_quality(tables), state="not evaluated")
     qa = tables["qa"].assign(order=tables["qa"]["verdict"].map(_ORDER)).sort_values("order", kind="stable")
     accepted = qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
     listings = [

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from truing.report.load_steps import is_bench
 from truing.report.tables import Tables, filled, reason
+
+
+def why_no_quality(tables: Tables) -> str:
+    """Why nothing was checked."""
+    if said := reason(tables, "qa"):
+        return said
+    what = "readings or signals of load steps" if is_bench(tables) else "object points"
+    return f"The campaign holds no {what}."
 
 
 def why_no_diagnosis(tables: Tables) -> str:
     """Why no cause was judged."""
     if said := reason(tables, "diagnosis"):
         return said
-    if "displacement" in tables:
-        return "the catalogue holds no cause yet for displacements under load."
+    if is_bench(tables):
+        return "too little was read under load, or nothing says how the sensor should respond to it."
     if not _has_readings(tables):
         return "without a mechanism and its actuator readings there is no simulation to hold against the points."
     return "the catalogue holds no cause yet for this mechanism, or too little was measured."
@@ -20,8 +29,8 @@ def why_no_deformation(tables: Tables) -> str:
     """Why no deformation was modelled."""
     if said := reason(tables, "deformation"):
         return said
-    if "displacement" in tables:
-        return "The campaign holds no table of displacements under load that can be used."
+    if is_bench(tables):
+        return "How the platform moves under load was not measured, or not in a way that can be used."
     if not _has_readings(tables):
         return "Nothing that deformation could follow: no actuator readings, and no drives named in [campaign]."
     return "No target sits at an attachment, or too few of them were seen."

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from truing.report.load_steps import is_bench
 from truing.report.tables import Tables
-
-_OF_A_BENCH = ("reading_errors", "readings", "signals")
 
 
 @dataclass(frozen=True)
@@ -38,4 +37,4 @@ READINGS = Compared(
 
 def compared(tables: Tables) -> Compared:
     """The words for a campaign's kind."""
-    return READINGS if any(name in tables for name in _OF_A_BENCH) else POINTS
+    return READINGS if is_bench(tables) else POINTS

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.report.diagnosis.reading_misses import LOAD_UNITS, LOADS, channels_of, root_mean_square
+from truing.report.diagnosis.reading_misses import channels_of, root_mean_square
 from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
+from truing.report.load_steps import LOAD_UNITS, axes_of, goes_back
 from truing.report.numbers import plain, rough, sign
 
 if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
-    from numpy.typing import NDArray
 
 _SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with them", BLUE, "circle"))
 _AS_IT_IS = (("before", "simulation as it is", BLUE, "circle"),)
@@ -34,7 +34,7 @@ def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
 
     series = _series(modelled)
     figure = make_subplots(1, len(series), subplot_titles=[words for _, words, _, _ in series], shared_yaxes=True)
-    channels, axes = channels_of(misses), _axes_of(misses)
+    channels, axes = channels_of(misses), axes_of(misses)
     for column, (when, _, _, _) in enumerate(series, 1):
         ratio = np.array([[_over_noise(_under(misses, c, a), when) for a in axes] for c in channels])
         figure.add_trace(
@@ -76,7 +76,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
         own = _under(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
             for back, branch, symbol in ((False, "loading", "triangle-up"), (True, "unloading", "triangle-down")):
-                part = own[_goes_back(own, axis) == back]
+                part = own[goes_back(own, axis) == back]
                 figure.add_trace(
                     go.Scatter(
                         x=part[axis],
@@ -139,10 +139,6 @@ def _series(modelled: bool) -> tuple[tuple[str, str, str, str], ...]:
     return _SERIES if modelled else _AS_IT_IS
 
 
-def _axes_of(misses: pd.DataFrame) -> list[str]:
-    return [axis for axis in LOADS if misses[axis].ne(0.0).any()]
-
-
 def _under(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
     """Readings of a channel in the runs that load an axis, steps at rest included."""
     own = misses[misses["channel"] == channel]
@@ -164,17 +160,11 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     sizes = {
         (channel, axis): _over_noise(_under(misses, channel, axis), "before")
         for channel in channels_of(misses)
-        for axis in _axes_of(misses)
+        for axis in axes_of(misses)
     }
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     telling = [key for key in known if sizes[key] > _TELLING]
     return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
-
-
-def _goes_back(own: pd.DataFrame, axis: str) -> NDArray[np.bool_]:
-    """Whether a step's load is smaller than that of the step before in its run."""
-    size = own[axis].abs()
-    return np.asarray(size < size.groupby(own["run"]).shift().fillna(0.0))
 
 
 def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
@@ -197,5 +187,5 @@ def _run_axis(figure: go.Figure, own: pd.DataFrame, row: int) -> dict[str, Any]:
 
 def _run_words(run: pd.DataFrame) -> str:
     """``3: fz``: a run, and the axis that it loads where it is one."""
-    loaded = [axis for axis in LOADS if run[axis].ne(0.0).any()]
+    loaded = axes_of(run)
     return f"{label(run['run'].iloc[0])}: {loaded[0]}" if len(loaded) == 1 else label(run["run"].iloc[0])

@@ -10,6 +10,7 @@ from truing.report.diagnosis import reading_figures
 from truing.report.diagnosis.compared import READINGS
 from truing.report.diagnosis.reading_misses import channels_of, root_mean_square
 from truing.report.diagnosis.resampled import rms_with_interval
+from truing.report.load_steps import axes_of
 from truing.report.numbers import plain, sign
 from truing.report.page import Listing
 
@@ -32,7 +33,7 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
         words += f"; of {names}, where none is declared, what is left there"
     straight = "A straight line through zero is a wrong slope; what differs between up and down depends on the past."
     found = [(reading_figures.where_missed(misses, modelled), f"{words}.")]
-    if any(misses[axis].ne(0.0).any() for axis in reading_figures.LOADS):
+    if axes_of(misses):
         found.append((reading_figures.against_load(misses, modelled), straight))
     walk = "Under each block stands its run and the axis that it loads; one zero per run and channel is taken away."
     return [*found, (reading_figures.in_order(misses, modelled), walk)]

@@ -1,0 +1,243 @@
+"""What was measured on a bench: runs and their load steps, loads by axis, channels, signals and surroundings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
+from truing.report.load_steps import (
+    LOAD_UNITS,
+    axes_of,
+    goes_back,
+    in_channel_order,
+    load_steps,
+    signal_names,
+)
+from truing.report.numbers import count, duration, plain, quantity, sign
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, cell, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+
+_OPEN = 12
+_SURROUNDINGS = {
+    "air_temperature_c": ("temperature of the air", "°C"),
+    "air_pressure_hpa": ("pressure of the air", "hPa"),
+    "relative_humidity_pct": ("relative humidity", "%"),
+    "material_temperature_c": ("temperature of the material", "°C"),
+}
+_COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
+
+
+def measured_loads(tables: Tables) -> Section:
+    """Runs, steps, loads, channels and surroundings of a bench."""
+    steps = load_steps(tables)
+    if not len(steps):
+        why = "The campaign holds neither object points nor load steps."
+        return Section("measured", "Measured", why, state="empty")
+    read, axes = _read(tables), axes_of(steps)
+    figures: list[tuple[object, str]] = []
+    if axes:
+        figures.append((loads_in_time(steps), "Each run by itself; gaps are pauses between runs."))
+    if axes and len(read):
+        words = "Where a cell is empty, the campaign says nothing of that entry of the compliance."
+        figures.append((readings_by_load(steps, read), words))
+    listings = (_loads(steps, axes), _channels(tables, read), _surroundings(tables), _runs(steps, read, tables))
+    shown = tuple(listing for listing in listings if listing.rows)
+    return Section("measured", "Measured", _lead(steps, read, tables), tuple(figures), shown)
+
+
+def _read(tables: Tables) -> pd.DataFrame:
+    """Run, step and channel of every reading of the interferometer."""
+    import pandas
+
+    readings = filled(tables, "readings")
+    columns = ["run", "step", "channel"]
+    return pandas.DataFrame(columns=columns) if readings is None else readings[columns]
+
+
+def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
+    runs = steps["run"].nunique()
+    said = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
+    times = steps["time_s"].dropna()
+    if len(times) > 1 and np.ptp(times) > 0.0:
+        said += f" over {duration(float(np.ptp(times)))}"
+    said += f", {_at_once(steps)}. "
+    signals = signal_names(tables)
+    beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
+    if not len(read):
+        return f"{said}Read were {beside or 'no channels'}; how the platform moved was not measured."
+    per_run = read.groupby("run")["channel"].nunique()
+    channels = in_channel_order(read["channel"].unique())
+    how = "one in each run" if (per_run == 1).all() else "all in every run" if (per_run == len(channels)).all() else ""
+    said += f"Read were {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
+    roles = steps.groupby("run")["role"].first().value_counts()
+    return said + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
+
+
+def _at_once(steps: pd.DataFrame) -> str:
+    several = int((steps[axes_of(steps)] != 0.0).sum(axis=1).max()) if axes_of(steps) else 0
+    return (
+        "without a load"
+        if not several
+        else "one load at a time"
+        if several == 1
+        else f"up to {several} loads at a time"
+    )
+
+
+def loads_in_time(steps: pd.DataFrame) -> go.Figure:
+    """Loads over time, forces above torques, a line per run and axis."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    kinds = [kind for kind in "fm" if any(axis[0] == kind for axis in axes_of(steps))]
+    figure = make_subplots(len(kinds), 1, shared_xaxes=True, vertical_spacing=0.08)
+    known = steps["time_s"].notna().all() and np.ptp(steps["time_s"]) > 0.0
+    when = (steps["time_s"] - steps["time_s"].min()) / 3600.0 if known else steps.index.to_series()
+    hint = steps.assign(when=when).sort_values("when", kind="stable")
+    for row, kind in enumerate(kinds, 1):
+        for axis in (a for a in axes_of(steps) if a[0] == kind):
+            own = hint[hint[axis].ne(0.0).groupby(hint["run"]).transform("any")]
+            x, y, words = _broken(own, axis)
+            line = {"color": _COLOURS[axis[1]], "width": 1}
+            trace = go.Scatter(
+                x=x,
+                y=y,
+                mode="lines+markers",
+                line=line,
+                marker={"size": 4},
+                name=axis,
+                text=words,
+                hovertemplate="%{text}: %{y} " + LOAD_UNITS[axis] + "<extra></extra>",
+            )
+            figure.add_trace(trace, row, 1)
+        figure.update_yaxes(title_text=f"{'force (N)' if kind == 'f' else 'torque (N·m)'}", row=row, col=1)
+    style(figure, "What was applied", "Loads in the order taken, along each axis", 150 + 190 * len(kinds))
+    figure.update_xaxes(title_text="time since the first step (h)" if known else "load step", row=len(kinds), col=1)
+    figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 104})
+    return figure
+
+
+def _broken(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
+    """Points of a line that ends with each run, and their words."""
+    x: list[float] = []
+    y: list[float] = []
+    words: list[str] = []
+    for run, part in own.groupby("run", sort=False):
+        x += [*part["when"].astype(float), np.nan]
+        y += [*part[axis].astype(float), np.nan]
+        words += [*(f"run {label(run)}, step {step}" for step in part["step"]), ""]
+    return x, y, words
+
+
+def readings_by_load(steps: pd.DataFrame, read: pd.DataFrame) -> go.Figure:
+    """How many readings of each channel there are under each load."""
+    import plotly.graph_objects as go
+
+    whole = read.merge(steps, on=["run", "step"], how="left")
+    channels, axes = in_channel_order(whole["channel"].unique()), axes_of(steps)
+    number = np.array([[int(whole.loc[whole["channel"] == c, a].ne(0.0).sum()) for a in axes] for c in channels])
+    figure = go.Figure(
+        go.Heatmap(
+            z=np.where(number > 0, number, np.nan),
+            x=axes,
+            y=channels,
+            zmin=0,
+            colorscale=((0.0, "#FFFFFF"), (1.0, "#9CC4E0")),
+            showscale=False,
+            text=np.where(number > 0, number.astype(str), ""),
+            texttemplate="%{text}",
+            xgap=2,
+            ygap=2,
+            hovertemplate="%{y} under %{x}: %{text} readings<extra></extra>",
+        )
+    )
+    style(figure, "What was read under which load", "Readings of each channel under load", 150 + 30 * len(channels))
+    figure.update_xaxes(title_text="load", showgrid=False)
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    return figure
+
+
+def _loads(steps: pd.DataFrame, axes: list[str]) -> Listing:
+    rows = tuple(_load_row(steps, axis) for axis in axes)
+    heads = ("load", "runs", "steps", "levels", "from", "to", "direction")
+    return Listing(heads, rows, caption="Loads, axis by axis")
+
+
+def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
+    own = steps[steps[axis] != 0.0]
+    unit = LOAD_UNITS[axis]
+    back = int((goes_back(steps, axis) & steps[axis].ne(0.0)).sum())
+    both = own[axis].min() < 0.0 < own[axis].max()
+    ways = ["up and down" if back else "up only", "both signs" if both else "one sign"]
+    levels = own[axis].nunique()
+    low, high = (f"{value:,.6g} {unit}" for value in (steps[axis].min(), steps[axis].max()))
+    return (axis, str(own["run"].nunique()), f"{len(own):,}", str(levels), low, high, ", ".join(ways))
+
+
+def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
+    """Range and declared noise of each channel."""
+    rows = []
+    readings = filled(tables, "readings")
+    if readings is not None:
+        for channel in in_channel_order(read["channel"].unique()):
+            own = readings[readings["channel"] == channel]
+            unit = str(own["unit"].iloc[0])
+            span = (quantity(own["reading"].min(), unit), quantity(own["reading"].max(), unit))
+            noise = _noise(own["sigma"], unit)
+            rows.append((channel, str(own["run"].nunique()), f"{len(own):,}", *span, noise))
+    signals = filled(tables, "signals")
+    for name in signal_names(tables):
+        own = signals[["run", f"{name}_mv"]].dropna() if signals is not None else None
+        if own is not None and len(own):
+            low, high = (plain(value) for value in (own[f"{name}_mv"].min(), own[f"{name}_mv"].max()))
+            rows.append((name, str(own["run"].nunique()), f"{len(own):,}", f"{low} mV", f"{high} mV", "–"))
+    heads = ("channel", "runs", "readings", "from", "to", "declared noise")
+    return Listing(heads, tuple(rows), caption="Channels and signals")
+
+
+def _noise(sigma: pd.Series, unit: str) -> str:
+    known = sigma.dropna()
+    if not len(known):
+        return "not declared"
+    return (
+        quantity(known.median(), unit)
+        if known.nunique() == 1
+        else f"{plain(known.min())} to {plain(known.max())} {sign(unit)}"
+    )
+
+
+def _surroundings(tables: Tables) -> Listing:
+    """From where to where the surroundings, and further columns that somebody recorded, went."""
+    table = filled(tables, "readings")
+    table = filled(tables, "signals") if table is None else table
+    rows = []
+    columns = [] if table is None else [str(c) for c in table.columns]
+    for column in (c for c in columns if c in _SURROUNDINGS):
+        words, unit = _SURROUNDINGS[column]
+        known = table[column].dropna() if table is not None else ()
+        if len(known):
+            rows.append((words, f"{min(known):.6g} {unit}", f"{max(known):.6g} {unit}", f"{len(known):,}"))
+    return Listing(("surroundings", "from", "to", "readings"), tuple(rows), caption="Surroundings")
+
+
+def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
+    """Every run: what it loads, what was read, how long it took."""
+    channels = read.groupby("run")["channel"].unique() if len(read) else {}
+    rows = tuple(_run_row(run, own, channels) for run, own in steps.groupby("run", sort=False))
+    heads = ("run", "role", "loads", "channels", "steps", "begins at", "takes")
+    held_by = "observations.parquet" if "readings" in tables else "signals.parquet"
+    return Listing(heads, rows, caption=f"All {count(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by)
+
+
+def _run_row(run: object, own: pd.DataFrame, channels: Any) -> tuple[str, ...]:
+    times = own["time_s"].dropna()
+    begins, takes = ("–", "–") if not len(times) else (f"{times.min():,.0f} s", duration(float(np.ptp(times))))
+    read = ", ".join(in_channel_order(channels[run])) if run in channels else "signals"
+    return (str(run), cell(own["role"].iloc[0]), ", ".join(axes_of(own)) or "none", read, str(len(own)), begins, takes)
