@@ -130,12 +130,14 @@ _DEFORMATION = (
     _real("value", "", "the number, in the unit of its row", nullable=True),
 )
 
+_CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz", *(f"v{number}" for number in range(1, 9)))
+
 _LOADS = (
     *(_real(f"f{a}_n", "N", f"force along {a} on the platform at its origin", nullable=True) for a in "xyz"),
     *(_real(f"m{a}_nm", "N m", f"torque about {a} on the platform", nullable=True) for a in "xyz"),
     Column("response", "text", "component of the response", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
     Column("load", "text", "component of the wrench", choices=("fx", "fy", "fz", "mx", "my", "mz")),
-    Column("channel", "text", "what the instrument read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
+    Column("channel", "text", "what was read: a motion of the platform, or a signal of the sensor", choices=_CHANNELS),
     _real("reading", "", "motion of the platform since the start of the run, in the unit of its row"),
     Column("signal", "real", "signal of that channel of the force sensor", "mV", nullable=True, family=r"v[1-8]_mv"),
     Column("case", "integer", "the load case: the same loads, reached the same way", minimum=1),
