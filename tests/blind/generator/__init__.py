@@ -1,4 +1,5 @@
-"""Writes campaign folders of a photogrammetry campaign on a 6-pus or an ups, with effects hidden in them.
+"""Writes campaign folders of a photogrammetry campaign on a 6-pus or an ups, with effects hidden in them; ``sensor``
+writes those of a force sensor.
 
 Written from the physics a second time and sharing no code with ``truing``, so that a mistake on one side
 cannot hide on the other. Lengths are millimetres throughout (as in the files), angles radians, temperatures
