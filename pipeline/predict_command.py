@@ -1,4 +1,4 @@
-"""`truing predict`: the extended model's prediction, at readings where nothing was measured."""
+"""`truing predict`: the extended model's prediction where nothing was measured."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
-    """Predict the poses of a configurations table; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
+    """Predict poses, or readings of a loaded sensor; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
     if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
     text = _model_text(model)
@@ -25,7 +25,7 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
         sys.stdout.write(_csv(predicted).decode())
         return ExitCode.DONE
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
-    Voice(quiet=False).say(f"{predicted.num_rows} poses: {out}")
+    Voice(quiet=False).say(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
     return ExitCode.DONE
 
 
@@ -39,7 +39,7 @@ def _model_text(model: Path) -> str:
 def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:
     from stages.predict import predict
 
-    table = read_given(inputs, "a configurations table")
+    table = read_given(inputs, "a table of configurations, or of load steps")
     try:
         return predict(text, table, str(inputs))
     except ValueError as error:
@@ -67,5 +67,10 @@ def _write(out: Path, predicted: pa.Table, campaign: str, made_from: list[str]) 
     if out.suffix == ".csv":
         write_whole(out, _csv(predicted))
         return
-    stamp = Stamp("predict", digest_of(made_from), campaign, __version__, ("poses",))
-    write_table(out, ARTIFACTS["poses"], predicted, stamp)
+    name = _artifact(predicted)
+    stamp = Stamp("predict", digest_of(made_from), campaign, __version__, (name,))
+    write_table(out, ARTIFACTS[name], predicted, stamp)
+
+
+def _artifact(predicted: pa.Table) -> str:
+    return "readings" if "reading" in predicted.schema.names else "poses"

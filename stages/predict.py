@@ -1,4 +1,4 @@
-"""Prediction: where the extended model says the platform stands, at readings where nothing was measured."""
+"""Prediction: what the extended model says of poses, or of readings under load, where nothing was measured."""
 
 from __future__ import annotations
 
@@ -14,11 +14,27 @@ if TYPE_CHECKING:
     from truing.simulation.unknowns import Conditions
 
 
-def predict(model: str, configurations: pa.Table, file: str = "configurations") -> pa.Table:
-    """Return the poses, columns of poses.parquet, that a model.toml predicts for a table of actuator readings.
+def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:
+    """Return what a model.toml predicts: poses for a table of configurations, readings for one of load steps.
+
+    Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the
+    model is none.
+    """
+    import tomllib
+
+    from truing.simulation.sensor_text import is_sensor, read_sensor
+
+    if is_sensor(tomllib.loads(model)):
+        from stages.sensor.predicted_readings import predicted_readings
+
+        return predicted_readings(read_sensor(model), inputs, file)
+    return _predicted_poses(model, inputs, file)
+
+
+def _predicted_poses(model: str, configurations: pa.Table, file: str) -> pa.Table:
+    """Return the poses, columns of poses.parquet, for a table of actuator readings.
 
     Needs the columns pose, rho1_mm .. rhoL_mm and those that the model's effects follow (a temperature, the time).
-    Raises CampaignFaults where ``file`` lacks one of them or holds no number, ValueError where the model is none.
     """
     from truing.simulation.extended_model import predict_poses
     from truing.simulation.model_text import read_model

@@ -61,6 +61,9 @@ def told_size(cause: Cause, size: float, legs: int) -> Size:
     """
     once, twice = (_root_mean_squares(cause, factor * size, legs) for factor in (1.0, 2.0))
     growing = [key for key in once if np.isclose(twice[key], 2.0 * once[key], rtol=0.05)]
+    if not growing:  # a count is told as a whole number
+        first = cause.parameters(legs)[0]
+        return Size(first.name, size * first.scale / first.si, first.unit)
     unit = growing[-1][1]
     alike = [key for key in growing if key[1] == unit]
     value = float(np.sqrt(np.mean([once[key] ** 2 for key in alike])))

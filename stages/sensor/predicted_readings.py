@@ -1,0 +1,103 @@
+"""What an extended model of a sensor predicts at load steps where nothing was measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults, Fault
+from stages.point_arrays import number_column
+from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI
+from truing.simulation.extended_sensor import ExtendedSensor, goes_with_a_run, predict_readings
+from truing.simulation.known_readings import ReadingConditions
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+_UNITS = (*(("um",) * 3), *(("arcsec",) * 3))
+_TEXT = {"run": "the run's name", "channel": "what is read"}
+_NUMBERS = {"step": "the load step", "time_s": "when it is taken"}
+
+
+def predicted_readings(extended: ExtendedSensor, table: pa.Table, file: str) -> pa.Table:
+    """Rows as in ``readings``, less a run's zero, for an interferometer table without its readings.
+
+    Needs the columns run, step, time_s, channel, the loads (load_axis and load, or six columns) and those that the
+    model's effects follow. Raises CampaignFaults where ``file`` lacks one of them or holds no number.
+    """
+    import pyarrow as pa
+
+    loads = _checked(extended, table, file)
+    channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
+    keys = list(zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True))
+    steps = {key: row for row, key in reversed(list(enumerate(keys)))}  # by a step's first row
+    rows = np.array(sorted(steps.values(), key=lambda row: _order(table, keys, row)))
+    place = {keys[row]: number for number, row in enumerate(rows)}
+    found = predict_readings(extended, _conditions(table, loads, rows))
+    at = np.array([place[key] for key in keys])
+    columns = {
+        "run": table.column("run"),
+        "step": table.column("step"),
+        "time_s": table.column("time_s"),
+        **{name: loads[:, n] for n, name in enumerate(LOAD_COLUMNS)},
+        "channel": table.column("channel"),
+        "reading": found.value[at, channel] / READING_SI[channel],
+        "unit": [_UNITS[k] for k in channel],
+        "sigma": found.sigma[at, channel] / READING_SI[channel],
+    }
+    identifier = "int64" if pa.types.is_integer(table.schema.field("run").type) else "string"
+    schema = ARTIFACTS["readings"].arrow_schema(identifier)
+    return pa.table({name: columns[name] for name in schema.names}).cast(schema)
+
+
+def _order(table: pa.Table, keys: list[tuple[int | str, int]], row: int) -> tuple[str, float]:
+    return str(keys[row][0]), float(table.column("time_s")[row].as_py())
+
+
+def _conditions(table: pa.Table, loads: Array, rows: NDArray[np.int64]) -> ReadingConditions:
+    known = {
+        field.name: number_column(table, field.name)[rows]
+        for field in table.schema
+        if str(field.type) in ("double", "int64") and field.name not in (*LOAD_COLUMNS, *_TEXT, *_NUMBERS, "load")
+    }
+    run = np.array(table.column("run").to_pylist())[rows]
+    step, time = (number_column(table, name)[rows] for name in ("step", "time_s"))
+    return ReadingConditions(run, step.astype(int), time, loads[rows], known, (float(time.min()), float(time.max())))
+
+
+def _checked(extended: ExtendedSensor, table: pa.Table, file: str) -> Array:
+    """The loads (N, 6) of the rows; raises CampaignFaults with everything that is missing or no number."""
+    names, faults = table.schema.names, []
+    six = any(name in names for name in LOAD_COLUMNS)
+    needed = {**_TEXT, **_NUMBERS, **({} if six else {"load_axis": "the axis that is loaded", "load": "the load"})}
+    for cause in (own for own in extended.causes if not goes_with_a_run(own)):
+        needed |= {name: f"which {cause.id} follows" for name in cause.needs(len(LOADS)) if name not in LOADS}
+    needed = {name: what for name, what in needed.items() if name not in LOAD_COLUMNS}
+    faults += [Fault(file, f"a column of that name, {what}", column=n) for n, what in needed.items() if n not in names]
+    if faults:
+        raise CampaignFaults(faults)
+    text = {"channel": CHANNELS, **({} if six else {"load_axis": LOADS})}
+    for name, allowed in text.items():
+        values = table.column(name).to_pylist()
+        wrong = [row for row, value in enumerate(values) if value not in allowed]
+        faults += [Fault(file, f"one of {', '.join(allowed)}", _line(file, r), name, str(values[r])) for r in wrong]
+    numbers = [name for name in names if name in (*LOAD_COLUMNS, *needed) and name not in ("run", *text)]
+    for name in numbers:
+        values = number_column(table, name)
+        faults += [Fault(file, "a number", _line(file, int(row)), name, "") for row in np.flatnonzero(np.isnan(values))]
+    if faults:
+        raise CampaignFaults(faults)
+    if six:
+        zero = np.zeros(table.num_rows)
+        return np.column_stack([number_column(table, name) if name in names else zero for name in LOAD_COLUMNS])
+    axis = np.array([LOADS.index(name) for name in table.column("load_axis").to_pylist()])
+    return np.asarray(np.eye(len(LOADS))[axis] * number_column(table, "load")[:, None])
+
+
+def _line(file: str, row: int) -> int:
+    return row + (2 if file.endswith(".csv") else 1)  # an editor counts the line of heads too
