@@ -20,6 +20,7 @@ from truing.simulation.causes.platform_deformation import (
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
+from truing.simulation.causes.rows_exchanged import RowsExchanged
 from truing.simulation.causes.stiffness import (
     Hysteresis,
     JointClearance,
@@ -69,6 +70,7 @@ OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
     DeadPath(),
     FringeSlip(),
     Crosstalk(),
+    RowsExchanged(),
     UnexplainedReadings(),
 )
 # Of those of mechanisms, what a body without a mechanism knows.

@@ -1,0 +1,85 @@
+"""Loads of a calibration table that were written into each other's row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.causes.of_readings import ReadingCause
+from truing.simulation.reading_state import LoadSteps, ReadingState
+from truing.simulation.six_upur.loading import AXES
+
+Row = tuple[int | str, int | str]
+
+
+@dataclass(frozen=True)
+class RowsExchanged(ReadingCause):
+    """The loads of two ``rows``, (run, step) each, stand in each other's row, in ``components`` of the six."""
+
+    rows: tuple[Row, ...] = ()
+    components: tuple[str, ...] = ()
+
+    id = "rows-exchanged"
+    step = Step.DRIVE
+    kind = Kind.DISCRETE
+    lasts = False
+
+    @property
+    def subject(self) -> str:
+        """Return the run, or both."""
+        runs = dict.fromkeys(str(run) for run, _ in self.rows)
+        return f"run {' '.join(runs)}" if runs else ""
+
+    @property
+    def says(self) -> str:
+        """Return what happened to the rows."""
+        return f"the loads of {self._in_words} were written down in each other's row, in {' '.join(self.components)}"
+
+    @property
+    def confirm(self) -> str:
+        """Return what to do to confirm it."""
+        return f"Look up in the laboratory's notes what was applied at {self._in_words}, or apply both loads again."
+
+    @property
+    def _in_words(self) -> str:
+        runs = {run for run, _ in self.rows}
+        if len(runs) == 1:
+            return f"steps {' and '.join(str(step) for _, step in self.rows)} of run {next(iter(runs))}"
+        return " and ".join(f"step {step} of run {run}" for run, step in self.rows)
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return none: exchanged rows are found in the table, before anything is fitted."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return none: rows are exchanged or not."""
+        return ()
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return no derivative."""
+        return np.zeros((*state.wrench.shape, 0))
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return how far the loads applied lie from those written down."""
+        shift = np.zeros_like(state.wrench)
+        places = [_place(state.steps, row) for row in self.rows]
+        if len(places) == 2 and None not in places:
+            columns = [AXES.index(name) for name in self.components]
+            load = state.steps.load[np.ix_(places, columns)]  # type: ignore[arg-type]
+            shift[np.ix_(places, columns)] = load[::-1] - load  # type: ignore[arg-type]
+        return shift
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the rows, as run/step, and the components, as text."""
+        rows = " ".join(f"{run}/{step}" for run, step in self.rows)
+        return (Told("rows", rows, None, ""), Told("components", " ".join(self.components), None, ""))
+
+
+def _place(steps: LoadSteps, row: Row) -> int | None:
+    """Return where a row stands among the load steps; none where it is not there."""
+    found = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
+    return int(found[0]) if len(found) else None
