@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
-from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
+from stages.diagnosis.signal_knowledge import exchanged_rows, scatter_of_signals, simulated_sensor
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
+from truing.simulation.causes.rows_exchanged import RowsExchanged
+from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
 from truing.simulation.reading_model import ReadingModel
 from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
@@ -22,7 +24,7 @@ from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, SensorMechanism
+    from schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 
@@ -35,26 +37,20 @@ _WIDE = 10.0
 
 def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingModel:
     """Return the plain simulation at all load steps; raises ValueError, saying why, where there is none."""
-    sensor, steps = _simulated(tables, settings), load_steps(tables)
-    sigma, _ = _noise(steps, settings)
+    steps = load_steps(tables)
+    sensor = simulated_sensor(tables, settings, steps)
+    sigma, _ = _noise(steps, settings, ())
     points, seen = _points(steps, sigma)
     told = seen.any(1) & np.isfinite(steps.time_s)
     return ReadingModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
 
 
-def _simulated(tables: Mapping[str, pa.Table], settings: Campaign) -> NominalSensor:
-    if settings.mechanism.type != "6-upur":
-        raise ValueError("needs a [mechanism] whose compliance can be simulated")
-    sensor = nominal_sensor(cast("SensorMechanism", settings.mechanism), tables.get("given_compliance"))
-    if sensor.compliance is None:
-        raise ValueError("needs the elements of a leg, or a compliance_file")
-    return sensor
-
-
 def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
-    sensor, steps = _simulated(tables, settings), load_steps(tables)
-    sigma, words = _noise(steps, settings)
+    steps = load_steps(tables)
+    sensor = simulated_sensor(tables, settings, steps)
+    exchanged = exchanged_rows(steps, ~steps.held_out)
+    sigma, words = _noise(steps, settings, exchanged)
     points, seen = _points(steps, sigma)
     told = seen.any(1) & np.isfinite(steps.time_s)
     fitted, held = told & ~steps.held_out, told & steps.held_out
@@ -68,6 +64,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
         _poses(steps, points, seen, sigma, held) if held.any() else None,
         "; ".join(words),
         _FRAMING,
+        exchanged,
         shown=Channels(
             units,
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
@@ -76,14 +73,20 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     )
 
 
-def _noise(steps: LoadSteps, settings: Campaign) -> tuple[Array, list[str]]:
-    """One standard deviation (B, K) of every channel, m, rad, V; NaN for signals whose noise is not declared."""
+def _noise(steps: LoadSteps, settings: Campaign, exchanged: tuple[RowsExchanged, ...]) -> tuple[Array, list[str]]:
+    """One standard deviation (B, K) of every channel, m, rad, V; NaN for signals whose noise is not declared.
+
+    Where there is nothing but signals, that is taken from their scatter.
+    """
     declared = np.where(np.isfinite(steps.reading), steps.sigma, 1.0)
     unknown = [CHANNELS[k] for k in np.flatnonzero(~np.isfinite(declared).all(0))]
     if unknown:
         raise ValueError(f"needs the noise of {', '.join(unknown)}: noise.linear_um, noise.angular_arcsec")
     signal = settings.noise.signal_mv
     own = np.full(steps.signal.shape, np.nan if signal is None else signal * _MILLIVOLT)
+    if signal is None and not np.isfinite(steps.reading).any():
+        scatter = scatter_of_signals(steps, ~steps.held_out, exchanged)
+        return np.concatenate([declared, np.broadcast_to(scatter, own.shape)], 1), []
     words = ["signals, whose noise is not declared"] if signal is None and steps.signal.size else []
     return np.concatenate([declared, own], 1), words
 
@@ -95,7 +98,7 @@ def _points(steps: LoadSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _known(
-    sensor: NominalSensor,
+    sensor: UncertainSensor,
     steps: LoadSteps,
     points: Array,
     seen: NDArray[np.bool_],
@@ -106,26 +109,18 @@ def _known(
     typical = np.array(
         [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, seen.T, strict=True)]
     )
-    signals = steps.signal.shape[1]
     noise = settings.noise
     return KnownReadings(
-        _uncertain(sensor),
+        sensor,
         (*CHANNELS, *steps.signals),
         typical,
         largest_loads(steps, settings),
         np.array([noise.load_n] * 3 + [noise.load_nm] * 3),
-        zeros_of(_labels(steps)[fitted], seen[fitted], typical, signals=signals),
+        _zeros(steps, seen, fitted, typical, settings.signals.zero_mv),
         _gains(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], settings),
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
     )
-
-
-def _uncertain(sensor: NominalSensor) -> UncertainSensor:
-    """The sensor with what is not known of it; of a given compliance the elements are none of its business."""
-    own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
-    elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
-    return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
 
 
 def largest_loads(steps: LoadSteps, settings: Campaign) -> Array:
@@ -135,21 +130,30 @@ def largest_loads(steps: LoadSteps, settings: Campaign) -> Array:
     return np.array([given or (found if found > 0.0 else 1.0) for given, found in zip(declared, applied, strict=True)])
 
 
-def _gains(sensor: NominalSensor, steps: LoadSteps, seen: NDArray[np.bool_], settings: Campaign) -> SignalGains:
+def _zeros(
+    steps: LoadSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: Array, tared_mv: float | None
+) -> Zeros:
+    """The zeros of runs; those of signals are free, unless each run was tared."""
+    found = zeros_of(_labels(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
+    if tared_mv is None:
+        return found
+    signal = found.channel >= len(CHANNELS)
+    return replace(found, sigma=np.where(signal, tared_mv * _MILLIVOLT, found.sigma), known=found.known | signal)
+
+
+def _gains(sensor: UncertainSensor, steps: LoadSteps, seen: NDArray[np.bool_], settings: Campaign) -> SignalGains:
     """What is known of the signals' gains: by leg where there is a channel for each, else by load."""
     count = seen.shape[1]
     if not seen.any():
         return SignalGains.none() if not count else SignalGains(np.zeros((count, 6)), np.ones((count, 6)), False)
-    by_leg = count == len(LOADS)
-    forces = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T
-    if not by_leg:
+    if sensor.joints is None or count != len(LOADS):
         rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, seen[:, j]) for j in range(count)])
         return SignalGains(rows, _wide(rows, axis=1), False)
     declared, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
     if declared is not None:
         gains = np.broadcast_to(np.asarray(declared, float) * _MILLIVOLT, (count,)).copy()
         return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
-    columns = forces[..., None]
+    columns = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T[..., None]
     own = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
     gains = np.array(own)
     return SignalGains(gains, _wide(gains), False)

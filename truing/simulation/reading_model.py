@@ -82,9 +82,10 @@ class ReadingModel(EffectsModel):
 
     @cached_property
     def zeros(self) -> NDArray:
-        """Return the number (B, K) of the run and channel whose zero a reading counts from."""
-        count = len(self.known.channels)
-        return np.asarray(self.steps.code[:, None] * count + np.arange(count))
+        """Return the number (B, K) of the run and channel whose zero a reading counts from; -1 for tared signals."""
+        count, own = len(self.known.channels), self.known.zeros
+        tared = np.isin(np.arange(count), own.channel[own.known & (own.channel >= len(CHANNELS))])
+        return np.where(tared, -1, self.steps.code[:, None] * count + np.arange(count))
 
     @property
     def together(self) -> NDArray:

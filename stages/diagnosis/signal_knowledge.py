@@ -1,0 +1,89 @@
+"""What a diagnosis knows of a sensor's signals beforehand: the sensor behind them, their noise, rows exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
+from stages.sensor.reading_arrays import LOADS, LoadSteps
+from truing.estimation.sensor.exchanged_loads import exchanged_loads
+from truing.estimation.sensor.load_table import load_table
+from truing.simulation.causes.rows_exchanged import RowsExchanged
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign, SensorMechanism
+
+Array = NDArray[np.float64]
+
+_NORMAL_MEDIAN = 0.6745
+# Different loads for each column that they are predicted from: fewer follow any signals.
+_LOADS_PER_COLUMN = 2
+
+
+def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: LoadSteps) -> UncertainSensor:
+    """The sensor with what is not known of it; raises ValueError where what was read of it cannot be simulated.
+
+    Signals alone need no compliance, and where they are compared with loads no geometry either.
+    """
+    moved = bool(np.isfinite(steps.reading).any())
+    if not moved and not np.isfinite(steps.signal).any():
+        raise ValueError("needs readings or signals")
+    if settings.mechanism.type != "6-upur":
+        if moved:
+            raise ValueError("needs a [mechanism] whose compliance can be simulated")
+        return UncertainSensor(None, None, np.zeros((len(LOADS), len(LOADS))))
+    sensor = nominal_sensor(cast("SensorMechanism", settings.mechanism), tables.get("given_compliance"))
+    if sensor.compliance is None and moved:
+        raise ValueError("needs the elements of a leg, or a compliance_file")
+    return _uncertain(sensor)
+
+
+def _uncertain(sensor: NominalSensor) -> UncertainSensor:
+    """Of a given compliance the elements are none of its business; one that nobody gave moves nothing."""
+    if sensor.compliance is None:
+        return UncertainSensor(sensor.joints, None, np.zeros((len(LOADS), len(LOADS))), sensor.length_sigma)
+    own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
+    elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
+    return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
+
+
+def exchanged_rows(steps: LoadSteps, rows: NDArray[np.bool_]) -> tuple[RowsExchanged, ...]:
+    """Loads that stand in each other's row of a table of calibration loads, by what all signals say of them."""
+    rows = rows & np.isfinite(steps.signal).all(1) if steps.signal.size else np.zeros(len(rows), bool)
+    load, signal = steps.load[rows], steps.signal[rows]
+    columns = np.column_stack([signal, np.ones(len(signal))])
+    if len(np.unique(load, axis=0)) <= _LOADS_PER_COLUMN * columns.shape[1]:
+        return ()
+    if np.linalg.matrix_rank(columns / np.sqrt(np.mean(columns**2, 0) + 1e-300)) < columns.shape[1]:
+        return ()
+    names = [(steps.runs[run], int(step)) for run, step in zip(steps.run[rows], steps.step[rows], strict=True)]
+    return tuple(
+        RowsExchanged((names[one.first], names[one.second]), tuple(LOADS[k] for k in one.components))
+        for one in exchanged_loads(load_table(signal, load))
+    )
+
+
+def scatter_of_signals(steps: LoadSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> Array:
+    """The scatter (S,), V, of signals about a linear response to the loads with a zero in each run, not counting rows
+    whose loads were exchanged; NaN where there are too few rows for it."""
+    wrong = {row for one in exchanged for row in one.rows}
+    own = np.array([(steps.runs[run], int(step)) not in wrong for run, step in zip(steps.run, steps.step, strict=True)])
+    rows = rows & own & np.isfinite(steps.signal).all(1)
+    if not rows.any():
+        return np.full(steps.signal.shape[1], np.nan)
+    zero = steps.run[rows, None] == np.unique(steps.run[rows])
+    columns = np.hstack([steps.load[rows], zero])
+    values, _, rank, _ = np.linalg.lstsq(columns, steps.signal[rows], rcond=None)
+    freedom = int(rows.sum()) - int(rank)
+    if freedom <= 0:
+        return np.full(steps.signal.shape[1], np.nan)
+    left = np.abs(steps.signal[rows] - columns @ values)
+    spread = np.median(left, 0) / _NORMAL_MEDIAN * np.sqrt(rows.sum() / freedom)
+    return np.where(spread > 0.0, spread, np.nan)
