@@ -56,6 +56,8 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     fitted, held = told & ~steps.held_out, told & steps.held_out
     if fitted.sum() < _FEWEST_STEPS:
         raise ValueError(f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}")
+    if not (settings.signals.zero_mv is not None and steps.signal.size) and not _loads_change(steps, fitted):
+        raise ValueError("needs loads that change within a run, whose zero is free, or signals tared before each run")
     model = ReadingModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
     return Gathered(
@@ -71,6 +73,12 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
             np.arange(len(units)) >= len(CHANNELS),
         ),
     )
+
+
+def _loads_change(steps: LoadSteps, rows: NDArray[np.bool_]) -> bool:
+    """Whether any run has steps of different loads."""
+    first = {run: np.flatnonzero(steps.run == run)[0] for run in np.unique(steps.run)}
+    return bool(np.any(steps.load[rows] != steps.load[[first[run] for run in steps.run[rows]]]))
 
 
 def _noise(steps: LoadSteps, settings: Campaign, exchanged: tuple[RowsExchanged, ...]) -> tuple[Array, list[str]]:
