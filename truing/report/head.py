@@ -6,13 +6,14 @@ from truing.report.calibration.calibrations import chosen_calibration, figures_b
 from truing.report.calibration.requirement_section import chosen_requirements, tally
 from truing.report.diagnosis.changes import change_words, has_changed
 from truing.report.diagnosis.words import diagnosis_verdicts, lower
-from truing.report.load_steps import in_channel_order, load_steps, signal_names
+from truing.report.load_steps import in_channel_order, is_bench, load_steps, signal_names
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Head
 from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, filled
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
+_BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matrix": "left by a full compliance"}
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
 
 Verdict = tuple[str, str]
@@ -84,15 +85,18 @@ def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 
 def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
-    """Before any model and after the best, per unit; all three models where there is one unit."""
+    """How far things moved, and what each model leaves of it; of a bench before any model and after the best."""
     errors = filled(tables, "deformation_errors")
     if errors is None:
         return []
     subject = errors["subject"] if "subject" in errors else errors["leg"]
     whole = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
-    if whole["unit"].nunique() > 1:
+    bench = is_bench(tables)
+    if bench and len(whole):
         whole = whole[whole["model"].isin([whole["model"].iloc[0], whole["model"].iloc[-1]])]
-    return [(_MODEL_WORDS.get(r.model, r.model), quantity(r.value, r.unit)) for r in whole.itertuples()]
+    named = _BENCH_WORDS if bench else _MODEL_WORDS
+    by_model = whole.groupby("model", sort=False)
+    return [(named.get(str(m), str(m)), ", ".join(map(quantity, own["value"], own["unit"]))) for m, own in by_model]
 
 
 def _calibration_tiles(tables: Tables) -> list[tuple[str, str]]:

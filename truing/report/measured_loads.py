@@ -9,6 +9,8 @@ import numpy as np
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.load_steps import (
     LOAD_UNITS,
+    LOADS,
+    STEP,
     axes_of,
     goes_back,
     in_channel_order,
@@ -30,6 +32,7 @@ _SURROUNDINGS = {
     "relative_humidity_pct": ("relative humidity", "%"),
     "material_temperature_c": ("temperature of the material", "°C"),
 }
+_NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma"}
 _COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 
@@ -218,13 +221,14 @@ def _surroundings(tables: Tables) -> Listing:
     table = filled(tables, "readings")
     table = filled(tables, "signals") if table is None else table
     rows = []
-    columns = [] if table is None else [str(c) for c in table.columns]
-    for column in (c for c in columns if c in _SURROUNDINGS):
-        words, unit = _SURROUNDINGS[column]
-        known = table[column].dropna() if table is not None else ()
-        if len(known):
+    columns = [] if table is None else [str(c) for c in table.columns if str(c) not in _NO_SURROUNDINGS]
+    for column in columns:
+        words, unit = _SURROUNDINGS.get(column, (column, ""))
+        known = table[column].dropna() if table is not None and table[column].dtype.kind in "fi" else ()
+        if len(known) and not column.endswith("_mv"):
             rows.append((words, f"{min(known):.6g} {unit}", f"{max(known):.6g} {unit}", f"{len(known):,}"))
-    return Listing(("surroundings", "from", "to", "readings"), tuple(rows), caption="Surroundings")
+    heads = ("surroundings", "from", "to", "number")
+    return Listing(heads, tuple(rows), caption="Surroundings, and what else was recorded")
 
 
 def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:

@@ -16,6 +16,7 @@ class Compared:
     fitted: str
     held_out: str
     held_out_errors: str
+    fitted_or_not: str
     not_planned: str
 
 
@@ -24,13 +25,15 @@ POINTS = Compared(
     "calibration poses",
     "held-out poses",
     "verification errors",
+    "Calibration poses were fitted to, held-out poses were not.",
     "No configurations were computed: nothing was found or left open that poses of this mechanism settle.",
 )
 READINGS = Compared(
     "run",
-    "runs fitted",
+    "fitted runs",
     "held-out runs",
     "held-out errors",
+    "Held-out runs are predicted by a fit that has not seen them.",
     "What would confirm it is told in words: for benches no table of load steps is computed.",
 )
 

@@ -44,8 +44,8 @@ def stem(parameter: str) -> str:
 
 
 def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
-    """Factor and unit in which a parameter of about this size is told."""
-    own = stem(parameter)
+    """Factor and unit in which a parameter of about this size, or the first of several, is told."""
+    own = stem(parameter.partition(" ")[0])
     if unit in ("", "1"):
         return _PER_CENT if own == "scale" and abs(size) >= _LARGE_SCALE else _BARE.get(own, (1.0, ""))
     if unit == "mm":

@@ -102,7 +102,7 @@ def _per_cent(share: float) -> str:
 def _cause_by_cause(found: list[Judged], of: Compared) -> Drawn:
     rows = [row for row in found if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
-    words = f"{of.fitted[:1].upper()}{of.fitted[1:]} were fitted to, {of.held_out} were not."
+    words = of.fitted_or_not
     if of is not POINTS:
         # Each is told over the channels that it moves: one does not go on where another ends.
         starts = ["simulation as it is", *(["with what was found before"] * (len(rows) - 1))]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
-from truing.report.diagnosis.effect_units import plain_size
+from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import CONTAINED, subject_words
 from truing.report.diagnosis.judged import Judged, cause_words
 from truing.report.numbers import count, printed
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _TITLE = "What could have stayed hidden"
+_COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"
 _NEVER, _HELD = "not at any plausible size", "part of what was found"
 
 
@@ -62,11 +64,16 @@ def _by_cause(table: pd.DataFrame, rows: list[Judged]) -> Listing:
 
 
 def _kinds(table: pd.DataFrame) -> list[tuple[tuple[object, object], pd.DataFrame]]:
-    from truing.report.diagnosis.effect_units import stem
-
-    kinds = [stem(str(name)) for name in table["parameter"]]
+    kinds = [_kind(str(name)) for name in table["parameter"]]
     grouped = table.assign(kind=kinds).groupby(["cause", "kind", "unit"], sort=False, dropna=False)
     return [((cause, kind), own) for (cause, kind, _), own in grouped]
+
+
+def _kind(parameter: str) -> str:
+    """What a parameter is, whichever leg or axis it belongs to: ``moment`` of all components and forms of one."""
+    first = parameter.partition(" ")[0]
+    component = re.fullmatch(_COMPONENT, first)
+    return component[1] if component else stem(first)
 
 
 def _concerns(own: pd.DataFrame) -> str:

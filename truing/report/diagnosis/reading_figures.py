@@ -71,7 +71,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     panels = _panels(misses)
     rows = -(-len(panels) // 2)
     titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
-    figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.3 / rows, horizontal_spacing=0.12)
+    figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
     for place, (channel, axis) in enumerate(panels):
         own = _under(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
@@ -91,9 +91,10 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                     place // 2 + 1,
                     place % 2 + 1,
                 )
+        _band(figure, own, place // 2 + 1, place % 2 + 1)
         figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
-    words = "Measured − predicted where it is largest beside the noise; a triangle points up while the load grows"
-    style(figure, "How far predictions miss, against the load", words, 150 + 250 * rows)
+    words = "Measured − predicted where it is largest beside the noise (grey: 95 % of it); upright: the load grows"
+    style(figure, "How far predictions miss, against the load", words, 160 + 270 * rows)
     figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
     figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136})
     return figure
@@ -109,8 +110,7 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
     for row, channel in enumerate(channels, 1):
         own = misses[misses["channel"] == channel].reset_index(drop=True)
-        noise, unit = _BAND * root_mean_square(own["noise"]), sign(_unit(misses, channel))
-        figure.add_hrect(y0=-noise, y1=noise, fillcolor=GREY, opacity=0.15, line={"width": 0}, row=row, col=1)
+        unit = sign(_unit(misses, channel))
         for when, words, colour, symbol in _series(modelled):
             figure.add_trace(
                 scatter(
@@ -127,10 +127,11 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                 row,
                 1,
             )
+        _band(figure, own, row, 1)
         figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
         figure.update_xaxes(**_run_axis(figure, own, row), row=row, col=1)
     words = "Measured − predicted, runs one after the other; grey: where 95 % of the noise lies"
-    style(figure, "How far predictions miss, in the order taken", words, 140 + 150 * len(channels))
+    style(figure, "How far predictions miss, in the order taken", words, 140 + 130 * len(channels))
     figure.update_layout(legend=_LEGEND, margin={"t": 110})
     return figure
 
@@ -167,6 +168,14 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
 
 
+def _band(figure: go.Figure, own: pd.DataFrame, row: int, column: int) -> None:
+    """Where 95 % of the noise lies; in a panel that holds its marks already, or plotly draws none."""
+    noise = _BAND * root_mean_square(own["noise"])
+    if noise > 0.0:
+        shape = {"fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}
+        figure.add_hrect(y0=-noise, y1=noise, row=row, col=column, **shape)
+
+
 def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
     return [
         f"run {label(run)}, step {step}: {plain(missed)} {unit}"
@@ -182,7 +191,13 @@ def _run_axis(figure: go.Figure, own: pd.DataFrame, row: int) -> dict[str, Any]:
     middles = 0.5 * (first + np.append(first[1:], len(own)) - 1.0)
     shown = range(0, len(first), max(1, -(-len(first) // _RUNS_NAMED)))
     names = [_run_words(own[own["run"] == own["run"].iloc[first[k]]]) for k in shown]
-    return {"tickvals": [middles[k] for k in shown], "ticktext": names, "showgrid": False, "zeroline": False}
+    return {
+        "tickvals": [middles[k] for k in shown],
+        "ticktext": names,
+        "showgrid": False,
+        "zeroline": False,
+        "range": [-1, len(own)],
+    }
 
 
 def _run_words(run: pd.DataFrame) -> str:

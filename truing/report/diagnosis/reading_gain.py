@@ -19,18 +19,17 @@ if TYPE_CHECKING:
 
 Drawn = list[tuple[object, str]]
 _HEADS = (
-    *("channel", "runs", "number", "readings", "declared noise"),
+    *("channel", "runs", "readings", "declared noise"),
     *("rms before", "rms after", "largest before", "largest after", "unit"),
 )
 
 
 def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     """Where predictions miss, how that follows the load, and how it came in time."""
-    undeclared = misses["sigma"].isna()
     words = "The noise is that declared"
-    if undeclared.any():
-        names = ", ".join(channels_of(misses[undeclared]))
-        words += f"; of {names}, where none is declared, what is left there"
+    unknown = channels_of(misses[misses["sigma"].isna()])
+    if unknown:
+        words += f"; of {', '.join(unknown)} it is what is left with the causes modelled"
     straight = "A straight line through zero is a wrong slope; what differs between up and down depends on the past."
     found = [(reading_figures.where_missed(misses, modelled), f"{words}.")]
     if axes_of(misses):
@@ -40,11 +39,11 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
 
 
 def by_channel(misses: pd.DataFrame) -> Listing:
-    """Rms and largest of each channel, with intervals from resampled runs."""
+    """Rms and largest of each channel, held-out runs apart, with intervals from resampled runs."""
     rng = np.random.default_rng(0)
     held_out = misses["role"].eq("verification")
     rows = tuple(
-        (channel, words, *_cells(own, rng))
+        (f"{channel}, {words}" if held_out.any() else channel, *_cells(own, rng))
         for channel in channels_of(misses)
         for words, chosen in ((READINGS.fitted, ~held_out), (READINGS.held_out, held_out))
         if len(own := misses[chosen & misses["channel"].eq(channel)])
