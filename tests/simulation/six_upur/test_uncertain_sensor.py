@@ -1,0 +1,62 @@
+"""A sensor within its tolerances answers as the sensors that it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.simulation.six_upur.sensors import TOLERANCES_UM, joints_of, sensor_of
+from tests.tolerance import assert_close
+from truing.simulation.six_upur.compliance_change import compliance_change, influence_change, motion_of_sources
+from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+
+SIGMA = np.array(TOLERANCES_UM) * 1e-6 / 6.0
+
+
+@pytest.mark.parametrize("name", ["A", "N"])
+def test_derivatives_are_those_of_the_sensor(name: str) -> None:
+    sensor = sensor_of(name)
+    own = UncertainSensor(sensor.joints, sensor, None, SIGMA, 0.05)
+    known, parts = compliance_change(sensor), len(sensor.parts.names)
+    by_geometry, by_stiffness = own.by_geometry, own.by_stiffness(np.zeros(own.stiffness_size))
+    size = np.abs(sensor.compliance).max()
+    expected = (known.by_source * SIGMA[:, None, None]).reshape(-1, 6, 6)
+    assert_close(by_geometry.compliance, expected, atol=1e-12 * np.abs(expected).max())
+    legs = known.by_stiffness.reshape(-1, 6, 6) * 0.05
+    assert_close(by_stiffness.compliance[parts:], legs, atol=1e-12 * size)
+    assert_close(by_stiffness.compliance[:parts], known.by_stiffness.sum(0) * 0.05, atol=1e-12 * size)
+    G = influence_matrix(sensor.joints)
+    turned = influence_change(sensor.joints, motion_of_sources(sensor.joints)) * np.tile(SIGMA, 6)[:, None, None]
+    passive = -np.linalg.inv(G) @ turned @ np.linalg.inv(G)
+    assert_close(by_geometry.forces[:, 0], passive, atol=1e-11 * np.abs(passive).max())
+
+
+def test_a_stiffer_part_is_not_linearised() -> None:
+    sensor = sensor_of("A")
+    own = UncertainSensor(sensor.joints, sensor, None, np.zeros(5), 0.3)
+    pulls = np.zeros(own.stiffness_size)
+    pulls[2], pulls[len(sensor.parts.names) * 4 + 2] = 1.0, -0.5  # the third part: in all legs, and in the fourth
+    softer = sensor.parts.compliance.copy()
+    softer[:, 2] *= np.exp(-0.3)
+    softer[3, 2] *= np.exp(0.15)
+    stiffness = sensor.leg_transport @ np.linalg.inv(softer.sum(1)) @ np.swapaxes(sensor.leg_transport, -1, -2)
+    compliance = np.linalg.inv(stiffness.sum(0))
+    found = own.at(np.zeros(0), pulls)
+    assert_close(found.compliance, compliance, atol=1e-12 * np.abs(compliance).max())
+    same = replace(sensor, leg_stiffness=stiffness, compliance=compliance)
+    assert_close(found.forces[1], same.axial_forces, atol=1e-12)
+
+
+def test_a_given_compliance_takes_the_place_of_the_legs() -> None:
+    given = sensor_of("A").compliance * 1.1
+    alone = UncertainSensor(joints_of("A"), None, given, SIGMA, 0.05)
+    assert (alone.stiffness_size, alone.models) == (1, 1)
+    assert_close(alone.at(np.zeros(30), np.ones(1)).compliance, given * np.exp(-0.05), atol=1e-18)
+    beside = UncertainSensor(joints_of("A"), sensor_of("A"), given, SIGMA, 0.05)
+    assert (beside.stiffness_size, beside.models) == (1, 2)
+    assert_close(beside.at(np.zeros(30), np.zeros(1)).compliance, given, atol=1e-18)
+    with pytest.raises(ValueError, match="found neither elements nor a compliance"):
+        UncertainSensor(None)

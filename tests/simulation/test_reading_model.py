@@ -1,0 +1,187 @@
+"""The model of a loaded sensor: what it predicts, its derivatives, and how candidates act."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.simulation.sensor_benches import ARCSEC, GAINS, LARGEST, SIGMA, bench
+from tests.tolerance import assert_close
+from truing.simulation.cause import Cause
+from truing.simulation.causes import catalogue_of_readings
+from truing.simulation.causes.beams import AbbeOffset, CosineError
+from truing.simulation.causes.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.causes.load_history import Creep
+from truing.simulation.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
+from truing.simulation.causes.stiffness import (
+    Hysteresis,
+    JointClearance,
+    StiffnessAsymmetry,
+    StiffnessNonlinear,
+    StiffnessScale,
+)
+from truing.simulation.reading_model import ReadingModel
+from truing.simulation.reading_state import AIR, HUMIDITY, MATERIAL, PRESSURE
+from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.six_upur.loading import AXES
+
+STEP = 1e-30
+# One of every kind, and all together: what is downstream changes what is upstream, in the order in which they act.
+MANY: tuple[Cause, ...] = (
+    LoadEccentricity("fz"),
+    LoadImbalance("mx", ("y", "z"), (RATIO, GROWTH)),
+    StiffnessScale("fx", own=True),
+    Creep("", 90.0, free=True),
+    Hysteresis("fz"),
+    Creep("mz", 300.0),
+    CosineError("dx"),
+    AbbeOffset(),
+    ZeroDrift("v2"),
+    Crosstalk("v3", "v2"),
+)
+
+
+def _unknowns(model: ReadingModel, size: float = 0.3) -> tuple[NDArray, NDArray]:
+    rng = np.random.default_rng(7)
+    return rng.normal(0.0, size, model.shared_size), rng.normal(size=(len(model.conditions.run), model.local_size))
+
+
+@pytest.mark.parametrize("signals", [True, False])
+def test_derivatives_are_exact(signals: bool) -> None:
+    causes = MANY if signals else tuple(cause for cause in MANY if "v2" not in str(cause.settings().values()))
+    model = bench(load_sigma=1e-3).model(*causes, signals=signals)
+    shared, local = _unknowns(model)
+    found = model.predict(shared, local)
+    noise = model.known.sigma[:, None, None]
+    for part, size, slopes in (("shared", model.shared_size, found.by_shared), ("local", 6, found.by_local)):
+        for n in range(size):
+            nudge = 1j * STEP * np.eye(size)[n]
+            at = (shared + nudge, local) if part == "shared" else (shared, local + nudge)
+            exact = model.points(*at).imag / STEP / noise[..., 0]
+            told = slopes[..., n] / noise[..., 0]
+            assert_close(told, exact, atol=1e-11 * max(np.abs(exact).max(), 1.0), what=f"{part} {n}")
+    assert_close(found.points, model.points(shared, local), atol=0.0)
+
+
+def test_candidates_act_as_they_do_once_they_are_among_the_unknowns() -> None:
+    """What a search is told of a candidate is the prediction's derivative at zero, whatever was accepted before."""
+    model = bench().model(*MANY)
+    shared, local = _unknowns(model)
+    designer = model.designer(shared, local)
+    for kind in catalogue_of_readings().values():
+        for cause in [c for c in kind.candidates(model.scene) if all(c.key != own.key for own in MANY)][::97]:
+            wider = model.with_causes((*model.causes, cause))
+            slopes = wider.predict(model.widened(shared, wider), local).by_shared[:, :, 0, wider.layout[cause.key]]
+            design = designer(cause)["points"]
+            expected = slopes / cause.reach / SIGMA[:, None]
+            atol = 1e-11 * max(np.abs(expected).max(initial=0.0), 1e-9)
+            assert_close(design / SIGMA[:, None], expected, atol=atol, what=cause.key)
+
+
+def test_a_plain_sensor_answers_in_proportion() -> None:
+    own = bench(lone=True)
+    model = own.model()
+    shared = np.zeros(model.shared_size)
+    shared[model.layout["zero"]] = np.arange(len(model.known.zeros.run))
+    shared[model.layout["legforce"]] = 0.5  # what runs along elastic legs
+    points = model.points(shared, np.zeros((len(own.conditions.run), 0)))[..., 0]
+    load = own.conditions.load
+    forces = own.sensor.axial_forces @ load.T
+    first = points[own.conditions.step == 0]
+    for k in range(12):  # less the run's zero, which is what it reads without load
+        plain = load @ own.sensor.compliance[k] if k < 6 else GAINS[k - 6] * forces[k - 6]
+        gap = points[:, k] - plain - first[own.conditions.run - 1, k]
+        assert np.abs(gap[own.seen[:, k]]).max() < 1e-9 * SIGMA[k] + 1e-12 * np.abs(plain).max()
+    shared[model.layout["legforce"]] = -0.5  # joints that resist nothing
+    forces = np.linalg.solve(influence_matrix(own.sensor.joints), load.T)
+    found = model.points(shared, np.zeros((len(load), 0)))[:, 6, 0] - first[own.conditions.run - 1, 6]
+    assert_close(found, GAINS[0] * forces[0], atol=1e-12)
+
+
+def _effects() -> dict[str, tuple[Cause, list[float], int, NDArray]]:
+    """A cause, its values (SI), a channel, and what is added to its readings by a formula of its own."""
+    own = bench()
+    load, time, run = own.conditions.load, own.conditions.time_s, own.conditions.run
+    C, air = own.sensor.compliance, own.conditions.covariates
+    fz, mx = load[:, 2], load[:, 3]
+    start = np.array([np.flatnonzero(run == r)[0] for r in run])
+    motion = load @ C.T
+    crept = np.zeros(len(run))
+    down = np.zeros(len(run))
+    for n in range(1, len(run)):
+        if run[n] == run[n - 1]:
+            kept = np.exp(-(time[n] - time[n - 1]) / 80.0)
+            crept[n] = kept * crept[n - 1] + (1 - kept) * motion[n, 2]
+            down[n] = abs(fz[n]) < abs(fz[n - 1])
+    x = np.abs(fz) / LARGEST[2]
+    moment = np.stack([0.004 * fz, -0.003 * fz], -1)
+    forces = np.linalg.inv(influence_matrix(own.sensor.joints)) * 0.5 + 0.5 * own.sensor.axial_forces
+    return {
+        "eccentric": (LoadEccentricity("fz"), [0.003, 0.004], 3, moment @ C[3, 3:5]),
+        "torque": (LoadEccentricity("mx"), [0.0, 0.02, 0.0], 1, 0.02 * mx * C[1, 1]),
+        "imbalance": (LoadImbalance("fz", ("x",)), [0.001, 0.003], 1, C[1, 3] * (0.001 * fz + 0.0015 * np.abs(fz))),
+        "growth": (
+            LoadImbalance("mx", ("z",), (RATIO, GROWTH)),
+            [0.1, 0.2],
+            2,
+            C[2, 2] * mx * (0.1 + 0.2 * np.abs(mx) / LARGEST[3]),
+        ),
+        "scale": (StiffnessScale("fz"), [0.05], 2, C[2, 2] * fz * (1 / 1.05 - 1)),
+        "scale elsewhere": (StiffnessScale("fz", own=True), [0.05], 3, np.zeros(len(fz))),
+        "asymmetry": (StiffnessAsymmetry("mx"), [0.02], 1, 0.01 * np.abs(mx) * C[1, 3]),
+        "cubic": (StiffnessNonlinear("fz"), [0.03], 2, 0.03 * C[2, 2] * fz**3 / LARGEST[2] ** 2),
+        "hysteresis": (
+            Hysteresis("fz"),
+            [0.02],
+            2,
+            down * 0.02 * C[2, 2] * LARGEST[2] * np.sign(fz) * 4 * x * (1 - x),
+        ),
+        "clearance": (JointClearance("fz"), [4e-6], 2, 2e-6 * np.sign(fz)),
+        "creep": (Creep("", 80.0), [0.03], 2, 0.03 * crept),
+        "zero": (ZeroDrift("rz", 3, True), [ARCSEC], 5, ARCSEC * (time - time[start]) * (run == 3)),
+        "warm": (ThermalDrift("", (MATERIAL,)), [2e-6], 1, 2e-6 * (air[MATERIAL] - air[MATERIAL][start])),
+        "angle": (
+            CosineError("dx"),
+            [0.03, 0.04],
+            0,
+            (np.cos(0.05) - 1) * motion[:, 0] + np.sin(0.05) * motion[:, 1:3] @ [0.6, 0.8],
+        ),
+        "lost": (CosineError("rx", along=True), [0.001], 3, -0.001 * motion[:, 3]),
+        "arm": (AbbeOffset("dz"), [0.01, 0.02], 2, np.cross(motion[:, 3:], [0.01, 0.02, 0.0])[:, 2]),
+        "slip": (FringeSlip("dz", 3, 7, 7), [-2.0], 2, -2 * 316.495e-9 * ((run == 3) & (own.conditions.step >= 7))),
+        "crosstalk": (Crosstalk("v3", "v5"), [0.02], 8, 0.02 * GAINS[4] * load @ forces[4]),
+    }
+
+
+@pytest.mark.parametrize("name", _effects())
+def test_an_effect_is_what_its_formula_says(name: str) -> None:
+    cause, values, channel, expected = _effects()[name]
+    own = bench()
+    plain, model = own.model(), own.model(cause)
+    shared, local = np.zeros(model.shared_size), np.zeros((len(own.conditions.run), 0))
+    shared[model.layout[cause.key]] = values / model.effect_sigma(cause)
+    found = model.points(shared, local) - plain.points(np.zeros(plain.shared_size), local)
+    assert_close(found[:, channel, 0], expected, atol=1e-6 * SIGMA[channel], what=name)
+
+
+def test_air_stretches_a_dead_path() -> None:
+    """A metre of it is longer by 0.27 um where the pressure rises by a hectopascal, shorter by 0.95 um per kelvin."""
+    own = bench()
+    model = own.model(DeadPath("dy"))
+    shared, local = np.zeros(model.shared_size), np.zeros((len(own.conditions.run), 0))
+    shared[model.layout[model.causes[0].key]] = 1.0 / model.effect_sigma(model.causes[0])
+    found = (model.points(shared, local) - own.model().points(shared[:-1], local))[:, 1, 0]
+    since = np.stack([model.steps.since_first(column) for column in (PRESSURE, AIR, HUMIDITY)], -1)
+    slopes = np.linalg.lstsq(since, found, rcond=None)[0]
+    assert slopes[:2] == pytest.approx([0.27e-6, -0.95e-6], rel=0.03)
+
+
+def test_what_a_campaign_cannot_show_is_not_tried() -> None:
+    scene = bench(lone=True).model(signals=False).scene
+    tried = {name: kind.candidates(scene) for name, kind in catalogue_of_readings().items()}
+    assert not tried["crosstalk"]
+    assert all(len({cause.key for cause in own}) == len(own) for own in tried.values())
+    assert 500 < sum(map(len, tried.values())) < 2500
+    assert {cause.subject for cause in tried["stiffness-scale"]} == {"", *(f"load {axis}" for axis in AXES)}
