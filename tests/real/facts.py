@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stages.sensor.reading_arrays import READING_SI
 from tests.real.diagnosed import diagnosed, length, sag, seen_in_between, up_and_down, walked
 from truing.estimation.response import fit_response
 from truing.estimation.rigid_poses.rigid import umeyama
@@ -120,16 +121,18 @@ def lbcb(tables: Tables) -> dict[str, Any]:
     """Compliance by the deformation stage, and the stiffness of small displacements by the same model the other way."""
     errors = tables["deformation_errors"]
     shares = errors[(errors["model"] == "matrix") & (errors["figure"] == "r_squared")].set_index("subject")["value"]
-    steps = tables["displacement"]
-    small = steps[steps["dx_mm"].abs() < 0.3 * 25.4]
-    u = small[["dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"]].to_numpy() * [1e-3, 1e-3, 1e-3, 1, 1, 1]
-    y = small[["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]].to_numpy()
+    readings = tables["observations"]  # as they were read, before any is left out
+    moved = readings.pivot(index="step", columns="channel", values="reading")
+    loads = readings.drop_duplicates("step").set_index("step")
+    small = moved["dx"].abs() < 0.3 * 25.4e3
+    u = moved.loc[small, ["dx", "dy", "dz", "rx", "ry", "rz"]].to_numpy() * READING_SI
+    y = loads.loc[moved.index[small], ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]].to_numpy()
     fit = fit_response(u, y, np.tile(np.diag(y.var(axis=0)), (len(u), 1, 1)))
     r_squared = 1.0 - (fit.residuals**2).sum(axis=0) / ((y - y.mean(axis=0)) ** 2).sum(axis=0)
     return {
-        "steps": len(steps),
+        "steps": len(moved),
         "compliance_r2": dict(shares),
-        "small": len(small),
+        "small": int(small.sum()),
         "stiffness_r2": list(r_squared),
         "kxx_kip_per_in": float(fit.coefficients[0, 0]) / KIP_N * INCH_M,
         "fx_rms_kip": float(np.sqrt((fit.residuals[:, 0] ** 2).mean())) / KIP_N,

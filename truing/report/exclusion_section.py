@@ -28,6 +28,7 @@ def excluded(tables: Tables) -> Section:
             _rows_of_files(tables),
             _points_by_target(tables),
             _points(tables),
+            _readings(tables),
             _no_part(tables),
             _attachments(tables),
             _scans(tables),
@@ -45,6 +46,9 @@ def _lead(tables: Tables) -> str:
         words.append(f"{count(int(files['rows'].sum()), 'row')} of the raw files")
     if residuals is not None and residuals["rejected"].any():
         words.append(f"{count(int(residuals['rejected'].sum()), 'object point')} of {len(residuals):,}")
+    readings = filled(tables, "reading_residuals")
+    if readings is not None and readings["rejected"].any():
+        words.append(f"{count(int(readings['rejected'].sum()), 'reading')} of {len(readings):,}")
     return f"Left out: {' and '.join(words)}. Every exclusion stands here with its reason." if words else "All of it:"
 
 
@@ -121,6 +125,20 @@ def _points(tables: Tables) -> Listing | None:
 def _off(r: object) -> str:
     shift = [getattr(r, c) for c in _SHIFT]
     return "no pose to compare with" if any(s != s for s in shift) else ", ".join(f"{s:+.3f}" for s in shift)
+
+
+def _readings(tables: Tables) -> Listing | None:
+    """Readings of a loaded platform that were kept out as gross errors."""
+    readings = filled(tables, "reading_residuals")
+    if readings is None or not readings["rejected"].any():
+        return None
+    out = readings[readings["rejected"]]
+    rows = tuple(
+        (str(r.run), str(r.step), r.channel, quantity(r.residual, r.unit), cell(r.reason)) for r in out.itertuples()
+    )
+    heads = ("run", "step", "channel", "off by", "reason")
+    caption = f"{count(len(rows), 'reading')} kept out of the displacement"
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
 
 
 def _no_part(tables: Tables) -> Listing | None:

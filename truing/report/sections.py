@@ -14,6 +14,9 @@ from truing.report.measured_section import measured
 from truing.report.page import Listing, Section
 from truing.report.poses.section import poses
 from truing.report.quality_section import quality
+from truing.report.sensor.calibration import sensor_calibration
+from truing.report.sensor.deformation import load_deformation
+from truing.report.sensor.displacement import displacement
 from truing.report.tables import Tables
 
 
@@ -23,7 +26,10 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
     ``provenance``: the metadata of each artifact.
     """
-    parts = (diagnosis, calibration, knowledge, requirements, measured, quality, poses, deformation, excluded)
+    parts = (
+        *(diagnosis, calibration, sensor_calibration, knowledge, requirements, measured, quality),
+        *(poses, displacement, deformation, load_deformation, excluded),
+    )
     drawn = (part(tables) for part in parts)
     return [*(section for section in drawn if section is not None), _provenance(provenance)]
 

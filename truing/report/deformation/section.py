@@ -23,10 +23,10 @@ _TARGETS_OF_A_PICTURE = 3
 
 def deformation(tables: Tables) -> Section | None:
     """The deformation picture, the shifts against their drives, and the models."""
-    if "deformation_errors" not in tables:
+    if "deformation" not in tables:
         return None
     modelled = filled(tables, "deformation_errors") is not None
-    shown = [*_picture(tables), *_legs(tables), *_targets(tables), *_loads(tables)]
+    shown = [*_picture(tables), *_legs(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
         return Section("deformation", "Deformation", why, tuple(shown), state="models not evaluated")
@@ -102,13 +102,6 @@ def _against(shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame,
     )
     clear = int(own["significant"].sum()) if "significant" in own else 0
     return figure, f"{clear} of {len(own)} coordinates follow it beyond chance."
-
-
-def _loads(tables: Tables) -> Drawn:
-    compliance = filled(tables, "compliance")
-    if compliance is None or not (compliance["model"] == "matrix").any():
-        return []
-    return [(deformation_figures.compliance_map(compliance), "Row: displacement. Column: load.")]
 
 
 def _sentence(tables: Tables) -> str:

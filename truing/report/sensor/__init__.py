@@ -1,0 +1,1 @@
+"""The sections of a loaded sensor: its displacements, its compliance, its calibration."""
