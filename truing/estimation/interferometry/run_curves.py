@@ -198,7 +198,19 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
             break
         kept = again
     left, _ = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
-    return judged & ~kept & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+    alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
+    return judged & ~kept & alone & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+
+
+def _around(left: Array) -> Array:
+    """Median (M, N) of the two residuals before and the two after: what a curve that bends too little misses there."""
+    beside = np.full((4, *left.shape), np.nan)
+    for k, shift in enumerate((-2, -1, 1, 2)):
+        moved = np.roll(left, shift, axis=1)
+        inside = np.arange(left.shape[1]) - shift
+        beside[k] = np.where((inside >= 0) & (inside < left.shape[1]), moved, np.nan)
+    beside[0] = np.where(np.isnan(beside).all(axis=0), 0.0, beside[0])
+    return np.asarray(np.nanmedian(beside, axis=0))
 
 
 def _lasting(side: Array) -> Mask:
