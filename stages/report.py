@@ -21,7 +21,6 @@ DECLARATION = Stage(
         "readings?",
         "signals?",
         "displacement?",
-        "reading_residuals?",
         "run_terms?",
         "scans?",
         "exclusions?",
