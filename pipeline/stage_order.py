@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 ORDER: dict[str, tuple[str, ...]] = {
     "photogrammetry": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "report"),
-    "interferometer": ("ingest", "pose", "deformation", "diagnose", "calibrate", "report"),
+    "interferometer": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "report"),
 }
 
 RAW_READER = "ingest"  # the one stage that sees raw files, through truing.formats

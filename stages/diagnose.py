@@ -52,7 +52,6 @@ DECLARATION = Stage(
         "mechanism.actuator_pitch_mm",
         "mechanism.height_mm",
         "mechanism.elements",
-        "mechanism.compliance_file",
         "loading",
         "interferometer",
         "signals",

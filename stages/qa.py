@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, cast
 
@@ -20,28 +20,50 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="qa",
-    reads=("observations", "survey?", "configurations?"),
+    reads=("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?"),
     leaves=("qa",),
-    settings=("campaign.drives", "mechanism.type", "mechanism.legs", "bodies", "noise.actuator_mm", "qa", "accept"),
-    summary="completeness, noise, geometry, outliers, labels, moved targets, drift",
+    settings=(
+        *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
+        *("mechanism.elements", "loading", "interferometer", "signals.range_mv", "bodies", "noise.actuator_mm"),
+        *("noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
+    ),
+    summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
+    if settings.campaign.kind == "interferometer":
+        return _of_loads(tables, settings, progress)
     if not tables["observations"].num_rows:
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality.bodies import body_views, surroundings
-    from stages.quality.check import FAIL, WARN, told
     from stages.quality.checks import all_checks
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)
-    checks = []
     attachments = _attachments(settings)
-    for check in map(
-        told, all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm)
-    ):
+    found = all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm)
+    read = f"{tables['observations'].num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
+    return _judged(found, read, settings, progress)
+
+
+def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
+        return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no readings and no signals")
+    from stages.quality.loading_checks import loading_checks
+    from stages.quality.loading_view import loading_view
+
+    view = loading_view(tables, settings)
+    read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs"
+    return _judged(loading_checks(view, settings), read, settings, progress)
+
+
+def _judged(found: Iterable[Check], read: str, settings: Campaign, progress: Progress) -> Outcome:
+    from stages.quality.check import FAIL, WARN, told
+
+    checks = []
+    for check in map(told, found):
         checks.append(check)
         progress(len(checks), 0, check.check)
     accepted = [_acceptance(check, settings.accept) for check in checks]
@@ -51,7 +73,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     warned = sum(c.verdict == WARN for c in checks)
     return Outcome(
         {"qa": _table(checks, accepted)},
-        read=f"{tables['observations'].num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses",
+        read=read,
         left_out="nothing",
         figure=f"{len(checks)} checks, {len(failed)} failed, {warned} warn, {sum(map(bool, accepted))} accepted",
         failed_checks=failed,

@@ -18,6 +18,7 @@ _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct
 _RAW = (
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m"),
+    Column("channel", "text", "the motion that was read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
     Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
     *(Column(f"shown_f{a}_n", "real", f"force along {a} as the sensor itself shows it", "N") for a in "xyz"),
     *(Column(f"shown_m{a}_nm", "real", f"torque about {a} as the sensor itself shows it", "N m") for a in "xyz"),

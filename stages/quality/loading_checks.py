@@ -1,0 +1,61 @@
+"""The checks of a loading campaign, and how they share the budget of chance.
+
+As in ``checks``: what fails by chance shares ``[qa] false_alarm``; what only warns is held at ten times its share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from stages.quality.check import Check, without
+from stages.quality.loading_view import LoadingView
+from stages.quality.of_readings import (
+    answers,
+    drift,
+    gross_errors,
+    jumps,
+    noise,
+    repeatability,
+    signs,
+    units,
+    zero_return,
+)
+from stages.quality.of_signals import signal_checks
+from stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
+from stages.quality.of_surroundings import surroundings_checks
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
+
+_CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
+
+
+def loading_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
+    """Every check: of the programme, channel by channel, of the surroundings, of signals."""
+    share = settings.qa.false_alarm / _CHANCE_CHECKS
+    yield steps_there(view)
+    yield runs_whole(view)
+    yield pauses(view)
+    yield from load_range(view, settings.loading)
+    if view.channels:
+        yield from _of_readings(view, settings, share)
+    else:
+        yield without("readings", "completeness", "", "the campaign holds no readings of the platform's motion")
+    yield from signal_checks(view, settings, share)
+
+
+def _of_readings(view: LoadingView, settings: Campaign, share: float) -> Iterator[Check]:
+    yield from readings_there(view)
+    found = answers(view)
+    yield from units(view, found)
+    yield from signs(view, found, share)
+    each = share / len(view.channels)
+    for channel in view.channels:
+        yield gross_errors(view, channel)
+        yield noise(channel, each)
+        yield drift(view, channel, 10.0 * each)
+        yield zero_return(view, channel, 10.0 * each)
+        yield repeatability(view, channel, 10.0 * each)
+    yield from jumps(view, 10.0 * share)
+    yield from surroundings_checks(view, settings.interferometer)

@@ -1,0 +1,134 @@
+"""A loading campaign as its quality checks see it: load steps, what each channel leaves over, what was simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
+from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+TEMPERATURES = ("air_temperature_c", "material_temperature_c")
+UNITS = ("um",) * 3 + ("arcsec",) * 3
+_FEWEST = 6  # readings of a channel that anything can be said of
+
+
+@dataclass(frozen=True)
+class ChannelView:
+    """One channel: rows (N,) of the load steps that it was read in, its runs (R,) by number, run (N,) counting in them,
+    the declared noise (SI, NaN where none is), and what is left of its readings once what follows loads and time is
+    taken out."""
+
+    place: int
+    rows: Index
+    runs: Index
+    run: Index
+    declared: float
+    fit: ChannelFit
+
+    @property
+    def name(self) -> str:
+        """dx .. rz."""
+        return CHANNELS[self.place]
+
+    @property
+    def unit(self) -> str:
+        """The unit that its readings have in files."""
+        return UNITS[self.place]
+
+    @property
+    def noise_ratio(self) -> float:
+        """Scatter over declared noise, 1 where it is less or cannot be told."""
+        return float(np.sqrt(max(self.fit.chi_square / self.fit.dof, 1.0))) if self.fit.dof > 0 else 1.0
+
+    @property
+    def in_files(self) -> float:
+        """What makes SI the unit in files."""
+        return float(1.0 / READING_SI[self.place])
+
+
+@dataclass(frozen=True)
+class LoadingView:
+    """The load steps of a campaign, and readings (B, 6), SI, as they are simulated (None where nothing is)."""
+
+    steps: LoadSteps
+    simulated: Array | None
+    load_sigma: Array
+
+    @cached_property
+    def channels(self) -> tuple[ChannelView, ...]:
+        """Every channel that was read, in the order dx .. rz."""
+        known = [name for name in TEMPERATURES if name in self.steps.covariates]
+        around = np.column_stack(
+            [self.steps.covariates[name] for name in known] or [np.zeros((len(self.steps.run), 0))]
+        )
+        seen = np.isfinite(self.steps.reading)
+        return tuple(self._channel(k, seen[:, k], around) for k in range(6) if seen[:, k].sum() >= _FEWEST)
+
+    def _channel(self, k: int, seen: Mask, around: Array) -> ChannelView:
+        steps = self.steps.chosen(seen)
+        runs, run = np.unique(steps.run, return_inverse=True)
+        groups = response_columns(steps.load, run, steps.time_s, around[seen])
+        reading, sigma = steps.reading[:, k], steps.sigma[:, k]
+        fit = fit_channel(reading, sigma, groups, run, steps.time_s, steps.load, self.load_sigma)
+        known = np.isfinite(sigma)
+        declared = float(np.median(sigma[known])) if known.any() else float("nan")
+        return ChannelView(k, np.flatnonzero(seen), runs, run, declared, fit)
+
+    def run_name(self, run: int) -> str:
+        """How the campaign calls a run."""
+        return f"run {self.steps.runs[run]}"
+
+    @cached_property
+    def axis(self) -> Index:
+        """(R,) the axis that each run loads most, in shares of the campaign's largest; -1 where none is loaded."""
+        share = np.abs(self.steps.load) / np.maximum(np.abs(self.steps.load).max(axis=0, initial=0.0), 1e-300)
+        most = np.zeros((len(self.steps.runs), 6))
+        np.maximum.at(most, self.steps.run, share)
+        return np.where(most.any(axis=1), most.argmax(axis=1), -1)
+
+    @cached_property
+    def loaded_alone(self) -> Mask:
+        """(R,) whether a run loads a single axis."""
+        loaded = np.zeros((len(self.steps.runs), 6), dtype=bool)
+        np.logical_or.at(loaded, self.steps.run, self.steps.load != 0.0)
+        return loaded.sum(axis=1) == 1
+
+    def axis_name(self, run: int) -> str:
+        """The axis that a run loads most, by name."""
+        return LOADS[int(self.axis[run])]
+
+
+def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingView:
+    """The tables ``readings`` and ``signals`` with what [mechanism] simulates of the readings."""
+    steps = load_steps(tables)
+    noise = settings.noise
+    compliance = _compliance(tables, settings)
+    simulated = None if compliance is None else steps.load @ compliance.T
+    return LoadingView(steps, simulated, np.array([noise.load_n] * 3 + [noise.load_nm] * 3))
+
+
+def _compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
+    """The simulated compliance (6, 6), SI; None where campaign.toml tells of none."""
+    from stages.sensor.nominal_sensor import elastic_parts, given_matrix
+
+    if settings.mechanism.type != "6-upur":
+        return None
+    if "given_compliance" in tables:
+        return given_matrix(tables["given_compliance"])
+    elastic = elastic_parts(settings.mechanism)  # type: ignore[arg-type]
+    return None if elastic is None else elastic.compliance

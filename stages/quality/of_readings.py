@@ -1,0 +1,241 @@
+"""Quality of a loaded platform's readings: units, signs, noise, jumps, drift, zero and repetition by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.loading_view import ChannelView, LoadingView
+from truing.estimation.interferometry.log_quality import signs_flipped, units_mistaken
+from truing.estimation.quality import Scatter
+
+Array = NDArray[np.float64]
+
+_TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
+_NOTED = 1.1
+_REPEATS_NOTED = 1.5
+_MAIN = 0.3  # of a channel's largest simulated answer: where its sign is beyond doubt
+_CLEAR = 10.0  # sigmas that a simulated answer spans where its size can be told
+_FEWEST = 4  # readings of a run that a slope is told by
+_EXACT = 1e-6
+_NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
+_GROSS_NOTED, _GROSS_TOLERATED = 0.05, 0.15
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Per run and channel (G,): readings over what they should follow, its sigma by their own scatter, and its kind.
+
+    With a simulation readings follow it, and a kind is a channel; without one they follow the load of runs under one
+    axis, and a kind is an axis and a channel. Those of one kind should be alike.
+    """
+
+    channel: tuple[str, ...]
+    run: NDArray[np.int64]
+    slope: Array
+    sigma: Array
+    kind: NDArray[np.int64]
+
+
+def answers(view: LoadingView) -> Answers:
+    """The answers of all runs and channels that are clear enough to be compared."""
+    found = []
+    for channel in view.channels:
+        for own, run in enumerate(channel.runs.tolist()):
+            rows = channel.rows[channel.run == own]
+            drive, kind = _drive(view, channel, run, rows)
+            if drive is not None and len(rows) >= _FEWEST:
+                found.append((channel.name, run, *_slope(drive, view.steps.reading[rows, channel.place]), kind))
+    return Answers(
+        tuple(one[0] for one in found),
+        np.array([one[1] for one in found], np.int64),
+        np.array([one[2] for one in found], float),
+        np.array([one[3] for one in found], float),
+        np.array([one[4] for one in found], np.int64),
+    )
+
+
+def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.int64]) -> tuple[Array | None, int]:
+    if view.simulated is None:
+        axis = int(view.axis[run])
+        return (view.steps.load[rows, axis] if view.loaded_alone[run] else None), 6 * axis + channel.place
+    answer = view.simulated[:, channel.place]
+    clear = np.ptp(answer[rows]) > max(_MAIN * np.ptp(answer), _CLEAR * float(np.median(channel.fit.sigma)))
+    return (answer[rows] if clear else None), channel.place
+
+
+def _slope(drive: Array, reading: Array) -> tuple[float, float]:
+    """Slope and its standard deviation by the scatter about a zero and a straight line."""
+    x, y = drive - drive.mean(), reading - reading.mean()
+    square = float(x @ x)
+    if square == 0.0:
+        return np.nan, np.inf
+    value = float(x @ y) / square
+    left = y - value * x
+    return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
+
+
+def units(view: LoadingView, found: Answers) -> Iterator[Check]:
+    """Runs whose readings are a thousand times too large, or off by another factor between units."""
+    if not found.channel:
+        yield without("units", "units", "", _NOTHING_TO_COMPARE)
+        return
+    expected = np.ones(len(found.slope)) if view.simulated is not None else _typical(found.slope, found.kind)
+    wrong = units_mistaken(found.slope, found.sigma, expected)
+    for where, factor in zip(wrong.where, wrong.size, strict=True):
+        subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
+        said = f"{subject} reads {factor:.4g} times what is expected; is its unit right?"
+        yield Check("units", subject, float(factor), 1.0, "1", FAIL, said)
+    if not len(wrong):
+        said = f"The readings of {len(found.slope)} runs and channels are of a likely size."
+        yield Check("units", "", 1.0, 1.0, "1", PASS, said)
+
+
+def _typical(value: Array, kind: NDArray[np.int64]) -> Array:
+    """The median size (G,) of the others of the same kind; NaN where there are fewer than two."""
+    out = np.full(len(value), np.nan)
+    for at in range(len(value)):
+        others = np.flatnonzero((kind == kind[at]) & (np.arange(len(value)) != at))
+        if len(others) > 1:
+            out[at] = np.median(np.abs(value[others]))
+    return out
+
+
+def signs(view: LoadingView, found: Answers, share: float) -> Iterator[Check]:
+    """Runs that answer with the opposite sign."""
+    if not found.channel:
+        yield without("signs", "signs", "", _NOTHING_TO_COMPARE)
+        return
+    slope, sigma, kind = found.slope, found.sigma, found.kind
+    if view.simulated is not None:  # which is one of them
+        kinds = np.unique(kind)
+        slope, sigma = np.append(slope, np.ones(len(kinds))), np.append(sigma, np.full(len(kinds), _EXACT))
+        kind = np.append(kind, kinds)
+    flipped = [at for at in signs_flipped(slope, sigma, kind, share).where if at < len(found.slope)]
+    for number in dict.fromkeys(found.run[flipped].tolist()):
+        names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
+        said = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
+        yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, said)
+    if not flipped:
+        against = "the simulation" if view.simulated is not None else "each other"
+        said = f"{len(found.slope)} runs and channels have the same sign as {against}."
+        yield Check("signs", "", 1.0, 0.0, "1", PASS, said)
+
+
+def noise(channel: ChannelView, share: float) -> Check:
+    """The scatter of what follows neither loads nor time, against the declared noise."""
+    name = f"channel {channel.name}"
+    if not np.isfinite(channel.declared):
+        return without("noise", "noise", name, "no noise is declared for it")
+    if channel.fit.dof < 4:
+        return without("noise", "noise", name, "too few readings beside what they may follow")
+    scatter = Scatter(np.array([channel.fit.chi_square]), np.array([float(channel.fit.dof)]))
+    ratio = float(scatter.ratio[0])
+    unusable = min(scatter.p_above(_TOLERATED)[0], scatter.p_below(1.0 / _TOLERATED)[0]) < share
+    noted = min(scatter.p_above(_NOTED)[0], scatter.p_below(1.0 / _NOTED)[0]) < share
+    said = (
+        f"{channel.name}: the scatter is {ratio:.2f} times the declared noise ({channel.fit.dof} degrees of freedom)."
+    )
+    verdict = FAIL if unusable else WARN if noted else PASS
+    return Check("noise", name, ratio, _TOLERATED, "1", verdict, said)
+
+
+def gross_errors(view: LoadingView, channel: ChannelView) -> Check:
+    """Single readings far from their place."""
+    out = np.flatnonzero(~channel.fit.kept)
+    share = len(out) / len(channel.rows)
+    steps = view.steps
+    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in channel.rows[out]]
+    said = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are far from their place"
+    said += f" ({listed(places)})." if places else "."
+    verdict = FAIL if share > _GROSS_TOLERATED else WARN if share > _GROSS_NOTED else PASS
+    return Check("gross-errors", f"channel {channel.name}", share, _GROSS_TOLERATED, "1", verdict, said)
+
+
+def jumps(view: LoadingView, share: float) -> Iterator[Check]:
+    """Runs in which a channel jumps from some step on."""
+    count = sum(len(channel.runs) for channel in view.channels)
+    found = False
+    for channel in view.channels:
+        for at in np.flatnonzero(channel.fit.jump_p < share / max(count, 1)):
+            found = True
+            size = float(channel.fit.jump_size[at] * channel.in_files)
+            row = channel.rows[channel.fit.jump_row[at]]
+            run = view.run_name(int(channel.runs[at]))
+            said = f"{run}: {channel.name} jumps by {size:+.3g} {channel.unit} before step {view.steps.step[row]}."
+            yield Check("jumps", f"{run} {channel.name}", size, 0.0, channel.unit, WARN, said)
+    if not found:
+        yield Check("jumps", "", 0.0, 0.0, "", PASS, f"No run jumps, of {count} runs and channels.")
+
+
+def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
+    """The zero of a run that walks with time, beyond chance and three sigmas."""
+    value, sigma = channel.fit.drift, channel.fit.drift_sigma * channel.noise_ratio
+    known = np.isfinite(sigma) & (sigma > 0.0)
+    if not known.any():
+        return without("drift", "drift", f"channel {channel.name}", "no run tells time from load")
+    z = np.where(known, np.abs(value) / np.where(known, sigma, 1.0), 0.0)
+    limit = -float(ndtri(0.5 * share / known.sum()))
+    worst = int(np.argmax(z))
+    noise = 3.0 * float(np.median(channel.fit.sigma))
+    walks = z[worst] > limit and abs(value[worst]) > noise
+    run = view.run_name(int(channel.runs[worst]))
+    shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
+    said = f"{channel.name}: the zero walks by {shown:+.3g} +- {spread:.2g} {unit} over {run}, where it is clearest."
+    verdict = WARN if walks else PASS
+    return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, said)
+
+
+def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
+    """Does a channel come back to its zero once the load is taken off?"""
+    steps = view.steps
+    good = [channel.rows[(channel.run == own) & channel.fit.kept] for own in range(len(channel.runs))]
+    empty = [rows[~steps.load[rows].any(axis=1)] for rows in good]
+    back = [own for own, (rows, at) in enumerate(zip(good, empty, strict=True)) if _came_back(rows, at)]
+    if not back:
+        return without("zero return", "zero-return", f"channel {channel.name}", "no run ends without load as it began")
+    reading = steps.reading[:, channel.place]
+    off = np.array([reading[empty[own][-1]] - reading[empty[own][0]] for own in back])
+    sigma = np.sqrt(2.0) * float(np.median(channel.fit.sigma)) * channel.noise_ratio
+    limit = -float(ndtri(0.5 * share / len(back))) * sigma
+    worst = int(np.argmax(np.abs(off)))
+    value, unit = float(off[worst] * channel.in_files), channel.unit
+    run = view.run_name(int(channel.runs[back[worst]]))
+    said = f"{channel.name}: after {run} it stands {value:+.3g} {unit} from its zero, the most of {len(back)} runs."
+    verdict = WARN if abs(off[worst]) > limit else PASS
+    return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, said)
+
+
+def _came_back(rows: NDArray[np.int64], empty: NDArray[np.int64]) -> bool:
+    """Whether a run's first and last of its unloaded steps have a load between them."""
+    return len(empty) > 1 and bool(np.sum((rows > empty[0]) & (rows < empty[-1])) > len(empty) - 2)
+
+
+def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Check:
+    """Runs of the same loads in the same order, each from its own zero: their scatter against the declared noise."""
+    name = f"channel {channel.name}"
+    steps, square, dof = view.steps, 0.0, 0
+    alike: dict[bytes, list[NDArray[np.int64]]] = {}
+    for own in range(len(channel.runs)):
+        mine = np.flatnonzero(channel.run == own)
+        alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
+    for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
+        used = channel.fit.kept[group].all(axis=0)
+        values = steps.reading[channel.rows[group], channel.place][:, used]
+        left = values - values.mean(axis=1, keepdims=True)
+        left = left - left.mean(axis=0)
+        square += float(np.sum((left / channel.fit.sigma[group][:, used]) ** 2))
+        dof += (len(group) - 1) * max(int(used.sum()) - 1, 0)
+    if not dof or not np.isfinite(channel.declared):
+        return without("repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise")
+    scatter = Scatter(np.array([square]), np.array([float(dof)]))
+    ratio = float(scatter.ratio[0])
+    verdict = WARN if scatter.p_above(_REPEATS_NOTED)[0] < share else PASS
+    said = f"{channel.name}: runs of the same loads scatter by {ratio:.2f} times the declared noise"
+    said += f" ({dof} degrees of freedom)."
+    return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", verdict, said)

@@ -1,0 +1,138 @@
+"""Quality of a sensor's signals and of the loads they answer: cut signals, open directions, exchanged rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.loading_view import LoadingView
+from stages.sensor.reading_arrays import LOADS
+from truing.estimation.design.combinations import inseparable
+from truing.estimation.design.observability import Observability, observe
+from truing.estimation.interferometry.log_quality import saturated
+from truing.estimation.sensor.exchanged_loads import RowExchange, exchanged_loads
+from truing.estimation.sensor.load_table import load_table
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+
+_MILLIVOLT = 1e-3
+_APART = 1e3  # loads that differ from a combination of others by less than that part of their size are that combination
+_OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, below which it is noise
+_FEWEST = 8
+
+
+def signal_checks(view: LoadingView, settings: Campaign, share: float) -> Iterator[Check]:
+    """Every check of signals against loads."""
+    steps = view.steps
+    if not steps.signals:
+        yield without("signals", "signals", "", "the campaign holds none")
+        return
+    used = np.flatnonzero(np.isfinite(steps.signal).all(axis=1))
+    for at, name in enumerate(steps.signals):
+        yield _cut(view, at, name, settings.signals.range_mv)
+    if len(used) < _FEWEST:
+        yield without("calibration", "loads-span", "", "too few load steps with all signals")
+        return
+    load, signal = steps.load[used], steps.signal[used]
+    loaded = np.flatnonzero(load.any(axis=0))
+    yield _loads_span(load[:, loaded], [LOADS[k] for k in loaded])
+    yield _signals_independent(signal, steps.signals, len(loaded), settings.noise.signal_mv)
+    yield from _exchanged(view, used, len(loaded), share)
+
+
+def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
+    """Samples at an end of the amplifier's range, which a signal meets as a wall."""
+    steps = view.steps
+    rows = np.flatnonzero(np.isfinite(steps.signal[:, at]))
+    value = steps.signal[rows, at]
+    limit = None if range_mv is None else range_mv * _MILLIVOLT
+    wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
+    wall[saturated(value, _followed(steps.load[rows], value)).where] = True
+    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[wall]]
+    said = f"{name}: no sample stands at an end of its range."
+    if places:
+        ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
+        said = f"{name}: {len(places)} samples are cut at {ends}: {listed(places)}."
+    count = float(len(places))
+    return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, said)
+
+
+def _followed(load: Array, value: Array) -> Array:
+    """What a signal (N,) would be by its loads (N, 6) and a zero, both fitted."""
+    design = np.column_stack([load / np.maximum(np.abs(load).max(axis=0), 1e-300), np.ones(len(load))])
+    return np.asarray(design @ np.linalg.lstsq(design, value, rcond=None)[0])
+
+
+def _loads_span(load: Array, names: list[str]) -> Check:
+    """Whether loads tell the components of the wrench apart; which were never loaded."""
+    never = [name for name in LOADS if name not in names]
+    if not names:
+        return Check("loads-span", "", 0.0, 6.0, "1", FAIL, "No step is loaded, so nothing can be calibrated.")
+    seen = observe(load, 1.0 / np.linalg.norm(load, axis=0), names, unidentifiable=_APART)
+    rank = int(seen.rank)
+    if rank < len(names):
+        said = f"The loads leave directions out, V V^T is singular: {_open(seen)}."
+        return Check("loads-span", "", float(rank), float(len(names)), "1", FAIL, said)
+    if never:
+        said = (
+            f"{listed(never)} never loaded: of the wrench {rank} components can be calibrated, and V V^T is singular."
+        )
+        return Check("loads-span", "", float(rank), 6.0, "1", WARN, said)
+    return Check("loads-span", "", 6.0, 6.0, "1", PASS, "The loads span all six components of the wrench.")
+
+
+def _open(seen: Observability) -> str:
+    return "; ".join(group.text for group in inseparable(seen))
+
+
+def _signals_independent(signal: Array, names: tuple[str, ...], loaded: int, noise_mv: float | None) -> Check:
+    """Whether the signals hold as many independent numbers as loads were applied, beyond their noise."""
+    wanted = min(len(names), loaded)
+    about = signal - signal.mean(axis=0)
+    level = (noise_mv or 0.0) * _MILLIVOLT
+    size = np.linalg.norm(about, axis=0)
+    noise = level if level > 0.0 else float(size.max(initial=0.0)) * 1e-6 / np.sqrt(len(signal))
+    least = np.sqrt(len(signal) * max(_OVER_NOISE, 1.0 + 6.0 * np.sqrt(2.0 / len(signal)))) if level > 0.0 else 1.0
+    if noise == 0.0:
+        return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, "No signal changes with the load.")
+    seen = observe(about, np.full(len(names), 1.0 / noise), names, unidentifiable=1.0 / least)
+    if seen.rank >= wanted:
+        said = (
+            f"The {len(names)} signals hold {int(seen.rank)} independent numbers, for {loaded} components of the load."
+        )
+        return Check("signals-independent", "", float(seen.rank), float(wanted), "1", PASS, said)
+    said = f"The signals hold {int(seen.rank)} independent numbers beyond their noise, and the loads {loaded}, "
+    said += f"so V V^T is singular: {_open(seen)}."
+    return Check("signals-independent", "", float(seen.rank), float(wanted), "1", FAIL, said)
+
+
+def _exchanged(view: LoadingView, rows: NDArray[np.int64], loaded: int, share: float) -> Iterator[Check]:
+    """Rows whose loads stand in each other's place, by the signals."""
+    steps = view.steps
+    if loaded > len(steps.signals) or len(rows) < 3 * (len(steps.signals) + 1):
+        yield without(
+            "exchanged rows", "exchanged-rows", "", "too few signals or rows to tell the loads of each other row"
+        )
+        return
+    found = exchanged_loads(load_table(steps.signal[rows], steps.load[rows], steps.run[rows]), share)
+    for one in found:
+        yield _pair(view, rows, one)
+    if not found:
+        said = f"The loads of {len(rows)} rows stand where their signals want them."
+        yield Check("exchanged-rows", "", 0.0, 0.0, "1", PASS, said)
+
+
+def _pair(view: LoadingView, rows: NDArray[np.int64], one: RowExchange) -> Check:
+    steps = view.steps
+    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[[one.first, one.second]]]
+    names = " ".join(LOADS[k] for k in one.components)
+    said = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: their signals miss by {one.before:.0f} "
+    said += f"sigmas as they stand, and by {one.after:.1f} the other way round."
+    return Check("exchanged-rows", " and ".join(places), one.before, one.after, "1", FAIL, said)

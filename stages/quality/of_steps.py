@@ -1,0 +1,92 @@
+"""Quality of a loading programme: are steps and readings all there, did runs end early, how far the loads went."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.loading_view import LoadingView
+from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
+from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
+
+if TYPE_CHECKING:
+    from schemas.campaign import Loading
+
+_NOTED, _MOST_MISSING = 0.1, 0.3
+_LONG_PAUSE = 10.0
+_HALF_RANGE = 0.5
+
+
+def steps_there(view: LoadingView) -> Check:
+    """Numbers of steps that a run leaves out; where all runs count in twos or tens, that is how they count."""
+    steps = view.steps
+    paces = np.diff(steps.step)[np.diff(steps.run) == 0]
+    stride = max(math.gcd(*(int(pace) for pace in paces)), 1) if len(paces) else 1
+    found = steps_missing(steps.run, (steps.step - steps.step.min(initial=0)) // stride)
+    missing = int(found.size.sum())
+    share = missing / max(missing + len(steps.step), 1)
+    places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
+    said = f"{missing} steps are missing: {listed(places)}." if missing else "No step is missing."
+    verdict = FAIL if share > _MOST_MISSING else WARN if missing else PASS
+    return Check("steps-missing", "", share, _MOST_MISSING, "1", verdict, said)
+
+
+def runs_whole(view: LoadingView) -> Check:
+    """Runs that end before the others under the same axis do."""
+    steps = view.steps
+    found = runs_cut_short(steps.run, steps.step, view.axis[steps.run])
+    names = [view.run_name(steps.run[row]) for row in found.where]
+    said = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
+    return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, said)
+
+
+def readings_there(view: LoadingView) -> Iterator[Check]:
+    """Per channel, the share of readings missing in the runs that it was watched in."""
+    steps = view.steps
+    seen = np.isfinite(steps.reading)
+    for k, channel in enumerate(CHANNELS):
+        watched = np.isin(steps.run, np.unique(steps.run[seen[:, k]]))
+        if not watched.any():
+            continue
+        share = float(1.0 - seen[watched, k].mean())
+        verdict = FAIL if share > _MOST_MISSING else WARN if share > _NOTED else PASS
+        said = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that it was watched in."
+        yield Check("completeness", f"channel {channel}", share, _MOST_MISSING, "1", verdict, said)
+    if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
+        yield without("never read", "completeness", f"channels {' '.join(never)}", "what they would show stays unknown")
+
+
+def pauses(view: LoadingView) -> Check:
+    """A pause within a run much longer than the usual pace: zeros and temperatures may have moved meanwhile."""
+    steps = view.steps
+    within = np.flatnonzero(np.diff(steps.run) == 0)
+    pause = np.diff(steps.time_s)[within]
+    if len(pause) < 3 or np.median(pause) <= 0.0:
+        return without("time gaps", "time-gaps", "", "too few steps with times")
+    longest, usual = int(pause.argmax()), float(np.median(pause))
+    after = within[longest] + 1
+    where = f"{view.run_name(steps.run[after])} step {steps.step[after]}"
+    verdict = WARN if pause[longest] > _LONG_PAUSE * usual else PASS
+    times = pause[longest] / usual
+    said = f"The longest pause within a run is {pause[longest]:.0f} s, {times:.1f} times the usual, before {where}."
+    return Check("time-gaps", where, float(pause[longest]), _LONG_PAUSE * usual, "s", verdict, said)
+
+
+def load_range(view: LoadingView, loading: Loading) -> Iterator[Check]:
+    """Whether loads reach far enough into the range that the sensor is meant for."""
+    largest = np.abs(view.steps.load).max(axis=0, initial=0.0)
+    for k, name in enumerate(LOAD_COLUMNS):
+        limit = getattr(loading, name)
+        if limit is None or largest[k] == 0.0:
+            continue
+        share = float(largest[k] / limit)
+        said = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
+        if share < _HALF_RANGE:
+            said += " Beyond that, everything is extrapolated."
+        yield Check(
+            "load-range", f"load {LOADS[k]}", share, _HALF_RANGE, "1", WARN if share < _HALF_RANGE else PASS, said
+        )

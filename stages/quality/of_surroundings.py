@@ -1,0 +1,105 @@
+"""Quality of the surroundings of a loading campaign: recorded, likely, steady, and what the air is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.loading_view import TEMPERATURES, LoadingView
+from truing.estimation.interferometry.log_quality import (
+    pressures_out_of_reach,
+    surroundings,
+    temperatures_out_of_reach,
+    worth_of_air,
+)
+from truing.simulation.air import ciddor_index, vapour_pressure_pa
+
+if TYPE_CHECKING:
+    from schemas.campaign import Interferometer
+
+Array = NDArray[np.float64]
+
+_TEMPERATURE_K, _PRESSURE_HPA = 2.0, 10.0
+_NOISES = 3.0
+_HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index
+_MM, _HPA, _NM = 1e-3, 1e2, 1e-9
+
+
+def surroundings_checks(view: LoadingView, optics: Interferometer) -> Iterator[Check]:
+    """Every check of temperatures, pressure and the air along the beams."""
+    known = view.steps.covariates
+    for name in (*TEMPERATURES, "air_pressure_hpa"):
+        what = name.rsplit("_", 1)[0].replace("_", " ")
+        if name not in known or not np.isfinite(known[name]).any():
+            yield without(what, "surroundings", what, "it was not recorded")
+            continue
+        yield _likely(view, name, what)
+        yield _steady(view, name, what)
+    yield _air(view, optics)
+
+
+def _likely(view: LoadingView, name: str, what: str) -> Check:
+    """Values that no laboratory has: another unit, or a sensor that is off."""
+    value = view.steps.covariates[name]
+    is_temperature = name in TEMPERATURES
+    found = temperatures_out_of_reach(value) if is_temperature else pressures_out_of_reach(value * _HPA)
+    places = [f"{view.run_name(view.steps.run[row])} step {view.steps.step[row]}" for row in found.where]
+    worst = float(np.nanmax(np.abs(value)))
+    unit = "degC" if is_temperature else "hPa"
+    limit = found.limit if is_temperature else found.limit / _HPA
+    said = f"The {what} is beyond what a laboratory has; is the unit right? {listed(places)}." if places else (
+        f"The {what} is what a laboratory has."
+    )  # fmt: skip
+    return Check("surroundings", what, worst, limit, unit, FAIL if places else PASS, said)
+
+
+def _steady(view: LoadingView, name: str, what: str) -> Check:
+    """How far a quantity walked within a run, and over the campaign."""
+    value = view.steps.covariates[name]
+    went = surroundings(value, view.steps.run)
+    span = np.where(np.isfinite(went.span), went.span, 0.0)
+    worst = int(np.argmax(span))
+    over_all = float(np.nanmax(value) - np.nanmin(value))
+    limit, unit = (_TEMPERATURE_K, "K") if name in TEMPERATURES else (_PRESSURE_HPA, "hPa")
+    read = np.isfinite(view.steps.reading).any(axis=1)
+    missing = float(1.0 - np.isfinite(value[read]).mean())
+    said = f"The {what} walked by {over_all:.3g} {unit} in all, within a run by {span[worst]:.3g} {unit} at most "
+    said += f"({view.run_name(worst)})."
+    if missing:
+        said += f" It is missing in {100.0 * missing:.0f} % of the steps."
+    wrong = span[worst] > limit or missing > 0.0
+    return Check(f"{what.split()[-1]}-span", what, float(span[worst]), limit, unit, WARN if wrong else PASS, said)
+
+
+def _air(view: LoadingView, optics: Interferometer) -> Check:
+    """What the change of the air since the start of each run is worth in readings, over dead path and displacement."""
+    known = view.steps.covariates
+    if not {"air_temperature_c", "air_pressure_hpa"} <= set(known):
+        return without("worth of the air", "worth-of-air", "", "temperature and pressure of the air were not recorded")
+    celsius, pressure = known["air_temperature_c"], known["air_pressure_hpa"]
+    humidity = np.nan_to_num(known.get("relative_humidity_pct", np.full(len(celsius), np.nan)), nan=_HUMIDITY_PCT)
+    vapour = vapour_pressure_pa(celsius, 1e-2 * humidity)
+    change = surroundings(
+        ciddor_index(_NM * optics.wavelength_nm, celsius, _HPA * pressure, vapour), view.steps.run
+    ).change
+    worst, at = 0.0, ""
+    noise = np.inf
+    for channel in view.channels:
+        if not channel.name.startswith("d"):
+            continue
+        reading = view.steps.reading[channel.rows, channel.place]
+        dead = _MM * getattr(optics.dead_path_mm, channel.name)
+        worth = worth_of_air(np.nan_to_num(change)[view.steps.run[channel.rows]], dead, reading)
+        noise = min(noise, _NOISES * float(np.median(channel.fit.sigma)))
+        if worth.max() >= worst:
+            worst, at = float(worth.max()), channel.name
+    if not at:
+        return without("worth of the air", "worth-of-air", "", "no linear channel was read")
+    said = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
+    said += "compensated as they came." if optics.compensated else "compensated here."
+    verdict = WARN if optics.compensated and worst > noise else PASS
+    return Check("worth-of-air", at, 1e6 * worst, 1e6 * noise, "um", verdict, said)
