@@ -8,6 +8,7 @@ import pytest
 from tests.simulation.telescope import sample_model
 from truing.simulation.cause import Scene
 from truing.simulation.causes import catalogue
+from truing.simulation.causes.beams import CosineError
 from truing.simulation.hidden_effects import Sort, concerned, sorts, told_size
 
 LEGS = 6
@@ -54,6 +55,13 @@ def test_a_size_is_told_as_the_tables_tell_it(
     assert (once.parameter, once.unit) == (parameter, unit)
     assert once.value == pytest.approx(value, rel=1e-9)
     assert thrice.value == pytest.approx(3.0 * value, rel=1e-9)
+
+
+def test_an_angle_that_grows_with_the_root_of_what_it_loses_is_a_size_too() -> None:
+    cause = CosineError("dz", along=True)
+    once, twice = (told_size(cause, size, LEGS) for size in (1.0, 2.0))
+    assert (once.parameter, once.unit) == ("angle", "rad")
+    assert twice.value == pytest.approx(np.sqrt(2.0) * once.value, rel=1e-3)
 
 
 def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list[Sort]) -> None:

@@ -14,6 +14,8 @@ from truing.simulation.cause import Cause, Effect, Scene
 _WHOLE = "the whole"
 # Patterns of an effect's parameters, over which its size is told.
 _PATTERNS = 32
+# What grows by less than this with twice the size does not grow.
+_GROWN = 1.2
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,12 @@ def _values(cause: Cause, size: float, legs: int, rng: np.random.Generator) -> N
 def told_size(cause: Cause, size: float, legs: int) -> Size:
     """Return a size in plausible scales as the tables tell it.
 
-    Of the parameters that grow with it (a phase does not) it is told by the last, and others of its unit.
+    Of the parameters that grow with it (a phase does not; the angle of a lost cosine grows with its root) it is told by
+    the last, and others of its unit.
     """
     once, twice = (_root_mean_squares(cause, factor * size, legs) for factor in (1.0, 2.0))
     growing = [key for key in once if np.isclose(twice[key], 2.0 * once[key], rtol=0.05)]
+    growing = growing or [key for key in once if twice[key] > _GROWN * once[key]]
     if not growing:  # a count is told as a whole number
         first = cause.parameters(legs)[0]
         return Size(first.name, size * first.scale / first.si, first.unit)

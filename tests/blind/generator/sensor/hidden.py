@@ -143,7 +143,7 @@ def _slipped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 
 def _talking(campaign: Campaign, rng: np.random.Generator) -> OfSize:
-    one, other = rng.choice(campaign.layout.signals, 2, replace=False).tolist()
+    one, other = rng.choice(len(AXES), 2, replace=False).tolist()  # not a second bridge: nobody knows what that shows
     fraction = 0.005 * _sign(rng)
     return lambda size: recording.Crosstalk(one, other, size * fraction)
 
@@ -187,10 +187,14 @@ def _own_or_any(campaign: Campaign, axis: int, rng: np.random.Generator) -> int:
     return int(rng.choice(np.flatnonzero(campaign.seen[loaded].any(axis=0))))
 
 
-def _of_load(kind: type[strange.StrangeOfLoad]) -> Draw:
+def _of_load(kind: type[strange.StrangeOfLoad], *, across_it: bool = False) -> Draw:
+    """Of a load along any axis; ``across_it`` not in its own component, where it would be a stiffness."""
+
     def draw(campaign: Campaign, rng: np.random.Generator) -> OfSize:
         axis, sign = _axis(campaign, rng), _sign(rng)
         channel = _own_or_any(campaign, axis, rng)
+        while across_it and channel == axis:
+            axis, channel = _axis(campaign, rng), _channel(campaign, rng)
         return lambda size: kind(channel, size * 3 * sign * _noise(campaign, channel), axis)
 
     return draw
@@ -246,7 +250,7 @@ def _growing_noise(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 WEATHER = frozenset({"weather"})
 STRANGE: Mapping[str, Kind] = {
     "a joint slips beyond half load": Kind(_of_load(strange.JointSlips)),
-    "platform bulges under a load": Kind(_of_load(strange.Bulges), frozenset({"both"})),
+    "platform bulges under a load": Kind(_of_load(strange.Bulges, across_it=True), frozenset({"both", "six"})),
     "mount settles under the largest load": Kind(_of_load(strange.SettlesForGood)),
     "load of two steps before": Kind(_of_load(strange.Remembers)),
     "product of two loads": Kind(_of_channel(_product), frozenset({"together"})),
