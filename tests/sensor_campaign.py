@@ -21,7 +21,7 @@ LARGEST = np.array([2000.0, 2000.0, 4000.0, 100.0, 100.0, 100.0])
 UP_AND_DOWN = np.array([0, 1, 2, 3, 4, 3, 2, 1, 0, -1, -2, -3, -4, -3, -2, -1, 0]) / 4.0
 
 _BASE, _TOP = np.radians([20, 100, 140, 220, 260, 340]), np.radians([40, 80, 160, 200, 280, 320])
-_HEIGHT_MM = 60.0
+HEIGHT_MM = 60.0
 
 
 def _ring(radius_mm: float, angle: NDArray) -> NDArray:
@@ -42,7 +42,7 @@ name = "{name}"
 kind = "interferometer"
 [mechanism]
 type = "6-upur"
-height_mm = {_HEIGHT_MM}
+height_mm = {HEIGHT_MM}
 legs = [
 {legs}]
 elements = [
@@ -58,7 +58,7 @@ signal_mv = {SIGNAL_MV}
 
 def sensor() -> ElasticSensor:
     """The sensor of ``campaign_toml``."""
-    joints = joint_centres(LOWER_MM * 1e-3, UPPER_MM * 1e-3, _HEIGHT_MM * 1e-3)
+    joints = joint_centres(LOWER_MM * 1e-3, UPPER_MM * 1e-3, HEIGHT_MM * 1e-3)
     return elastic_sensor(joints, [elements.cylinder(0.03, 0.005, 206e9, 0.3), elements.rigid()])
 
 
