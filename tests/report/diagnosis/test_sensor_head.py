@@ -32,7 +32,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "load-eccentricity",
             "load mx",
             {"force_y": size(0.12, 0.01, "1/m")},
-            "The torque about x brings a force along: 0.120 ± 0.010 N per N·m towards +y",
+            "The torque about x brings a force along: 120 ± 10 N per kN·m towards +y",
         ),
         (
             "load-imbalance",

@@ -18,7 +18,7 @@ _BARE = {
     **dict.fromkeys(("asymmetry", "cubic", "width", "fraction"), _PER_CENT),
 }
 # From here on a scale is told in per cent.
-_LARGE_SCALE = 1e-3
+_LARGE_SCALE = 5e-4
 _OTHERS = {
     "1/K": (1e6, "ppm/K"),
     "1/mm": (1e3, "um/mm2"),
@@ -27,7 +27,7 @@ _OTHERS = {
     "mm/mm": (1e3, "um/mm"),
     "rad": (180.0 / math.pi, "deg"),
     "m": (1e3, "N·m per kN"),  # a moment that comes with a force
-    "1/m": (1.0, "N per N·m"),  # a force that comes with a torque
+    "1/m": (1e3, "N per kN·m"),  # a force that comes with a torque
 }
 _SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))
 # Lengths that are read off a drawing, or with a rule, not off an instrument.

@@ -14,6 +14,7 @@ from truing.report.numbers import plain, rough, sign
 if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
+    from numpy.typing import NDArray
 
 _SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with them", BLUE, "circle"))
 _AS_IT_IS = (("before", "simulation as it is", BLUE, "circle"),)
@@ -72,6 +73,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     rows = -(-len(panels) // 2)
     titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
     figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
+    shapes: list[dict[str, Any]] = []
     for place, (channel, axis) in enumerate(panels):
         own = _under(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
@@ -91,12 +93,12 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                     place // 2 + 1,
                     place % 2 + 1,
                 )
-        _band(figure, own, place // 2 + 1, place % 2 + 1)
+        shapes += _band(own, place + 1)
         figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
     words = "Measured − predicted where it is largest beside the noise (grey: 95 % of it); upright: the load grows"
     style(figure, "How far predictions miss, against the load", words, 160 + 270 * rows)
     figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
-    figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136})
+    figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136}, shapes=shapes)
     return figure
 
 
@@ -107,6 +109,7 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
 
     channels = channels_of(misses)
     figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
+    shapes: list[dict[str, Any]] = []
     scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
     for row, channel in enumerate(channels, 1):
         own = misses[misses["channel"] == channel].reset_index(drop=True)
@@ -127,12 +130,12 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                 row,
                 1,
             )
-        _band(figure, own, row, 1)
+        shapes += [*_band(own, row), *_between_runs(own, row)]
         figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
-        figure.update_xaxes(**_run_axis(figure, own, row), row=row, col=1)
+        figure.update_xaxes(**_run_axis(own), row=row, col=1)
     words = "Measured − predicted, runs one after the other; grey: where 95 % of the noise lies"
     style(figure, "How far predictions miss, in the order taken", words, 140 + 130 * len(channels))
-    figure.update_layout(legend=_LEGEND, margin={"t": 110})
+    figure.update_layout(legend=_LEGEND, margin={"t": 110}, shapes=shapes)
     return figure
 
 
@@ -168,12 +171,26 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
 
 
-def _band(figure: go.Figure, own: pd.DataFrame, row: int, column: int) -> None:
-    """Where 95 % of the noise lies; in a panel that holds its marks already, or plotly draws none."""
+def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+    """Where 95 % of the noise lies, as a shape of a panel (from 1)."""
     noise = _BAND * root_mean_square(own["noise"])
-    if noise > 0.0:
-        shape = {"fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}
-        figure.add_hrect(y0=-noise, y1=noise, row=row, col=column, **shape)
+    if not noise > 0.0:
+        return []
+    number = "" if panel == 1 else str(panel)
+    place = {"xref": f"x{number} domain", "yref": f"y{number}", "x0": 0.0, "x1": 1.0, "y0": -noise, "y1": noise}
+    return [{"type": "rect", **place, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
+
+
+def _between_runs(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+    """Lines between runs, as shapes of a panel: one call for all of them, as plotly is slow for each."""
+    line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
+    place = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
+    return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(own)[1:] - 0.5).tolist()]
+
+
+def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
+    """Rows in which a run begins."""
+    return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
 
 
 def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
@@ -183,11 +200,9 @@ def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
     ]
 
 
-def _run_axis(figure: go.Figure, own: pd.DataFrame, row: int) -> dict[str, Any]:
-    """Lines between runs, and their names where there is room for them."""
-    first = np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
-    for start in first[1:]:
-        figure.add_vline(x=float(start) - 0.5, line={"color": GREY, "width": 0.5, "dash": "dot"}, row=row, col=1)
+def _run_axis(own: pd.DataFrame) -> dict[str, Any]:
+    """The names of the runs where there is room for them."""
+    first = _first_of_runs(own)
     middles = 0.5 * (first + np.append(first[1:], len(own)) - 1.0)
     shown = range(0, len(first), max(1, -(-len(first) // _RUNS_NAMED)))
     names = [_run_words(own[own["run"] == own["run"].iloc[first[k]]]) for k in shown]
