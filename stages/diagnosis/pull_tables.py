@@ -27,24 +27,41 @@ class Fitted:
     covariance: NDArray
 
 
+@dataclass(frozen=True)
+class Belief:
+    """How far unknowns (n,) moved from where they were believed to be, and their covariance (n, n), in prior sigmas."""
+
+    shift: NDArray
+    covariance: NDArray
+
+
 def pull_tables(before: Fitted, after: Fitted) -> dict[str, pa.Table]:
     """Return pulls.parquet and pull_sums.parquet; without rows where no tolerance says where the geometry belongs.
 
     Shifts are counted from nominal, also where the campaign starts from an earlier one: what that knew is data.
     """
     geometries = [identified_geometry(one.model, one.shared, one.covariance) for one in (before, after)]
-    found = [_pulls(geometry) for geometry in geometries]
-    rows, sums, known = Rows("pulls"), Rows("pull_sums"), geometries[1].known
-    if known.any():
-        entries = [entry for entry, kept in zip(geometries[1].parameters, known, strict=True) if kept]
+    kept = zip(geometries[1].parameters, geometries[1].known, strict=True)
+    names: list[tuple[int | None, str]] = [(entry.leg + 1, entry.name) for entry, known in kept if known]
+    return _tables(names, *(_pulls(geometry) for geometry in geometries))
+
+
+def sensor_pull_tables(names: list[tuple[int | None, str]], before: Belief, after: Belief) -> dict[str, pa.Table]:
+    """Return the same of a sensor, whose unknowns are named by leg (None: all legs) and what they are."""
+    return _tables(names, *(pulls(one.shift, np.eye(len(names)), one.covariance) for one in (before, after)))
+
+
+def _tables(names: list[tuple[int | None, str]], before: Pulls, after: Pulls) -> dict[str, pa.Table]:
+    rows, sums = Rows("pulls"), Rows("pull_sums")
+    if names:
         rows.add(
-            leg=[entry.leg + 1 for entry in entries],
-            parameter=[entry.name for entry in entries],
-            pull_before=found[0].pull,
-            pull_after=found[1].pull,
-            identifiable=found[1].identifiable,
+            leg=[leg for leg, _ in names],
+            parameter=[name for _, name in names],
+            pull_before=before.pull,
+            pull_after=after.pull,
+            identifiable=after.identifiable,
         )
-        for model, one in zip(("plain", "extended"), found, strict=True):
+        for model, one in (("plain", before), ("extended", after)):
             band = {"lower": one.lower, "upper": one.upper, "p_value": one.p_value}
             sums.add(model=model, chi_square=one.chi_square, freedom=one.freedom, **band)
     return {"pulls": rows.table(), "pull_sums": sums.table()}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from schemas.artifacts import ARTIFACTS
+from stages.diagnosis.pull_tables import Belief, sensor_pull_tables
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from stages.diagnosis.shown import Channels
     from truing.estimation.diagnosis.acceptance import Diagnosis
+    from truing.estimation.diagnosis.fitted_model import Stand
     from truing.estimation.diagnosis.prediction_error import PredictionError
 
 
@@ -25,7 +27,16 @@ def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) ->
     final = diagnosis.final
     context = {"campaign": settings.campaign.name}
     text = write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context))
-    return {"reading_errors": _errors_table(diagnosis, channels), "model": text}
+    names = final.model.known.sensor.unknowns
+    pulled = sensor_pull_tables(names, _belief(diagnosis.plain), _belief(final))
+    return {"reading_errors": _errors_table(diagnosis, channels), "model": text, **pulled}
+
+
+def _belief(stand: Stand) -> Belief:
+    """How far the sensor's unknowns moved in a fit."""
+    layout = stand.model.layout
+    own = np.r_[layout["geometry"], layout["stiffness"]]
+    return Belief(stand.fit.shared[own], stand.covariance()[np.ix_(own, own)])
 
 
 def _errors_table(diagnosis: Diagnosis, channels: Channels) -> pa.Table:

@@ -16,9 +16,9 @@ from truing.simulation.cause import Effect, Scene
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from truing.simulation.reading_model import ReadingModel
 
     from schemas.campaign import Campaign
+    from truing.simulation.reading_model import ReadingModel
 
 _VOLT_MV = 1e3
 

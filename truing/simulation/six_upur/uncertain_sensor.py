@@ -83,6 +83,18 @@ class UncertainSensor:
             return 1
         return (1 + _LEGS) * len(self.elastic.parts.names)
 
+    @property
+    def unknowns(self) -> list[tuple[int | None, str]]:
+        """Return what the unknowns are, lengths first: leg (from 1; None where all legs share it) and name."""
+        named: list[tuple[int | None, str]] = [
+            (int(place) // len(SOURCES) + 1, SOURCES[int(place) % len(SOURCES)]) for place in self.sources
+        ]
+        if self.stiffness_size == 1 or self.elastic is None:
+            return [*named, *([(None, "stiffness")] * self.stiffness_size)]
+        legs: list[int | None] = [None, *range(1, _LEGS + 1)]
+        parts = self.elastic.parts.names if self.stiffness_size else ()
+        return [*named, *((leg, f"stiffness of {part}") for leg in legs for part in parts)]
+
     def at(self, geometry: NDArray, stiffness: NDArray) -> Response:
         """Return the response at unknowns (geometry_size,) and (..., stiffness_size), in standard deviations."""
         slopes, plain = self.by_geometry, self._elastically(stiffness)
