@@ -189,6 +189,9 @@ def design(
     trade_off: Annotated[
         float, typer.Option("--trade-off", min=0.0, max=1.0, help="Order: 0 short travel, 1 time apart from poses.")
     ] = 0.75,
+    at_once: Annotated[
+        int, typer.Option("--at-once", min=1, max=6, help="Interferometer: components of a load that act together.")
+    ] = 6,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
@@ -197,6 +200,7 @@ def design(
     """Choose where to measure: the configurations from which a calibration learns most, and how near the best they are.
 
     A campaign.toml with a mechanism and a [workspace] is enough; poses measured already are judged by the same measure.
+    Of an interferometer campaign: load steps within [loading] that tell most of the sensor's calibration matrix.
 
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
     """
@@ -206,7 +210,7 @@ def design(
         from stages.design import DesignWish
 
         names = tuple(name.strip() for name in parameters.split(",") if name.strip())
-        wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed)
+        wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed, at_once)
         return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
 
     _end(choose)

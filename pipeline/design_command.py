@@ -35,22 +35,52 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
     if files.out is not None and files.out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out))])
     campaign = open_campaign(place)
-    found = design(campaign.validated(), wish, _tables(campaign, files))
     voice = Voice(quiet=False)
+    if campaign.validated().campaign.kind == "interferometer":
+        return _plan_loads(campaign, wish, files, voice)
+    found = design(campaign.validated(), wish, _tables(campaign, files))
     for line in words_of(found):
         voice.say(line)
-    _hand_over(found.table, files.out, voice)
+    _hand_over(found.table, files.out, voice, f"{found.table.num_rows} poses, in the order in which to measure them")
     return ExitCode.DONE
 
 
-def _hand_over(table: pa.Table, out: Path | None, voice: Voice) -> None:
+def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
+    """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
+    from stages.load_design import plan_loads, words_of_loads
+
+    given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(wish.parameters) or None}
+    if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
+        raise CampaignFaults(of_poses)
+    found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
+    for line in words_of_loads(found):
+        voice.say(line)
+    _hand_over(found.table, files.out, voice, f"{found.table.num_rows} load steps, in the order in which to apply them")
+    return ExitCode.DONE
+
+
+def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
+    """The campaign's own readings and signals; nothing where it holds none yet, or has faults."""
+    from stages.ingestion.loading_tables import TABLES, read_loading_tables
+    from truing.formats.faultlog import FaultLog
+    from truing.formats.source import CampaignFiles
+
+    settings, log = campaign.validated(), FaultLog()
+    source = CampaignFiles(campaign.folder, settings)
+    if not any(source.entries(name) for name in TABLES):
+        return {}
+    found = read_loading_tables(source, settings, log)
+    return {} if log else found.artifacts
+
+
+def _hand_over(table: pa.Table, out: Path | None, voice: Voice, what: str) -> None:
     from pipeline.whole_file import write_whole
 
     if out is None:
         voice.say(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
     write_whole(out, table_bytes(table, out.suffix))
-    voice.say(f"{table.num_rows} poses, in the order in which to measure them: {out}; fill in time_s when measuring")
+    voice.say(f"{what}: {out}; fill in time_s when measuring")
 
 
 def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:

@@ -34,7 +34,8 @@ class DesignWish:
     """What is asked for.
 
     method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
-    readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`.
+    readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`;
+    at_once: components of a load that may act together.
     """
 
     poses: int
@@ -44,6 +45,7 @@ class DesignWish:
     parameters: tuple[str, ...] = ()
     trade_off: float = TRADE_OFF
     seed: int = 0
+    at_once: int = 6
 
 
 @dataclass(frozen=True)
