@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from truing.estimation.design.observability import Observability, observe
     from truing.estimation.errors_in_variables.descent import Prior
     from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
+    from truing.estimation.interferometry.fringes import count_fringes, length_from_phase
+    from truing.estimation.interferometry.quadrature import EllipseFit, corrected_phase, fit_ellipse
     from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies, label_points
     from truing.estimation.least_squares.solver import Solution, SolverStatus, least_squares
     from truing.estimation.response import ResponseFit, fit_response
@@ -27,16 +29,26 @@ if TYPE_CHECKING:
     from truing.estimation.rigid_poses.robust_pose import robust_pose
     from truing.estimation.rotation import exp_so3, log_so3, skew
     from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
+    from truing.estimation.sensor.calibrate import fit_calibration
+    from truing.estimation.sensor.calibration import Calibration, CalibrationModel
+    from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
+    from truing.estimation.sensor.load_table import LoadTable, load_table
+    from truing.simulation.air import ciddor_index, edlen_index
     from truing.simulation.calibration_problem import CalibrationProblem
     from truing.simulation.cause import Cause, Parameter, Step
     from truing.simulation.chain import State, simulate
     from truing.simulation.extended_model import ExtendedModel, predict_poses
+    from truing.simulation.extended_sensor import ExtendedSensor, predict_readings
     from truing.simulation.kinematics import forward, inverse
     from truing.simulation.legs import Closure, Legs
     from truing.simulation.mechanisms import mechanism
     from truing.simulation.model_text import read_model
     from truing.simulation.parameters import ParameterSet, full_set, report_set
     from truing.simulation.recalibration import recalibrate
+    from truing.simulation.sensor_text import read_sensor
+    from truing.simulation.six_upur.geometry import JointCentres, joint_centres
+    from truing.simulation.six_upur.influence import influence_matrix, merit
+    from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
     from truing.simulation.structure import Machine, poses_at, readings_at
     from truing.simulation.structures import structures
 
@@ -44,18 +56,25 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Absorption",
+    "Calibration",
+    "CalibrationModel",
     "CalibrationProblem",
     "Cause",
     "Closure",
+    "ElasticSensor",
+    "EllipseFit",
     "ErrorsInVariablesFit",
     "ExtendedModel",
+    "ExtendedSensor",
     "FitStatus",
     "IdentifiableSet",
     "Inseparable",
+    "JointCentres",
     "Labelling",
     "LabellingStatus",
     "Legs",
     "LineFit",
+    "LoadTable",
     "Machine",
     "Observability",
     "Parameter",
@@ -71,9 +90,17 @@ __all__ = [
     "State",
     "Step",
     "absorb",
+    "calibration_matrix",
     "choose_identifiable",
+    "ciddor_index",
     "consensus",
+    "corrected_phase",
+    "count_fringes",
+    "edlen_index",
+    "elastic_sensor",
     "exp_so3",
+    "fit_calibration",
+    "fit_ellipse",
     "fit_errors_in_variables",
     "fit_line",
     "fit_response",
@@ -81,18 +108,25 @@ __all__ = [
     "full_set",
     "generalised_procrustes",
     "haralick",
+    "influence_matrix",
     "inseparable",
     "inverse",
+    "joint_centres",
     "label_bodies",
     "label_points",
     "least_squares",
+    "length_from_phase",
+    "load_table",
     "log_so3",
     "maximum_likelihood",
     "mechanism",
+    "merit",
     "observe",
     "poses_at",
     "predict_poses",
+    "predict_readings",
     "read_model",
+    "read_sensor",
     "readings_at",
     "recalibrate",
     "refine_scan",
@@ -103,37 +137,50 @@ __all__ = [
     "skew",
     "structures",
     "umeyama",
+    "wrenches",
 ]
 
 _ROOMS = {
     "truing.estimation.design.absorption": ("Absorption", "absorb"),
     "truing.estimation.design.combinations": ("Inseparable", "inseparable"),
-    "truing.estimation.errors_in_variables.fit": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
-    "truing.estimation.errors_in_variables.descent": ("Prior",),
-    "truing.estimation.rigid_poses.haralick": ("haralick",),
     "truing.estimation.design.identifiable_set": ("IdentifiableSet", "choose_identifiable"),
+    "truing.estimation.design.observability": ("Observability", "observe"),
+    "truing.estimation.errors_in_variables.descent": ("Prior",),
+    "truing.estimation.errors_in_variables.fit": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
+    "truing.estimation.interferometry.fringes": ("count_fringes", "length_from_phase"),
+    "truing.estimation.interferometry.quadrature": ("EllipseFit", "corrected_phase", "fit_ellipse"),
     "truing.estimation.labels.labelling": ("Labelling", "LabellingStatus", "label_bodies", "label_points"),
     "truing.estimation.least_squares.solver": ("Solution", "SolverStatus", "least_squares"),
+    "truing.estimation.response": ("ResponseFit", "fit_response"),
+    "truing.estimation.rigid_poses.haralick": ("haralick",),
     "truing.estimation.rigid_poses.likelihood": ("maximum_likelihood",),
     "truing.estimation.rigid_poses.line_fit": ("LineFit", "fit_line"),
-    "truing.estimation.design.observability": ("Observability", "observe"),
     "truing.estimation.rigid_poses.procrustes": ("ProcrustesFit", "generalised_procrustes"),
-    "truing.estimation.scans.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
-    "truing.estimation.response": ("ResponseFit", "fit_response"),
     "truing.estimation.rigid_poses.rigid": ("FitStatus", "RigidFit", "umeyama"),
     "truing.estimation.rigid_poses.robust": ("consensus",),
     "truing.estimation.rigid_poses.robust_pose": ("robust_pose",),
     "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
+    "truing.estimation.scans.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
+    "truing.estimation.sensor.calibrate": ("fit_calibration",),
+    "truing.estimation.sensor.calibration": ("Calibration", "CalibrationModel"),
+    "truing.estimation.sensor.calibration_matrix": ("calibration_matrix", "wrenches"),
+    "truing.estimation.sensor.load_table": ("LoadTable", "load_table"),
+    "truing.simulation.air": ("ciddor_index", "edlen_index"),
     "truing.simulation.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),
     "truing.simulation.chain": ("State", "simulate"),
     "truing.simulation.extended_model": ("ExtendedModel", "predict_poses"),
+    "truing.simulation.extended_sensor": ("ExtendedSensor", "predict_readings"),
     "truing.simulation.kinematics": ("forward", "inverse"),
     "truing.simulation.legs": ("Closure", "Legs"),
     "truing.simulation.mechanisms": ("mechanism",),
     "truing.simulation.model_text": ("read_model",),
     "truing.simulation.parameters": ("ParameterSet", "full_set", "report_set"),
     "truing.simulation.recalibration": ("recalibrate",),
+    "truing.simulation.sensor_text": ("read_sensor",),
+    "truing.simulation.six_upur.geometry": ("JointCentres", "joint_centres"),
+    "truing.simulation.six_upur.influence": ("influence_matrix", "merit"),
+    "truing.simulation.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),
     "truing.simulation.structure": ("Machine", "poses_at", "readings_at"),
     "truing.simulation.structures": ("structures",),
 }
