@@ -105,8 +105,8 @@ def _cause_by_cause(found: list[Judged], of: Compared) -> Drawn:
     words = of.fitted_or_not
     if of is not POINTS:
         # Each is told over the channels that it moves: one does not go on where another ends.
-        starts = ["simulation as it is", *(["with what was found before"] * (len(rows) - 1))]
-        return [(gain_figures.misses([row], of, start), words) for row, start in zip(rows, starts, strict=True)]
+        start = "with what was found before"
+        return [(gain_figures.misses([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
     return [(gain_figures.misses([row for row in rows if row.unit == unit], of), words) for unit in units]
 
 

@@ -77,7 +77,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     for place, (channel, axis) in enumerate(panels):
         own = _under(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
-            for back, branch, symbol in ((False, "loading", "triangle-up"), (True, "unloading", "triangle-down")):
+            for back, symbol in ((False, "triangle-up"), (True, "triangle-down")):
                 part = own[goes_back(own, axis) == back]
                 figure.add_trace(
                     go.Scatter(
@@ -85,9 +85,9 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                         y=part[when],
                         mode="markers",
                         marker={"color": colour, "symbol": f"{symbol}-open" if when == "before" else symbol, "size": 7},
-                        name=f"{words}, {branch}",
-                        legendgroup=f"{when} {branch}",
-                        showlegend=place == 0,
+                        name=words,
+                        legendgroup=when,
+                        showlegend=place == 0 and not back,
                         hovertemplate="%{x} " + LOAD_UNITS[axis] + ": %{y:.3g}<extra>" + words + "</extra>",
                     ),
                     place // 2 + 1,
@@ -95,7 +95,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                 )
         shapes += _band(own, place + 1)
         figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
-    words = "Measured − predicted where it is largest beside the noise (grey: 95 % of it); upright: the load grows"
+    words = "Measured − predicted where it is largest beside the noise (grey: 95 % of it); pointing up: loading"
     style(figure, "How far predictions miss, against the load", words, 160 + 270 * rows)
     figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
     figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136}, shapes=shapes)

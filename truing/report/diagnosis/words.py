@@ -41,7 +41,7 @@ def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
     """The lines of the head that tell the diagnosis, the one to act on first."""
     rows = judged(tables)
     if not rows:
-        return [("none", f"Diagnosis not evaluated: {why_no_diagnosis(tables)}")]
+        return [("none", f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")]
     found = found_of(rows)
     told = [_first(found, rows, tables), *_rivals(found, rows, tables), *_next(found, tables)]
     return [line for line in told if line[1]]

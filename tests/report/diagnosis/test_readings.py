@@ -1,0 +1,167 @@
+"""The page of a bench: readings before and after by channel, load and time, in words of runs and loads."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from tests.report.bench_tables import AXES, CHANNELS, LEVELS, NOISE, bench_tables, rejected
+from tests.report.diagnosis_parts import part_of, text_of
+from tests.report.diagnosis_tables import row, rows, size
+from tests.report.test_page import Reader, render
+from tests.tolerance import assert_close
+from truing.report.diagnosis.section import diagnosis
+from truing.report.head import build_head
+from truing.report.measured_section import measured
+
+RUNS = len(AXES) * len(CHANNELS)
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return bench_tables()
+
+
+@pytest.fixture(scope="module")
+def gain(tables):
+    return part_of("gain", tables)
+
+
+def _rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_the_map_holds_the_rms_over_the_declared_noise(tables, gain):
+    before, after = gain.figures[1][0].data
+    errors = tables["reading_errors"].assign(fz=tables["readings"]["fz_n"])
+    under = errors["run"].isin(errors.loc[errors["fz"] != 0.0, "run"]) & (errors["channel"] == "ry")
+    assert list(before.x) == list(AXES)
+    assert list(before.y)[: len(CHANNELS)] == list(CHANNELS)
+    for trace, column in ((before, "missed_before"), (after, "missed_after")):
+        told = float(trace.text[list(trace.y).index("ry")][list(trace.x).index("fz")])
+        assert told == pytest.approx(_rms(errors.loc[under, column]) / NOISE["ry"], rel=0.05)
+
+
+def test_the_panels_are_those_that_are_missed_most(tables, gain):
+    figure = gain.figures[2][0]
+    titles = [note.text for note in figure.layout.annotations]
+    assert titles == ["ry under fz (arcsec)", "rx under fz (arcsec)"]
+    first = [trace for trace in figure.data if trace.xaxis == "x" and trace.name == "without the causes"]
+    drawn = sorted((x, y) for trace in first for x, y in zip(trace.x, trace.y, strict=True))
+    own = tables["reading_errors"].assign(fz=tables["readings"]["fz_n"]).query("channel == 'ry'")
+    own = own[own["run"].isin(own.loc[own["fz"] != 0.0, "run"])]
+    assert_close(np.array(drawn), np.array(sorted(zip(own["fz"], own["missed_before"], strict=True))), atol=1e-12)
+    loading, unloading = first
+    assert np.abs(loading.x).max() == 9000.0
+    assert np.abs(unloading.x).max() == 6000.0
+
+
+def test_the_order_is_that_of_time_and_runs_are_apart(tables, gain):
+    shuffled = {**tables, "reading_errors": tables["reading_errors"].sample(frac=1.0, random_state=1)}
+    figures = [one.figures[3][0] for one in (gain, part_of("gain", shuffled))]
+    for own, other in zip(figures[0].data, figures[1].data, strict=True):
+        assert_close(own.y, other.y, atol=0.0)
+    lines = [shape for shape in figures[0].layout.shapes if shape.type == "line" and shape.xref == "x"]
+    assert len(lines) == len(AXES) - 1
+    assert list(figures[0].layout.xaxis.ticktext) == ["1: fx", "5: fz", "9: mx"]
+
+
+def test_the_table_holds_each_channel(tables, gain):
+    listing = gain.listings[0]
+    assert [line[0] for line in listing.rows] == list(CHANNELS)
+    own = tables["reading_errors"].query("channel == 'rx'")
+    line = dict(zip(listing.heads, listing.rows[2], strict=True))
+    assert line["runs"] == "3"
+    assert float(line["rms before"].partition(" (")[0]) == pytest.approx(_rms(own["missed_before"]), rel=0.005)
+    assert float(line["largest after"]) == pytest.approx(own["missed_after"].abs().max(), rel=0.005)
+
+
+def test_runs_that_were_held_out_stand_by_themselves():
+    part = part_of("gain", bench_tables(held=4, signals=0))
+    names = [line[0] for line in part.listings[0].rows]
+    assert "dx, fitted runs" in names
+    assert "dx, held-out runs" in names
+    assert part.lead.startswith(
+        "On the held-out runs, which nothing was fitted to, predictions miss by 0.22 arcsec rms"
+    )
+
+
+def test_several_findings_are_told_over_all_channels_of_a_unit_beside_the_declared_noise():
+    tilt = row("cosine-error", subject="channel rx", parameters={"angle": size(0.008, 0.001, "rad")}, unit="arcsec")
+    off = row("load-eccentricity", subject="load fz", parameters={"offset_x": size(5.0, 0.1, "mm")}, unit="arcsec")
+    tables = bench_tables(rows(off, tilt), signals=0)
+    said = build_head("c", tables).verdicts[0][1]
+    own = tables["reading_errors"].query("unit == 'arcsec'")
+    before, after = (f"{_rms(own[f'missed_{when}']):#.2g}" for when in ("before", "after"))
+    assert f"modelling both brings errors from {before} to {after} arcsec, declared noise 0.20." in said
+
+
+def test_nothing_found_is_told_unit_by_unit():
+    tables = bench_tables(rows(*rejected()), signals=0)
+    mark, said = build_head("c", tables).verdicts[0]
+    assert mark == "pass"
+    assert "load eccentricity 0.11 mm or 20 N per kN·m, stiffness scale 0.40 %" in said
+    part = part_of("gain", tables)
+    assert "arcsec rms; that is" in part.lead
+    assert "µm rms; that is" in part.lead
+    assert {trace.name for trace in part.figures[1][0].data if trace.name} == {"simulation as it is"}
+
+
+def test_components_of_one_cause_stand_in_one_line():
+    tables = bench_tables()
+    both = tables["detectable"].query("cause == 'load-eccentricity'").iloc[:1]
+    tables["detectable"] = both.assign(parameter="offset_y offset_z", size=0.3, subject="load fx")
+    listing = part_of("hidden", tables).listings[0]
+    assert listing.rows[0][1:5] == ("offset", "load fx", "0.30 mm", "0.30 mm")
+
+
+def test_a_page_of_a_bench_speaks_of_no_poses(tables):
+    text = Reader(render(tables)).text
+    assert not re.findall(r"\b[Pp]oses?\b", text.partition("Provenance The digest")[0])
+    assert "held-out errors from 4.2 to 0.22 arcsec, noise floor 0.20" in text
+    assert "What would confirm it is told in words" in text
+
+
+def test_measured_tells_loads_channels_and_surroundings(tables):
+    section = measured(tables)
+    assert section.lead.startswith(f"{RUNS * len(LEVELS)} load steps in {RUNS} runs over 9.4 h, one load at a time.")
+    assert section.lead.endswith("Read were dx, dz, rx, ry (one in each run) and 6 signals (v1 to v6).")
+    loads, channels, surroundings, runs = section.listings
+    assert loads.rows[1] == ("fz", "4", "40", "6", "-9,000 N", "9,000 N", "up and down, both signs")
+    assert [line[0] for line in channels.rows] == [*CHANNELS, *(f"v{k}" for k in range(1, 7))]
+    assert surroundings.rows == (("temperature of the air", "20.01 °C", "20.12 °C", "156"),)
+    assert runs.rows[4][:5] == ("5", "calibration", "fz", "dx", "13")
+    tiles = dict(build_head("c", tables).tiles)
+    assert (tiles["runs"], tiles["load steps"], tiles["channels"], tiles["signals"]) == (
+        "12",
+        "156",
+        "dx dz rx ry",
+        "6",
+    )
+
+
+def test_what_was_never_read_is_an_empty_cell():
+    tables = bench_tables()
+    unread = (tables["readings"]["channel"] == "dz") & (tables["readings"]["run"] == 6)
+    tables["readings"] = tables["readings"][~unread]
+    counts = measured(tables).figures[1][0].data[0]
+    assert counts.text[1][1] == ""
+    assert counts.text[0][1] == "10"
+
+
+def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
+    whole = bench_tables(signals=8)
+    whole["diagnosis"] = whole["diagnosis"].iloc[:0]
+    whole["diagnosis"].attrs["said"] = "not evaluated: needs the elements of a leg, or a compliance_file"
+    tables = {name: whole[name] for name in ("signals", "diagnosis")}
+    head = build_head("c", tables)
+    assert head.verdicts[0] == (
+        "none",
+        "Diagnosis not evaluated: needs the elements of a leg, or a compliance_file.",
+    )
+    assert diagnosis(tables).state == "not evaluated"
+    assert "8 signals (v1 to v8); how the platform moved was not measured" in text_of(measured(tables))
+    assert "readings" not in dict(head.tiles)
+    Reader(render(tables))
