@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
 LEGS = 6
-_WHERE = {Step.DRIVE: "drive", Step.STRUCTURE: "structure", Step.INSTRUMENT: "instrument"}
+WHERE = {Step.DRIVE: "drive", Step.STRUCTURE: "structure", Step.INSTRUMENT: "instrument"}
 _CORNERS = (-0.1, -0.1, 0.0, 0.1, -0.1, 0.0, 0.1, 0.1, 0.0, -0.1, 0.1, 0.05)
 # Causes that only stand for something once they are told what it concerns.
 _MARKS = ("T1", "T2", "T3", "T4")
@@ -64,7 +64,7 @@ def parameters(cause: Cause) -> str:
     sized: dict[str, str] = {}
     for entry in fullest.parameters(LEGS):
         unit = "" if entry.unit == "1" else f" {entry.unit}"
-        sized.setdefault(_stem(entry.name), f"{entry.scale / entry.si:.2g}{unit}")
+        sized.setdefault(_stem(entry.name), f"{float(f'{entry.scale / entry.si:.2g}'):g}{unit}")
     by_size: dict[str, list[str]] = {}
     for stem, size in sized.items():
         by_size.setdefault(size, []).append(f"`{stem}`")
@@ -96,7 +96,7 @@ def catalogue_table() -> str:
     for own in OWN_CAUSES:
         cause = example(own.id)
         needs = ", ".join(f"`{name}`" for name in cause.needs(LEGS)) if cause.catalogued else "what it follows"
-        rows.append([f"`{cause.id}`", _WHERE[cause.step], concerns(cause), parameters(cause), needs])
+        rows.append([f"`{cause.id}`", WHERE[cause.step], concerns(cause), parameters(cause), needs])
     return table(["id", "step", "may concern", "parameters as fitted, plausible size", "needs beside readings"], rows)
 
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from docs.experiments.causes import ALIKE, catalogue_table, compared, likeness
+from docs.experiments.causes_of_readings import COMPARED, TABLES
+from docs.experiments.causes_of_readings import likeness as likeness_of_readings
 from tests.conftest import PROJECT
 from tests.docs.shown import shown
-from truing.simulation.causes import OWN_CAUSES
+from truing.simulation.causes import OWN_CAUSES, OWN_CAUSES_OF_READINGS
 
 PAGE = (PROJECT / "docs" / "causes.md").read_text(encoding="utf-8")
 
@@ -22,6 +24,8 @@ def test_the_catalogue_is_that_of_the_code() -> None:
 def test_every_cause_has_its_section() -> None:
     sections = re.findall(r"^### (\S+)$", PAGE, re.M)
     assert sections == [cause.id for cause in OWN_CAUSES]
+    on_bench = re.findall(r"^#### (\S+)$", PAGE, re.M)
+    assert on_bench == [cause.id for cause in OWN_CAUSES_OF_READINGS]
 
 
 @pytest.mark.parametrize(("name", "bare"), [("likeness", False), ("likeness-bare", True)])
@@ -50,3 +54,30 @@ def test_a_gain_is_told_from_a_deformation_by_targets_on_the_attachments_alone()
 
 def test_nothing_imitates_itself_less_than_wholly() -> None:
     assert np.abs(np.diag(likeness(bare=True).left)).max() < 1e-6
+
+
+def test_the_catalogue_of_a_bench_is_that_of_the_code() -> None:
+    assert shown(PAGE, "catalogue-of-readings") == TABLES["catalogue-of-readings"]()
+
+
+@pytest.mark.parametrize(("name", "own"), [("likeness-of-readings", False), ("likeness-of-own-channels", True)])
+def test_what_a_bench_is_taken_for_is_as_computed(name: str, own: bool) -> None:
+    """To one per cent; what does not show at all is like nothing."""
+    rows = shown(PAGE, name).splitlines()[2:]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")[1:]] for row in rows]
+    found = likeness_of_readings(own=own)
+    assert [float(row.pop(0)) for row in cells] == pytest.approx(list(found.signal), rel=0.5, abs=0.002)
+    assert len(cells) == len(COMPARED)
+    for n, row in enumerate(cells):
+        for k, cell in enumerate(row):
+            if n != k and cell != "–":
+                assert float(cell.strip("*")) / 100 == pytest.approx(found.left[n, k], abs=0.011)
+            elif n != k:
+                assert found.signal[n] < 0.001
+
+
+def test_six_channels_tell_apart_what_a_single_one_cannot() -> None:
+    names = [cause.id for cause in COMPARED]
+    scale, angle = names.index("stiffness-scale"), names.index("cosine-error")
+    assert likeness_of_readings(own=False).left[scale, angle] > 0.9
+    assert likeness_of_readings(own=True).left[scale, angle] < 0.01

@@ -1,0 +1,152 @@
+"""The causes of a sensor on its bench in tables: the second part of docs/causes.md.
+
+    python -m docs.experiments.causes_of_readings
+
+asks every cause for its parameters, and puts their effects on sample_data/force-sensor side by side.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from docs.experiments.causes import ALIKE, DOCS, LEGS, WHERE, Likeness, Seen, left, parameters
+from docs.experiments.marked_tables import renew, table
+from truing.estimation.diagnosis.point_fit import Frames, fit_points
+from truing.simulation.cause import Cause
+from truing.simulation.causes import OWN_CAUSES_OF_READINGS
+from truing.simulation.causes.beams import AbbeOffset, CosineError
+from truing.simulation.causes.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.causes.load_history import Creep
+from truing.simulation.causes.load_path import ASYMMETRY, LoadEccentricity, LoadImbalance
+from truing.simulation.causes.stiffness import (
+    Hysteresis,
+    JointClearance,
+    StiffnessAsymmetry,
+    StiffnessNonlinear,
+    StiffnessScale,
+)
+from truing.simulation.reading_state import AIR, CHANNELS, MATERIAL
+
+CAMPAIGN = DOCS.parent / "sample_data" / "force-sensor"
+_CONCERNS = {
+    "load-eccentricity": "a load axis, or all forces",
+    "load-imbalance": "a load axis",
+    "joint-clearance": "a load axis",
+    "zero-drift": "a channel or signal, in all runs or one",
+    "thermal-drift": "a channel or signal, or all linear channels",
+    "cosine-error": "a channel",
+    "abbe-offset": "a linear channel, or all of them",
+    "dead-path": "a linear channel, or all of them",
+    "fringe-slip": "a linear channel in a run",
+    "crosstalk": "a signal",
+    "rows-exchanged": "a run, or two",
+    "unexplained": "a channel or signal",
+}
+_FORMS = {"thermal-drift": {"columns": (MATERIAL, AIR)}}
+# What is compared, under the load fz and in the channel dz: all that a run up and down may be taken for.
+COMPARED: tuple[Cause, ...] = (
+    LoadEccentricity("fz"),
+    LoadImbalance("fz", ("x",), (ASYMMETRY,)),
+    StiffnessScale("fz"),
+    StiffnessAsymmetry("fz"),
+    StiffnessNonlinear("fz"),
+    Hysteresis("fz"),
+    JointClearance("fz"),
+    Creep("fz", 60.0),
+    ZeroDrift("dz"),
+    ThermalDrift("dz", (AIR,)),
+    CosineError("dz"),
+    AbbeOffset("dz"),
+    DeadPath("dz"),
+    FringeSlip("dz", 15, 10, 10, True),
+    Crosstalk("v1", "v2"),
+)
+
+
+def catalogue_table() -> str:
+    """Return one row per cause of a bench."""
+    rows = []
+    for cause in OWN_CAUSES_OF_READINGS:
+        fullest = replace(cause, **_FORMS.get(cause.id, {}))
+        told, needs = parameters(fullest), ", ".join(f"`{name}`" for name in fullest.needs(LEGS))
+        if not cause.catalogued:
+            told, needs = "`degree1` .. four sigmas of the channel", "what it follows"
+        rows.append([f"`{cause.id}`", WHERE[cause.step], _CONCERNS.get(cause.id, "a load axis, or all"), told, needs])
+    return table(["id", "step", "may concern", "parameters as fitted, plausible size", "needs beside loads"], rows)
+
+
+@cache
+def _campaign() -> Seen:
+    """Return the sample campaign's plain model, fitted to what was read."""
+    from schemas.campaign import read_campaign
+    from stages.diagnosis.reading_points import gather_readings
+    from tests.stages.line import run_line
+
+    settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
+    gathered = gather_readings(run_line(CAMPAIGN, "ingest")[0], settings)
+    return _fitted(gathered.model, gathered.calibration.measured)
+
+
+def _fitted(model: object, measured: object) -> Seen:
+    steps = len(measured.seen)  # type: ignore[attr-defined]
+    start = np.zeros(model.shared_size), np.zeros((steps, model.local_size))  # type: ignore[attr-defined]
+    frames = Frames.of_numbers(steps)
+    return Seen(model, measured, fit_points(model, measured, frames, *start))  # type: ignore[arg-type]
+
+
+@cache
+def likeness(*, own: bool) -> Likeness:
+    """Return how strong causes are in the campaign, and how like each other; ``own``: where each load was watched by
+    its own channel alone."""
+    campaign = _campaign()
+    if own:
+        alone = campaign.measured.seen.copy()
+        load = campaign.model.conditions.readings
+        alone[:, : len(CHANNELS)] &= load != 0.0
+        alone[:, len(CHANNELS) :] = False
+        campaign = _fitted(campaign.model, replace(campaign.measured, seen=alone))
+    effects = [campaign.effect(cause) for cause in COMPARED]
+    signal = np.array([np.linalg.norm(of) for of in effects])
+    shares = np.array([[left(of, rival) if _shows(of) else np.nan for rival in effects] for of in effects])
+    return Likeness(signal, shares)
+
+
+def _shows(effect: NDArray) -> bool:
+    return bool(np.linalg.norm(effect) > 1e-3)
+
+
+def likeness_table(*, own: bool) -> str:
+    """Return the signals, and the shares in per cent, small ones in bold."""
+    found = likeness(own=own)
+    rows = []
+    for n, cause in enumerate(COMPARED):
+        cells = ["" if k == n else _cell(found.left[n, k]) for k in range(len(COMPARED))]
+        rows.append([f"{n + 1} `{cause.id}`", _sigmas(found.signal[n]), *cells])
+    return table(["hidden, and in its place", "sigma", *(str(n) for n in range(1, len(COMPARED) + 1))], rows)
+
+
+def _sigmas(signal: float) -> str:
+    return f"{signal:.0f}" if signal >= 9.5 else f"{signal:.1g}" if signal > 1e-3 else "0"
+
+
+def _cell(share: float) -> str:
+    if np.isnan(share):
+        return "–"
+    told = f"{100 * share:.0f}"
+    return f"**{told}**" if share < ALIKE else told
+
+
+TABLES = {
+    "catalogue-of-readings": catalogue_table,
+    "likeness-of-readings": lambda: likeness_table(own=False),
+    "likeness-of-own-channels": lambda: likeness_table(own=True),
+}
+
+if __name__ == "__main__":
+    renew(DOCS / "causes.md", TABLES)
