@@ -53,10 +53,14 @@ def test_a_stiffer_part_is_not_linearised() -> None:
 def test_a_given_compliance_takes_the_place_of_the_legs() -> None:
     given = sensor_of("A").compliance * 1.1
     alone = UncertainSensor(joints_of("A"), None, given, SIGMA, 0.05)
-    assert (alone.stiffness_size, alone.models) == (1, 1)
+    assert (alone.stiffness_size, alone.models) == (1, 2)
     assert_close(alone.at(np.zeros(30), np.ones(1)).compliance, given * np.exp(-0.05), atol=1e-18)
     beside = UncertainSensor(joints_of("A"), sensor_of("A"), given, SIGMA, 0.05)
     assert (beside.stiffness_size, beside.models) == (1, 2)
     assert_close(beside.at(np.zeros(30), np.zeros(1)).compliance, given, atol=1e-18)
+    # Legs that are alike and do not lengthen under what bends them: how they lengthen tells what runs along them.
+    along = alone.at(np.zeros(30), np.zeros(1)).forces[1]
+    truth = sensor_of("A").axial_forces
+    assert_close(along * (truth[0, 0] / along[0, 0]), truth, atol=1e-9)
     with pytest.raises(ValueError, match="found neither elements nor a compliance"):
         UncertainSensor(None)

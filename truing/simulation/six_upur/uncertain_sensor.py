@@ -27,7 +27,8 @@ _TINY = 1e-30
 class Response:
     """How a sensor answers: compliance (..., 6, 6), SI, and leg forces (..., M, 6, 6) by wrench as M models have them.
 
-    The first model is that of joints that resist nothing; the second, of elastic legs, is what runs along these.
+    The first model is that of joints that resist nothing; the second, of elastic legs, is what runs along these; of
+    a given compliance, what its legs' lengthening tells.
     """
 
     compliance: NDArray
@@ -37,6 +38,8 @@ class Response:
 @dataclass(frozen=True)
 class UncertainSensor:
     """A sensor of elastic legs, with what tolerances leave open of it; a ``given`` compliance (6, 6) replaces theirs.
+
+    One that is given as zero is not known: then nothing tells what bends the legs.
 
     geometry_sigma: (5,) m, by error source, 0 where exact; stiffness_sigma: relative, of every elastic parameter. Where
     no joints are known there are no leg forces (M = 0).
@@ -67,7 +70,7 @@ class UncertainSensor:
     @property
     def models(self) -> int:
         """Return the number M of models of the leg forces."""
-        return 0 if self.joints is None else 1 if self.elastic is None else 2
+        return 0 if self.joints is None else 2 if self.elastic is not None or np.any(self.given) else 1
 
     @property
     def geometry_size(self) -> int:
@@ -160,17 +163,28 @@ class UncertainSensor:
 
     def _response(self, joints: JointCentres | None, giving: NDArray | None) -> Response:
         """Return the response of joints with legs of compliances (..., 6, 6, 6), if they have any."""
-        passive = [] if joints is None else [np.linalg.inv(influence_matrix(joints))]
-        if joints is None or giving is None:
-            lead = passive[0].shape[:-2] if passive else ()
-            return Response(self._given((*lead, 6, 6)), _stacked(passive, lead))
+        if joints is None:
+            return Response(self._given((6, 6)), np.zeros((0, 6, 6)))
+        G = influence_matrix(joints)
+        passive = np.linalg.inv(G)
+        if giving is None:
+            lead = passive.shape[:-2]
+            forces = [passive, self._lengthening(G)][: self.models]
+            return Response(self._given((*lead, 6, 6)), _stacked(forces, lead))
         transport = end_transport(joints.arm, leg_axes(joints.direction))
         stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
         compliance = np.linalg.inv(stiffness.sum(-3))
         carried = stiffness @ compliance[..., None, :, :]
         along = np.einsum("...li,...lij->...lj", joints.direction, carried[..., :3, :])
-        forces = _stacked([*passive, along], compliance.shape[:-2])
+        forces = _stacked([passive, along], compliance.shape[:-2])
         return Response(compliance if self._is_elastic else self._given(compliance.shape), forces)
+
+    def _lengthening(self, G: NDArray) -> NDArray:
+        """Return the forces (..., 6, 6) along alike legs of a given compliance: in proportion to how these lengthen,
+        which is G' C of the wrench, whatever else they resist; as large as those of joints that resist nothing."""
+        lengthened = np.swapaxes(G, -1, -2) @ np.asarray(self.given)
+        size = np.trace(lengthened @ G, axis1=-2, axis2=-1) / _LEGS
+        return np.asarray(lengthened / np.where(size == 0.0, 1.0, size)[..., None, None])
 
     def _given(self, shape: tuple[int, ...]) -> NDArray:
         return np.broadcast_to(np.asarray(self.given), shape)
@@ -178,8 +192,6 @@ class UncertainSensor:
 
 def _stacked(forces: list[NDArray], lead: tuple[int, ...]) -> NDArray:
     """Return models of the leg forces (..., M, 6, 6)."""
-    if not forces:
-        return np.zeros((*lead, 0, 6, 6))
     return np.stack([np.broadcast_to(one, (*lead, 6, 6)) for one in forces], -3)
 
 
