@@ -1,0 +1,132 @@
+"""The diagnosis of a loaded sensor: the sample's hidden offset is named and sized, and its model predicts."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+from scipy.stats import chi2
+
+from schemas.faults import CampaignFaults
+from stages.predict import predict
+from stages.sensor.reading_arrays import load_steps
+from tests.blind.generator.folder import truth_path
+from tests.stages.line import run_line
+from tests.tolerance import assert_between, assert_close
+from truing.simulation.extended_sensor import predict_readings
+from truing.simulation.known_readings import ReadingConditions
+from truing.simulation.sensor_text import read_sensor, write_sensor
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "force-sensor"
+CERTAINTY = 0.999
+
+
+@pytest.fixture(scope="module")
+def tables() -> dict[str, Any]:
+    return run_line(SAMPLE, "ingest", "diagnose")[0]
+
+
+@pytest.fixture(scope="module")
+def table() -> pa.Table:
+    """The sample's load steps without what was read."""
+    frame = pd.read_csv(SAMPLE / "interferometer.csv")
+    return pa.Table.from_pandas(frame.drop(columns="reading"), preserve_index=False)
+
+
+def test_the_sideways_z_load_is_named_and_sized_and_nothing_else_is_found(tables: dict[str, Any]) -> None:
+    found = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
+    assert [(row["cause"], row["subject"]) for row in found] == [("load-eccentricity", "load fz")]
+    told = json.loads(found[0]["parameters"])
+    truth = json.loads(truth_path(SAMPLE).read_text(encoding="utf-8"))["effects"][0]["parameters"]
+    pulls = [(told[name]["value"] - truth[name]["value"]) / told[name]["sigma"] for name in truth]
+    assert float(np.sum(np.square(pulls))) < chi2.ppf(CERTAINTY, len(pulls))
+    assert found[0]["unit"] == "um"
+    assert found[0]["rms_before"] > 3 * found[0]["rms_after"]
+
+
+def test_what_is_left_is_noise_in_every_channel_less_one_zero_per_run(tables: dict[str, Any]) -> None:
+    errors, declared = tables["reading_errors"].to_pandas(), {"um": 0.5, "arcsec": 0.2, "mV": 0.01}
+    for channel, own in errors.groupby("channel"):
+        # About 126 readings of a channel, 756 of a signal; one zero per run is not in them.
+        runs = own["run"].nunique()
+        assert_close(own.groupby("run")["missed_after"].mean(), np.zeros(runs), atol=1e-9)
+        rms = float(np.sqrt(np.sum(own["missed_after"] ** 2) / (len(own) - runs)))
+        ratio, spread = rms / declared[own["unit"].iloc[0]], 1.0 / np.sqrt(2 * (len(own) - runs))
+        assert_between(ratio, 1 - 4 * spread, 1 + 4 * spread, what=f"noise of {channel} over the declared one")
+
+
+def test_the_lengths_and_stiffnesses_stay_within_their_tolerances(tables: dict[str, Any]) -> None:
+    sums = tables["pull_sums"].to_pandas().set_index("model").loc["extended"]
+    assert sums["p_value"] > (1 - CERTAINTY) / 2
+    assert tables["pulls"].to_pandas()["identifiable"].any()
+
+
+def test_the_model_predicts_what_was_read_and_text_keeps_all_of_it(tables: dict[str, Any], table: pa.Table) -> None:
+    text = str(tables["model"])
+    assert write_sensor(read_sensor(text)) == text
+    said = predict(text, table, "loads.csv").to_pandas()
+    read = pd.read_csv(SAMPLE / "interferometer.csv")["reading"]
+    missed = read - said["reading"]
+    missed -= missed.groupby(said["run"]).transform("mean")
+    freedom = len(said) - said["run"].nunique()
+    noise = said["unit"].map({"um": 0.5, "arcsec": 0.2})
+    low, high = chi2.ppf([(1 - CERTAINTY) / 2, (1 + CERTAINTY) / 2], freedom)
+    assert_between(float(np.sum((missed / noise) ** 2)), float(low), float(high), what="sum of squares")
+    assert (said["sigma"] < noise).all()  # some 120 readings of each say more than one does
+
+
+def test_uncertainty_of_a_prediction_is_that_of_the_compliance_and_the_effect(tables: dict[str, Any]) -> None:
+    """Against draws of both from their joint covariance, each through the model itself."""
+    extended, steps = read_sensor(str(tables["model"])), load_steps(tables)
+    rows = np.flatnonzero((steps.load[:, 2] > 0) & (steps.load[:, 2] == steps.load[:, 2].max()))[:1]
+    there = steps.chosen(np.isin(np.arange(len(steps.run)), rows))
+    conditions = ReadingConditions(there.run, there.step, there.time_s, there.load, {})
+    found = predict_readings(extended, conditions)
+    sigma = np.sqrt(np.diag(extended.covariance))
+    values, vectors = np.linalg.eigh(extended.covariance / np.outer(sigma, sigma))
+    factor = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(3).standard_normal((400, 38)) @ factor.T
+    offset = extended.values[0] + draws[:, 36:]
+    force = there.load[0, 2]
+    compliance = extended.compliance + draws[:, :36].reshape(-1, 6, 6)
+    wrench = np.zeros((400, 6))
+    wrench[:, 2], wrench[:, 3], wrench[:, 4] = force, offset[:, 1] * force, -offset[:, 0] * force
+    scatter = np.einsum("dij,dj->di", compliance, wrench).std(0)
+    assert_close(found.sigma[0] / scatter, np.ones(6), atol=4 / np.sqrt(2 * 400))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [
+        ("channel", "dw", "one of dx"),
+        ("load_axis", "f", "one of fx"),
+        ("load", None, "a number"),
+        ("step", None, "step"),
+    ],
+)
+def test_a_table_that_cannot_be_predicted_is_refused_by_row_and_column(
+    tables: dict[str, Any], table: pa.Table, column: str, value: Any, said: str
+) -> None:
+    frame = table.to_pandas()
+    if column == "step":
+        frame = frame.drop(columns="step")
+    else:
+        frame[column] = frame[column].astype(object)
+        frame.loc[3, column] = value
+    with pytest.raises(CampaignFaults, match=said) as refused:
+        predict(str(tables["model"]), pa.Table.from_pandas(frame, preserve_index=False), "loads.csv")
+    if column != "step":
+        assert "row 5" in str(refused.value)
+        assert column in str(refused.value)
+
+
+def test_the_model_is_toml_that_a_person_reads(tables: dict[str, Any]) -> None:
+    document = tomllib.loads(str(tables["model"]))
+    assert document["effects"][0]["parameters"]["offset_x"]["unit"] == "mm"
+    assert np.shape(document["compliance"]["identified"]) == (6, 6)
