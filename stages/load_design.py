@@ -118,7 +118,10 @@ def _table(loads: Array, check: Array) -> pa.Table:
     """Runs of some loads each, without load before and after; times still empty."""
     import pyarrow as pa
 
-    parts, roles, runs, steps = [], [], [], []
+    parts: list[Array] = []
+    roles: list[str] = []
+    runs: list[int] = []
+    steps: list[int] = []
     for role, values in (("calibration", loads), ("verification", check)):
         for first in range(0, len(values), _RUN):
             part = np.concatenate([np.zeros((1, 6)), values[first : first + _RUN], np.zeros((1, 6))])

@@ -173,7 +173,7 @@ def _beside(
     }
 
 
-def _unit(response: int, load: int) -> str:
+def _unit(response: np.int64, load: np.int64) -> str:
     return f"{'m' if response < 3 else 'rad'}/{'N' if load < 3 else '(N m)'}"
 
 

@@ -67,7 +67,7 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     declared = settings.noise.signal_mv
     given = np.full(signal.shape, np.nan if declared is None else declared)
     curves = run_curves(steps.load, steps.time_s, steps.run, signal, given)
-    good = ~curves.rejected.any(axis=1)
+    good = np.asarray(~curves.rejected.any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
     zero, apart = _zeros(steps, signal, sigma, good)
     kept = steps.chosen(good)

@@ -101,7 +101,7 @@ def left_out_runs(
     found = np.full(y.shape, np.nan)
     for k in range(y.shape[1]):
         rows = np.flatnonzero(np.isfinite(y[:, k]))
-        drives = [k] if form == "linear" else list(range(u.shape[1]))
+        drives = np.array([k]) if form == "linear" else np.arange(u.shape[1])
         found[rows, k] = _by_others(u[np.ix_(rows, drives)], y[rows, k], np.asarray(variance)[rows, k], run[rows])
     return found
 

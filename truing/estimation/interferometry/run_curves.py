@@ -22,6 +22,7 @@ _L1_ROUNDS, _FIXPOINT_ROUNDS = 30, 20
 _CLOSE = 0.05  # residuals nearer than that, in sigmas, gain no more weight
 _SPARE = 4  # readings of a run beyond the terms of its curve, at least
 _LASTS = 3  # so many readings on one side, one after the other, are a jump
+_MOST = 6  # gross errors of a run that are looked for one after the other
 _RIDGE = 1e-10
 
 
@@ -181,25 +182,72 @@ def _settled(batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: 
 
 
 def _rejected(batch: _Batch, sigma: Array) -> Mask:
-    """Which readings (M, N) are far off, from a robust start to a fixpoint."""
+    """Which readings (M, N) are far off: of two ways to find them, the one that explains a run with fewer or better.
+
+    From least absolute deviation, which many gross errors do not bend; and one after the other by what a curve gains
+    from leaving each out, which finds them where the curve would follow them, at its ends.
+    """
     from scipy.special import ndtri
 
-    limit = -ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1))
+    limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1)))
+    judged = batch.seen & batch.judged[:, None]
+    ways = [_from_robust_start(batch, sigma, limit, judged), _one_by_one(batch, sigma, limit, judged)]
+    cost = [
+        np.sum((_left(batch, kept, sigma) / sigma) ** 2 * kept, axis=1) + limit**2 * (judged & ~kept).sum(1)
+        for kept in ways
+    ]
+    kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
+    left = _left(batch, kept, sigma)
+    wide = _wide(batch, left, sigma, kept, limit)
+    alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
+    return judged & ~kept & alone & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+
+
+def _left(batch: _Batch, kept: Mask, sigma: Array) -> Array:
+    return batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))[0]
+
+
+def _wide(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit: float) -> Array:
+    """The limit (M, 1) in sigmas, wider where what is kept scatters more than its noise."""
+    far = np.where(kept, np.abs(left) / sigma, np.inf)
+    spare = np.maximum(kept.sum(1) - batch.terms, 1)
+    middle = np.clip(batch.terms + spare // 2, 0, np.maximum(kept.sum(1) - 1, 0))
+    scatter = np.take_along_axis(np.sort(far, axis=1), middle[:, None], axis=1)[:, 0] / _NORMAL_MEDIAN
+    return np.asarray(limit * np.maximum(1.0, np.where(np.isfinite(scatter), scatter, 1.0)))[:, None]
+
+
+def _from_robust_start(batch: _Batch, sigma: Array, limit: float, judged: Mask) -> Mask:
     start = batch.robust(sigma)
     wide = (limit * np.maximum(1.0, batch.scatter(start)))[:, None]
-    judged = batch.seen & batch.judged[:, None]
     kept = judged & (start < 1.5 * wide)
     for _ in range(_FIXPOINT_ROUNDS):
-        left, reach = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
-        own = reach / sigma**2
-        spread = sigma * np.sqrt(np.where(kept, np.maximum(1.0 - own, 1e-3), 1.0 + own))
-        again = judged & (np.abs(left) < wide * spread)
+        again = judged & (_standardised(batch, kept, sigma) < wide)
         if (again == kept).all():
             break
         kept = again
-    left, _ = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
-    alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
-    return judged & ~kept & alone & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+    return kept
+
+
+def _one_by_one(batch: _Batch, sigma: Array, limit: float, judged: Mask) -> Mask:
+    kept, rows = judged.copy(), np.arange(len(judged))
+    for _ in range(_MOST):
+        far = np.where(kept, _standardised(batch, kept, sigma), 0.0)
+        worst = far.argmax(axis=1)
+        without = kept.copy()
+        without[rows, worst] = False
+        wide = _wide(batch, _left(batch, without, sigma), sigma, without, limit)[:, 0]
+        out = far[rows, worst] > wide
+        if not out.any():
+            break
+        kept[rows[out], worst[out]] = False
+    return kept
+
+
+def _standardised(batch: _Batch, kept: Mask, sigma: Array) -> Array:
+    """Residuals (M, N) over their own deviation: of what is kept, and of what is not, which the fit has not seen."""
+    left, reach = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
+    own = reach / sigma**2
+    return np.abs(left) / (sigma * np.sqrt(np.where(kept, np.maximum(1.0 - own, 1e-3), 1.0 + own)))
 
 
 def _around(left: Array) -> Array:

@@ -14,6 +14,7 @@ from truing.report.tables import Tables, filled, reason
 
 if TYPE_CHECKING:
     import pandas as pd
+    import plotly.graph_objects as go
 
 _COMPONENTS = dict(zip(CHANNELS, ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"), strict=True))
 _LOAD_COLUMNS = dict(zip(LOADS, ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"), strict=True))
@@ -29,7 +30,7 @@ def displacement(tables: Tables) -> Section | None:
         why = reason(tables, "displacement") or "The campaign holds no readings of a platform under load."
         return Section("displacement", "Displacement", why, state="not evaluated")
     residuals, terms = tables["reading_residuals"], tables["run_terms"]
-    drawn = ()
+    drawn: tuple[tuple[go.Figure, str], ...] = ()
     if residuals["residual"].notna().any():
         words = (
             "What is left about a smooth curve of load and time through each run. Crosses: kept out as gross errors."
