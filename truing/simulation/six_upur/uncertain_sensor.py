@@ -39,10 +39,9 @@ class Response:
 class UncertainSensor:
     """A sensor of elastic legs, with what tolerances leave open of it; a ``given`` compliance (6, 6) replaces theirs.
 
-    One that is given as zero is not known: then nothing tells what bends the legs.
-
-    geometry_sigma: (5,) m, by error source, 0 where exact; stiffness_sigma: relative, of every elastic parameter. Where
-    no joints are known there are no leg forces (M = 0).
+    One that is given as zero is not known: then nothing tells what bends the legs. geometry_sigma: (5,) m, by error
+    source, 0 where exact; stiffness_sigma: relative, of every elastic parameter. Where no joints are known there are
+    no leg forces (M = 0).
     """
 
     joints: JointCentres | None
@@ -169,8 +168,8 @@ class UncertainSensor:
         passive = np.linalg.inv(G)
         if giving is None:
             lead = passive.shape[:-2]
-            forces = [passive, self._lengthening(G)][: self.models]
-            return Response(self._given((*lead, 6, 6)), _stacked(forces, lead))
+            own = [passive, self._lengthening(G)][: self.models]
+            return Response(self._given((*lead, 6, 6)), _stacked(own, lead))
         transport = end_transport(joints.arm, leg_axes(joints.direction))
         stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
         compliance = np.linalg.inv(stiffness.sum(-3))
