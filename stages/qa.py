@@ -24,7 +24,15 @@ DECLARATION = Stage(
     leaves=("qa",),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
-        *("mechanism.elements", "loading", "interferometer", "signals.range_mv", "bodies", "noise.actuator_mm"),
+        *(
+            "mechanism.elements",
+            "loading",
+            "interferometer",
+            "signals.range_mv",
+            "signals.zero_mv",
+            "bodies",
+            "noise.actuator_mm",
+        ),
         *("noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _MILLIVOLT = 1e-3
 _APART = 1e3  # loads that differ from a combination of others by less than that part of their size are that combination
 _OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, below which it is noise
+_SIGMAS = 6.0  # of the scatter of that power in few rows
+_ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
 _FEWEST = 8
 
 
@@ -43,7 +45,8 @@ def signal_checks(view: LoadingView, settings: Campaign, share: float) -> Iterat
     load, signal = steps.load[used], steps.signal[used]
     loaded = np.flatnonzero(load.any(axis=0))
     yield _loads_span(load[:, loaded], [LOADS[k] for k in loaded])
-    yield _signals_independent(signal, steps.signals, len(loaded), settings.noise.signal_mv)
+    about = signal if settings.signals.zero_mv is not None else signal - signal.mean(axis=0)
+    yield _signals_independent(about, steps.signals, len(loaded), settings.noise.signal_mv)
     yield from _exchanged(view, used, len(loaded), share)
 
 
@@ -92,25 +95,26 @@ def _open(seen: Observability) -> str:
     return "; ".join(group.text for group in inseparable(seen))
 
 
-def _signals_independent(signal: Array, names: tuple[str, ...], loaded: int, noise_mv: float | None) -> Check:
-    """Whether the signals hold as many independent numbers as loads were applied, beyond their noise."""
-    wanted = min(len(names), loaded)
-    about = signal - signal.mean(axis=0)
-    level = (noise_mv or 0.0) * _MILLIVOLT
-    size = np.linalg.norm(about, axis=0)
-    noise = level if level > 0.0 else float(size.max(initial=0.0)) * 1e-6 / np.sqrt(len(signal))
-    least = np.sqrt(len(signal) * max(_OVER_NOISE, 1.0 + 6.0 * np.sqrt(2.0 / len(signal)))) if level > 0.0 else 1.0
-    if noise == 0.0:
+def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, noise_mv: float | None) -> Check:
+    """Whether signals (N, S), about their zero, hold as many independent numbers as loads: at all, and beyond noise."""
+    wanted, count = min(len(names), loaded), len(about)
+    size = float(np.linalg.norm(about, axis=0).max())
+    if size == 0.0:
         return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, "No signal changes with the load.")
-    seen = observe(about, np.full(len(names), 1.0 / noise), names, unidentifiable=1.0 / least)
-    if seen.rank >= wanted:
-        said = (
-            f"The {len(names)} signals hold {int(seen.rank)} independent numbers, for {loaded} components of the load."
-        )
-        return Check("signals-independent", "", float(seen.rank), float(wanted), "1", PASS, said)
-    said = f"The signals hold {int(seen.rank)} independent numbers beyond their noise, and the loads {loaded}, "
-    said += f"so V V^T is singular: {_open(seen)}."
-    return Check("signals-independent", "", float(seen.rank), float(wanted), "1", FAIL, said)
+    seen = observe(about, np.full(len(names), 1.0 / size), names, unidentifiable=1.0 / _ROUNDING)
+    verdict, but = FAIL, ""
+    if seen.rank >= wanted and noise_mv:
+        level = np.full(len(names), 1.0 / (noise_mv * _MILLIVOLT))
+        least = np.sqrt(count * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / count)))
+        seen = observe(about, level, names, unidentifiable=1.0 / least)
+        verdict, but = WARN, " but for noise"
+    rank = float(seen.rank)
+    if rank >= wanted:
+        said = f"The {len(names)} signals hold {rank:.0f} independent numbers, for {loaded} components of the load."
+        return Check("signals-independent", "", rank, float(wanted), "1", PASS, said)
+    said = f"The {len(names)} signals hold {rank:.0f} independent numbers, and the loads {loaded}: "
+    said += f"V V^T is singular{but}; {_open(seen)}."
+    return Check("signals-independent", "", rank, float(wanted), "1", verdict, said)
 
 
 def _exchanged(view: LoadingView, rows: NDArray[np.int64], loaded: int, share: float) -> Iterator[Check]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.loading_view import LoadingView
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _NOTED, _MOST_MISSING = 0.1, 0.3
 _LONG_PAUSE = 10.0
 _HALF_RANGE = 0.5
+_RUNS_ALIKE = 3
 
 
 def steps_there(view: LoadingView) -> Check:
@@ -26,7 +28,7 @@ def steps_there(view: LoadingView) -> Check:
     steps = view.steps
     paces = np.diff(steps.step)[np.diff(steps.run) == 0]
     stride = max(math.gcd(*(int(pace) for pace in paces)), 1) if len(paces) else 1
-    found = steps_missing(steps.run, (steps.step - steps.step.min(initial=0)) // stride)
+    found = steps_missing(steps.run, (steps.step - _starts(view)[steps.run]) // stride)
     missing = int(found.size.sum())
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
@@ -35,10 +37,20 @@ def steps_there(view: LoadingView) -> Check:
     return Check("steps-missing", "", share, _MOST_MISSING, "1", verdict, said)
 
 
-def runs_whole(view: LoadingView) -> Check:
-    """Runs that end before the others under the same axis do."""
+def _starts(view: LoadingView) -> NDArray[np.int64]:
+    """The number (R,) that the steps of each run begin with; the lowest where most runs begin with it."""
     steps = view.steps
-    found = runs_cut_short(steps.run, steps.step, view.axis[steps.run])
+    first = np.full(len(steps.runs), np.iinfo(np.int64).max)
+    np.minimum.at(first, steps.run, steps.step)
+    return np.full(len(first), first.min()) if np.mean(first == first.min()) > 0.5 else first
+
+
+def runs_whole(view: LoadingView) -> Check:
+    """Runs that end before the others do, of the same axis where each has three."""
+    steps = view.steps
+    few = np.bincount(view.axis + 1)[view.axis + 1].min(initial=_RUNS_ALIKE) < _RUNS_ALIKE
+    alike = np.zeros_like(view.axis) if few else view.axis
+    found = runs_cut_short(steps.run, steps.step - _starts(view)[steps.run], alike[steps.run])
     names = [view.run_name(steps.run[row]) for row in found.where]
     said = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
     return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, said)

@@ -24,6 +24,8 @@ _MOST_COLUMNS = 0.6  # of the readings
 _GROSS = 6.0
 _NORMAL_MEDIAN = 0.6745
 _ROUNDS, _L1_ROUNDS = 3, 15
+_SHORTEST, _LONGEST = 6, 3000  # rows of a run that a jump is looked for in: time and memory go with their square
+_JUMP, _BEYOND_ONE = 1e-4, 1.5
 _CLOSE = 0.1  # sigmas: residuals nearer than that do not gain more weight
 _OPEN = 1e-9
 
@@ -114,23 +116,22 @@ def fit_channel(
     """
     own = _own_columns(run, time_s)
     shared = _affordable(groups, len(reading) - own.shape[1], len(reading))
-    steps = np.zeros((len(reading), 0))
+    count = int(run.max(initial=-1)) + 1
     of_loads = _of_loads(own, reading, load, load_sigma)
     noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), 1.0)
-    kept = _near(np.column_stack([own, shared]), reading, noise)
-    count = int(run.max(initial=-1)) + 1
-    row, size, p_value = np.full(count, -1), np.zeros(count), np.ones(count)
+    design = np.column_stack([own, shared])
+    residual, scale = _robust(design, reading, noise)
+    row, size, p_value = _jumps(residual, scale * noise, run, time_s, shared)
+    steps = [((np.arange(len(run)) >= row[k]) & (run == k)).astype(float) for k in range(count) if p_value[k] < _JUMP]
+    if steps:
+        design = np.column_stack([design, *steps])
+        residual, scale = _robust(design, reading, noise)
+    kept = np.abs(residual) <= _GROSS * scale * noise
     for _ in range(_ROUNDS):
-        design = np.column_stack([own, shared, steps])
-        _, _, residual, dof = _solved(design, reading, noise, kept)
+        values, covariance, residual, dof = _solved(design, reading, noise, kept)
         noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), _scale(residual, kept, dof))
         kept = np.abs(residual) <= _GROSS * np.maximum(noise, _spread(residual, len(reading) / max(dof, 1)))
-        if steps.shape[1]:
-            continue
-        row, size, p_value = _jumps(residual, noise, kept, run, time_s, shared)
-        found = [(np.arange(len(run)) >= row[k]) & (run == k) for k in range(count) if p_value[k] < 1e-4]
-        steps = np.column_stack([one.astype(float) for one in found]) if found else steps
-    values, covariance, residual, dof = _solved(np.column_stack([own, shared, steps]), reading, noise, kept)
+    values, covariance, residual, dof = _solved(design, reading, noise, kept)
     at = slice(count, 2 * count)
     spread = np.sqrt(np.diag(covariance)[at])
     return ChannelFit(residual, noise, kept, dof, values[at], spread, row, size, p_value)
@@ -158,14 +159,18 @@ def _affordable(groups: list[Array], room: int, count: int) -> Array:
     return np.column_stack(taken)
 
 
-def _near(design: Array, reading: Array, noise: Array) -> Mask:
-    """Readings (N,) near a fit that gross errors do not bend: least absolute deviations, by reweighting."""
-    weight = np.ones(len(reading))
+def _robust(design: Array, reading: Array, noise: Array) -> tuple[Array, float]:
+    """Residuals (N,) of a fit that gross errors do not bend, and their scatter over the noise, 1 at least.
+
+    Least absolute deviations, by reweighting.
+    """
+    weight, everything = np.ones(len(reading)), np.ones(len(reading), dtype=bool)
+    inflation = len(reading) / max(len(reading) - np.linalg.matrix_rank(design), 1)
     for _ in range(_L1_ROUNDS):
-        residual = _solved(design, reading, noise / np.sqrt(weight), np.ones(len(reading), dtype=bool))[2]
-        scale = max(_spread(residual / noise, len(reading) / max(len(reading) - design.shape[1], 1)), 1e-12)
-        weight = 1.0 / np.maximum(np.abs(residual) / noise / scale, _CLOSE)
-    return np.asarray(np.abs(residual) <= _GROSS * noise * max(scale, 1.0))
+        residual = _solved(design, reading, noise / np.sqrt(weight), everything)[2]
+        scale = _spread(residual / noise, inflation)
+        weight = 1.0 / np.maximum(np.abs(residual) / noise / max(scale, _CLOSE), _CLOSE)
+    return residual, max(scale, 1.0)
 
 
 def _solved(design: Array, reading: Array, noise: Array, kept: Mask) -> tuple[Array, Array, Array, int]:
@@ -205,21 +210,32 @@ def _spread(residual: Array, inflation: float) -> float:
     return float(np.median(np.abs(residual)) / _NORMAL_MEDIAN * np.sqrt(inflation))
 
 
-def _jumps(
-    residual: Array, noise: Array, kept: Mask, run: Index, time_s: Array, shared: Array
-) -> tuple[Index, Array, Array]:
-    """Of each run, before which row it jumps, by how much, and the p-value over its rows; -1 where it is too short.
+def _jumps(residual: Array, noise: Array, run: Index, time_s: Array, shared: Array) -> tuple[Index, Array, Array]:
+    """Of each run, before which row it jumps, how far, and the p-value over its rows; -1 where too short or long.
 
-    Beside the shared columns too: they may have taken up a part of the jump already.
+    Beside the shared columns too: they may have taken up a part of the jump already. What a single reading explains
+    nearly as well is no jump.
     """
     count = int(run.max(initial=-1)) + 1
     row, size, p_value = np.full(count, -1), np.zeros(count), np.ones(count)
     for rows in _runs(run):
-        if len(rows) < 6:
+        if not _SHORTEST <= len(rows) <= _LONGEST:
             continue
         design = np.column_stack([np.ones(len(rows)), time_s[rows] - time_s[rows[0]], shared[rows]])
-        scale = max(1.0, _spread(residual[rows] / noise[rows], 1.0))
-        found = find_jump(np.where(kept[rows], residual[rows], np.nan), scale * noise[rows], design, shortest=3)
+        found = find_jump(residual[rows], noise[rows], design, shortest=3)
         here = run[rows[0]]
-        row[here], size[here], p_value[here] = rows[found.onset[0]], found.size[0], found.p_value[0]
+        row[here], size[here] = rows[found.onset[0]], found.size[0]
+        if (found.size[0] / found.sigma[0]) ** 2 > _BEYOND_ONE * _of_one(
+            residual[rows] / noise[rows], design, noise[rows]
+        ):
+            p_value[here] = found.p_value[0]
     return row, size, p_value
+
+
+def _of_one(white: Array, design: Array, noise: Array) -> float:
+    """By how much chi-square falls where the one reading is left out that makes it fall most."""
+    basis, size, _ = np.linalg.svd(design / noise[:, None], full_matrices=False)
+    basis = basis[:, size > 1e-10 * size[0]]
+    left = white - basis @ (basis.T @ white)
+    free = 1.0 - np.sum(basis**2, axis=1)
+    return float(np.max(np.where(free > 1e-6, left**2 / np.where(free > 1e-6, free, 1.0), 0.0)))

@@ -16,6 +16,7 @@ from truing.estimation.sensor.load_table import LoadTable
 _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _CLOSE = 30, 0.1  # residuals nearer than that, in sigmas, do not gain more weight
 _SELECTIONS, _GROSS = 3, 5.0
+_OPEN = 1e-12  # share of the largest eigenvalue that is no zero
 _ROUNDS = 50  # exchanges looked for, one after the other
 _SUSPECT = 2.5  # of a row's residuals in sigmas, below which it cannot be part of an exchange that is no chance
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
@@ -91,7 +92,8 @@ def _rest(columns: NDArray, loads: NDArray, weight: NDArray) -> NDArray:
     """Return residuals (N, W) of a fit to columns (N, Q) with weights (N, W)."""
     normal = np.einsum("np,nw,nq->wpq", columns, weight, columns, optimize=True)
     right = np.einsum("np,nw->wp", columns, weight * loads)
-    values = np.linalg.solve(normal, right[..., None])[..., 0]
+    inverse = np.linalg.pinv(normal, rcond=_OPEN, hermitian=True)  # channels may repeat one another
+    values = (inverse @ right[..., None])[..., 0]
     return loads - columns @ values.T
 
 
