@@ -8,6 +8,8 @@ from truing.report.numbers import sign
 
 _SYMBOLS = {"kappa": "κ", "rho0": "ρ0"}
 _UNITS = {"N m2": "N·m²"}
+_STIFFNESS = r"stiffness of (\d+) (\w+) (\w+)"
+_LENGTHS = ("platform_radius", "base_radius", "lower_clearance", "middle_clearance", "sensor_installation")
 
 # Keeps a number and its uncertainty in one line of a table.
 UNBROKEN = "\u00a0"
@@ -28,14 +30,23 @@ def kind_of(parameter: str, leg: float) -> str:
     column = parameter.removeprefix(own).removeprefix("_")  # K1_10, where legs have two digits
     if parameter.startswith(own) and column.isdigit():
         return f"K, ρ{column}"
-    return _SYMBOLS.get(parameter, parameter)
+    return _said(parameter)
+
+
+def _said(parameter: str) -> str:
+    """A parameter's symbol, or its words: ``axial stiffness of spring 3`` (the third element of a leg)."""
+    element = re.fullmatch(_STIFFNESS, parameter)
+    if element:
+        return f"{element[3]} stiffness of {element[2]} {element[1]}".replace("scale stiffness", "stiffness")
+    words = parameter.replace("_", " ") if parameter in _LENGTHS else parameter
+    return _SYMBOLS.get(parameter, words)
 
 
 def name_of(parameter: str, leg: float) -> str:
     """One parameter as a sentence names it: ``u_x of leg 1``, ``K12``."""
     if leg != leg or kind_of(parameter, leg).startswith("K, "):
-        return _SYMBOLS.get(parameter, parameter)
-    return f"{_SYMBOLS.get(parameter, parameter)} of leg {int(leg)}"
+        return _said(parameter)
+    return f"{_said(parameter)} of leg {int(leg)}"
 
 
 def shown_in(parameter: str, unit: str) -> tuple[float, str]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.report.bench_tables import AXES, CHANNELS, LEVELS, NOISE, bench_tables, rejected
-from tests.report.diagnosis_parts import part_of, text_of
+from tests.report.diagnosis_parts import PARTS, part_of, text_of
 from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
 from tests.tolerance import assert_close
+from truing.report.diagnosis.judged import judged
 from truing.report.diagnosis.section import diagnosis
+from truing.report.diagnosis.unwritten_loads import load_warning, unwritten_loads
 from truing.report.head import build_head
 from truing.report.measured_section import measured
 
@@ -149,6 +152,29 @@ def test_what_was_never_read_is_an_empty_cell():
     counts = measured(tables).figures[1][0].data[0]
     assert counts.text[1][1] == ""
     assert counts.text[0][1] == "10"
+
+
+def test_what_acts_beside_a_load_is_told_where_a_calibration_takes_it_for_the_load(tables):
+    assert unwritten_loads(judged(tables), tables) is None
+    calibrated = {**tables, "sensor_matrix": pd.DataFrame({"matrix": ["G_B"]})}
+    warned = [said for mark, said in build_head("c", calibrated).verdicts if mark == "warn"]
+    # 12.03 mm and 7.98 mm at 9000 N.
+    assert len(warned) == 1
+    assert "beside the z load up to 108 N·m about y and 72 N·m about x acted as well" in warned[0]
+    assert unwritten_loads(judged(calibrated), calibrated).lead == warned[0]
+    uneven = {"force_x": size(0.002, 1e-4, "1/m"), "force_x_asymmetry": size(-0.004, 1e-4, "1/m")}
+    torque = rows(row("load-imbalance", subject="load mx", parameters=uneven))
+    assert "the torque about x up to 18 N along x" in load_warning(judged({"diagnosis": torque}), calibrated)
+
+
+def test_a_sensors_pulls_are_named_by_its_elements():
+    names = ["platform_radius", "stiffness of 3 spring axial", "stiffness of 1 compliance scale"]
+    pulls = pd.DataFrame({"leg": [1.0, 2.0, np.nan], "parameter": names, "identifiable": True})
+    tables = {"readings": None, "pulls": pulls.assign(pull_before=2.0, pull_after=[0.5, 0.4, 0.3])}
+    part = PARTS["pulls"](tables)
+    assert part.title == "Pulls: is the sensor what it was built to be?"
+    named = {line[0] for line in part.listings[1].rows}
+    assert named == {"platform radius of leg 1", "axial stiffness of spring 3 of leg 2", "stiffness of compliance 1"}
 
 
 def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():

@@ -10,7 +10,10 @@ from truing.report.tables import Tables
 
 @dataclass(frozen=True)
 class Compared:
-    """How the parts of a campaign are named: what is held out as a whole, what of it was fitted to and what was not."""
+    """How the parts of a campaign are named: what is held out as a whole, what of it was fitted to and what was not.
+
+    ``built``: what has a tolerance, with the question whether it keeps that, and the answer that it does.
+    """
 
     whole: str
     fitted: str
@@ -18,6 +21,9 @@ class Compared:
     held_out_errors: str
     fitted_or_not: str
     not_planned: str
+    built: str
+    built_question: str
+    as_built: str
 
 
 POINTS = Compared(
@@ -27,6 +33,9 @@ POINTS = Compared(
     "verification errors",
     "Calibration poses were fitted to, held-out poses were not.",
     "No configurations were computed: nothing was found or left open that poses of this mechanism settle.",
+    "geometry",
+    "does the geometry return to where it was built?",
+    "The geometry is where it was built.",
 )
 READINGS = Compared(
     "run",
@@ -35,6 +44,9 @@ READINGS = Compared(
     "held-out errors",
     "Held-out runs are predicted by a fit that has not seen them.",
     "What would confirm it is told in words: for benches no table of load steps is computed.",
+    "lengths and stiffnesses",
+    "is the sensor what it was built to be?",
+    "Lengths and stiffnesses are what they were built to be.",
 )
 
 

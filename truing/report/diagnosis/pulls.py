@@ -1,10 +1,11 @@
-"""Whether the geometry returns to where it was built: pulls before and after, against what honest tolerances allow."""
+"""Whether a machine returns to what it was built to be: pulls before and after, against what tolerances allow."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any
 
+from truing.report.diagnosis.compared import Compared, compared
 from truing.report.diagnosis.pull_figure import pull_figure
 from truing.report.numbers import count, p_value, plain, rough
 from truing.report.page import Listing, Section
@@ -16,25 +17,25 @@ if TYPE_CHECKING:
 
 _BEFORE, _AFTER = "plain", "extended"
 _COLUMNS = {"pull_before": "the causes left out", "pull_after": "the causes modelled"}
-_TITLE = "Pulls: does the geometry return to where it was built?"
 
 
 def pulls(tables: Tables) -> Section | None:
     """Pulls of the identifiable parameters, with the band of their sum; None where the run left none at all."""
     if "pulls" not in tables:
         return None
-    table = filled(tables, "pulls")
+    table, of = filled(tables, "pulls"), compared(tables)
+    title = f"Pulls: {of.built_question}"
     own = table[table["identifiable"].astype(bool)] if table is not None else None
     if table is None or own is None or not len(own):
-        why = "No parameter of the geometry is known better from the data than from its tolerance."
-        return Section("pulls", _TITLE, why, state="not evaluated")
+        why = f"Nothing of the {of.built} is known better from the data than from its tolerance."
+        return Section("pulls", title, why, state="not evaluated")
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
-    figure = pull_figure(own, _COLUMNS, "Pulls of the identified geometry, before and after", axis)
-    words = "What a model leaves out, its geometry has to swallow: a right cause brings the pulls back."
+    figure = pull_figure(own, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
+    words = "What a model leaves out, other numbers have to swallow: a right cause brings the pulls back."
     left = len(table) - len(own)
     words += f" {count(left, 'parameter')} that the data do not determine left out." if left else ""
-    return Section("pulls", _TITLE, _lead(sums), ((figure, words),), (_together(sums), _all(own)), _state(sums))
+    return Section("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)), _state(sums))
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
@@ -64,7 +65,7 @@ def _last(sums: dict[str, Any]) -> Any:
     return sums[_AFTER] if _AFTER in sums else next(iter(sums.values()))
 
 
-def _lead(sums: dict[str, Any]) -> str:
+def _lead(sums: dict[str, Any], of: Compared) -> str:
     if not sums:
         return "All pulls together could not be held against their band: see each of them."
     last = _last(sums)
@@ -73,16 +74,18 @@ def _lead(sums: dict[str, Any]) -> str:
     size = _rms(last.chi_square, last.freedom)
     if _BEFORE in sums and _AFTER in sums:
         was = rough(_rms(sums[_BEFORE].chi_square, sums[_BEFORE].freedom))
-        return f"Rms pull {was} with the causes left out, {rough(size)} with them modelled; {band}. {_verdict(last)}"
-    return f"Rms pull {rough(size)}; {band}. {_verdict(last)}"
+        return (
+            f"Rms pull {was} with the causes left out, {rough(size)} with them modelled; {band}. {_verdict(last, of)}"
+        )
+    return f"Rms pull {rough(size)}; {band}. {_verdict(last, of)}"
 
 
-def _verdict(row: Any) -> str:
+def _verdict(row: Any, of: Compared) -> str:
     if row.chi_square > row.upper:
         return "Parts are farther from nominal than their tolerances allow: these are too small, or more is wrong."
     if row.chi_square < row.lower:
         return "Parts are closer to nominal than their tolerances ask: these are generous."
-    return "The geometry is where it was built."
+    return of.as_built
 
 
 def _together(sums: dict[str, Any]) -> Listing:

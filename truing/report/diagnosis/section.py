@@ -12,6 +12,7 @@ from truing.report.diagnosis.judged import RIVAL, Judged, found_of, judged
 from truing.report.diagnosis.next_configurations import following
 from truing.report.diagnosis.pulls import pulls
 from truing.report.diagnosis.sizes import sizes
+from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.diagnosis.words import certainty, counted, lower
 from truing.report.knowledge.absorption_words import absorbed_by, swallowed
 from truing.report.numbers import printed
@@ -46,6 +47,7 @@ def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Sect
         sizes(found) if found else None,
         pulls(tables),
         _swallowed(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
+        unwritten_loads(rows, tables),
         hidden(rows, tables),
         following(rows, tables),
         changes(tables),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
+from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.numbers import count, printed, rough
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import why_no_diagnosis
@@ -43,7 +44,8 @@ def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
     if not rows:
         return [("none", f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")]
     found = found_of(rows)
-    told = [_first(found, rows, tables), *_rivals(found, rows, tables), *_next(found, tables)]
+    warning = ("warn", load_warning(rows, tables))
+    told = [_first(found, rows, tables), *_rivals(found, rows, tables), warning, *_next(found, tables)]
     return [line for line in told if line[1]]
 
 

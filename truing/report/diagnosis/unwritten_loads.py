@@ -1,0 +1,72 @@
+"""What acted beside the loads that were written down, where their line of action or their units are wrong."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from truing.report.diagnosis.judged import FOUND, Judged
+from truing.report.diagnosis.sensor_clauses import load_words
+from truing.report.load_steps import load_steps
+from truing.report.numbers import rough
+from truing.report.page import Section
+from truing.report.tables import Tables, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_TITLE = "What the calibration takes for the load's own"
+_MM = 1e-3
+# How much of a form's parameter acts at the largest load: half of what differs between its signs.
+_SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
+
+
+def unwritten_loads(rows: list[Judged], tables: Tables) -> Section | None:
+    """How large a moment or force acted beside a load; None where every load acts as it is written down."""
+    said = load_warning(rows, tables)
+    if not said:
+        return None
+    see = (("calibration", "The calibration of the sensor."),)
+    return Section("swallowed", _TITLE, said, see=see)
+
+
+def load_warning(rows: list[Judged], tables: Tables) -> str:
+    """That a calibration to the loads as written down holds what acted beside them; empty where nothing did.
+
+    Only where signals were calibrated: without them nothing swallows it.
+    """
+    if filled(tables, "sensor_matrix") is None:
+        return ""
+    steps = load_steps(tables)
+    told = [beside for row in rows if row.verdict == FOUND for beside in _beside(row, steps)]
+    if not told:
+        return ""
+    return (
+        f"G_B is fitted to the loads as they are written down, and beside {'; beside '.join(told)} acted as well. "
+        "It takes this for the load's own: centre the load, or write down what acts, before G_B is used."
+    )
+
+
+def _beside(row: Judged, steps: pd.DataFrame) -> list[str]:
+    """``the z load up to 108 N·m about y and 72 N·m about x``; nothing of other causes, or of all loads in common."""
+    axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
+    if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
+        return []
+    largest = float(steps[axis[1]].abs().max()) if len(steps) else 0.0
+    found: dict[str, float] = {}
+    for size in row.sizes:
+        name = re.fullmatch(r"(offset|moment|force)_([xyz])(_asymmetry|_growth)?", size.name)
+        if name is None or size.number is None:
+            continue
+        if name[1] == "offset":
+            component = ({"x", "y", "z"} - {axis[1][1], name[2]}).pop()
+            share = _MM * abs(size.number)
+        else:
+            component, share = name[2], _SHARE[name[3] or ""] * abs(size.number)
+        found[component] = found.get(component, 0.0) + share * largest
+    unit, way = ("N·m", "about") if axis[1][0] == "f" else ("N", "along")
+    parts = sorted(((size, c) for c, size in found.items() if size > 0.0), reverse=True)
+    if not parts:
+        return []
+    words = " and ".join(f"{rough(size)} {unit} {way} {c}" for size, c in parts)
+    return [f"{load_words(axis[1])} up to {words}"]
