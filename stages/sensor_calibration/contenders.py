@@ -28,6 +28,7 @@ _RIDGE = 1.0
 _OVER_NOISE = 2.0  # strength of a combination of signals over that of its noise, below which it is no signal
 _SIGNS = {-1: "negative", 0: "unloaded", 1: "positive"}
 WHOLE_RUNS = "whole runs"
+ONE_LOADS = "one load after the other, for without a run, or either sign of its load, a direction of loading is missing"
 HALF_RUNS = "either sign of the load in a run, for without a whole run a direction of loading is missing"
 
 
@@ -86,7 +87,8 @@ def contenders(found: Recorded) -> list[CalibrationModel]:
 
 
 def _by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]:
-    """The table with the largest load cases that can be left out: runs, else either sign of the load in a run."""
+    """The table with the largest load cases that can be left out: runs, else either sign of the load in a run, else
+    all readings of one load."""
     steps = found.steps
     sign = np.sign(steps.load[np.arange(len(steps.run)), np.abs(steps.load).argmax(axis=1)]).astype(np.int64)
     runs = np.array([f"run {steps.runs[number]}" for number in steps.run])
@@ -94,11 +96,14 @@ def _by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]
     table = found.table(rows, runs)
     _check(table)
     forward = CalibrationModel("weighted", "forward", zero="none" if found.tared else "common")
-    try:
-        hold_out(table, forward)
-    except UndeterminedCalibrationError:
-        return found.table(rows, halves), HALF_RUNS
-    return table, WHOLE_RUNS
+    loads = np.unique(steps.load, axis=0, return_inverse=True)[1].ravel()
+    for cases, words in ((runs, WHOLE_RUNS), (halves, HALF_RUNS)):
+        try:
+            hold_out(found.table(rows, cases), forward)
+        except UndeterminedCalibrationError:
+            continue
+        return found.table(rows, cases), words
+    return found.table(rows, np.array([f"load {number}" for number in loads])), ONE_LOADS
 
 
 def _check(table: LoadTable) -> None:

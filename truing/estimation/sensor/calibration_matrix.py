@@ -83,10 +83,15 @@ class Wrenches:
         return self.own + self.gain @ of_response @ np.swapaxes(self.gain, 1, 2)
 
 
+class UnreachedSignalsError(ValueError):
+    """Signals that a calibration from loads to signals gives at no load."""
+
+
 def wrenches(fit: Calibration, signals: NDArray, covariates: NDArray, signal_cov: NDArray) -> Wrenches:
     """Return the wrenches that signals (N, C) with errors of covariance signal_cov (C, C) tell.
 
-    A forward fit is inverted by Gauss-Newton steps from zero load; raises ValueError where they do not settle.
+    A forward fit is inverted by Gauss-Newton steps from zero load; raises UnreachedSignalsError where they do not
+    settle.
     """
     if fit.model.direction == "forward":
         return _inverted(fit, signals, covariates, signal_cov)
@@ -109,6 +114,6 @@ def _inverted(fit: Calibration, signals: NDArray, covariates: NDArray, signal_co
         if np.all(np.abs(step) <= _SETTLED * np.abs(loads).max(initial=0.0)):
             break
     else:
-        raise ValueError(f"found signals that no load gives, inverting {fit.model.name!r}")
+        raise UnreachedSignalsError(f"found signals that no load gives, inverting {fit.model.name!r}")
     own = gain @ signal_cov @ np.swapaxes(gain, 1, 2)
     return Wrenches(loads, own, gain, fit.columns(loads, covariates), fit.covariance)

@@ -16,7 +16,13 @@ from truing.estimation.held_out import Choice, Contender, choose_model
 from truing.estimation.least_squares.solver import SolverStatus
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel
-from truing.estimation.sensor.calibration_matrix import MatrixEstimate, Wrenches, calibration_matrix, wrenches
+from truing.estimation.sensor.calibration_matrix import (
+    MatrixEstimate,
+    UnreachedSignalsError,
+    Wrenches,
+    calibration_matrix,
+    wrenches,
+)
 from truing.estimation.sensor.determined import UndeterminedCalibrationError
 from truing.estimation.sensor.load_table import LoadTable
 
@@ -109,7 +115,8 @@ def choose_calibration(table: LoadTable, models: Sequence[CalibrationModel]) -> 
     A model is refuted where it misses held-out cases by more than the declared noise (where none is declared: than the
     best contender's errors) and is worse than the best, case against case; of the others the one whose predictions were
     most probable beforehand (the log density of what was held out, Geisser and Eddy 1979), the simplest of equals.
-    Models that the loads do not determine are left out; raises UndeterminedCalibrationError where none is left.
+    Models that the loads do not determine, or that cannot be inverted at held-out signals, are left out; raises
+    UndeterminedCalibrationError where none is left.
     """
     held, refused = _contending(table, models)
     undeclared = None if table.load_cov is not None else _smallest(held)
@@ -131,10 +138,12 @@ def _contending(table: LoadTable, models: Sequence[CalibrationModel]) -> tuple[t
     for model in models:
         try:
             held.append(hold_out(table, model))
-        except UndeterminedCalibrationError as error:
+        except (UndeterminedCalibrationError, UnreachedSignalsError) as error:
             refused[model.name] = str(error)
     if not held:
-        raise UndeterminedCalibrationError("; ".join(refused.values()) or "found no model, expected at least one")
+        raise UndeterminedCalibrationError(
+            "; ".join(dict.fromkeys(refused.values())) or "found no model, expected at least one"
+        )
     return tuple(held), refused
 
 
