@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
-from stages.diagnosis.signal_knowledge import exchanged_rows, scatter_of_signals, simulated_sensor
+from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor
+from stages.sensor.exchanged_rows import exchanged_rows
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
 from stages.sensor.reading_arrays import LOADS, LoadSteps
-from truing.estimation.sensor.exchanged_loads import exchanged_loads
-from truing.estimation.sensor.load_table import load_table
 from truing.simulation.causes.rows_exchanged import RowsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _NORMAL_MEDIAN = 0.6745
-# Different loads for each column that they are predicted from: fewer follow any signals.
-_LOADS_PER_COLUMN = 2
 
 
 def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: LoadSteps) -> UncertainSensor:
@@ -52,22 +48,6 @@ def _uncertain(sensor: NominalSensor) -> UncertainSensor:
     own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
     elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
     return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
-
-
-def exchanged_rows(steps: LoadSteps, rows: NDArray[np.bool_]) -> tuple[RowsExchanged, ...]:
-    """Loads that stand in each other's row of a table of calibration loads, by what all signals say of them."""
-    rows = rows & np.isfinite(steps.signal).all(1) if steps.signal.size else np.zeros(len(rows), bool)
-    load, signal = steps.load[rows], steps.signal[rows]
-    columns = np.column_stack([signal, np.ones(len(signal))])
-    if len(np.unique(load, axis=0)) <= _LOADS_PER_COLUMN * columns.shape[1]:
-        return ()
-    if np.linalg.matrix_rank(columns / np.sqrt(np.mean(columns**2, 0) + 1e-300)) < columns.shape[1]:
-        return ()
-    names = [(steps.runs[run], int(step)) for run, step in zip(steps.run[rows], steps.step[rows], strict=True)]
-    return tuple(
-        RowsExchanged((names[one.first], names[one.second]), tuple(LOADS[k] for k in one.components))
-        for one in exchanged_loads(load_table(signal, load))
-    )
 
 
 def scatter_of_signals(steps: LoadSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> Array:

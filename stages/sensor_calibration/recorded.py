@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.sensor.exchanged_rows import exchanged_rows, put_right
 from stages.sensor.reading_arrays import LOADS, LoadSteps, load_steps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import LoadTable, load_table
@@ -30,7 +31,7 @@ class Recorded:
     """Steps with signals: those that calibrate, and those that verify.
 
     steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or
-    found; covariate (B, K). left_out: steps with a gross error in a signal.
+    found; covariate (B, K). left_out: steps with a gross error in a signal; put_right: steps whose loads were exchanged.
     """
 
     steps: LoadSteps
@@ -41,6 +42,7 @@ class Recorded:
     covariate_names: tuple[str, ...]
     tared: bool
     left_out: int
+    put_right: int
 
     def table(self, rows: NDArray[np.bool_], case: NDArray) -> LoadTable:
         """Some steps as a table of calibration loads, with the case of every step (B,)."""
@@ -63,6 +65,8 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     steps = steps.chosen(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
     if not len(steps.run):
         raise ValueError("no load step has a reading of every signal channel")
+    exchanged = exchanged_rows(steps, ~steps.held_out)
+    steps = put_right(steps, exchanged)
     signal = steps.signal / MV
     declared = settings.noise.signal_mv
     given = np.full(signal.shape, np.nan if declared is None else declared)
@@ -82,6 +86,7 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
         names,
         apart,
         int((~good).sum()),
+        len({row for one in exchanged for row in one.rows}),
     )
 
 

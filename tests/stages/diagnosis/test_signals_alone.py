@@ -11,7 +11,7 @@ import pytest
 
 from schemas.campaign import read_campaign
 from stages import diagnose
-from stages.diagnosis.signal_knowledge import exchanged_rows
+from stages.sensor.exchanged_rows import exchanged_rows, put_right
 from stages.sensor.reading_arrays import LOAD_COLUMNS, load_steps
 from tests.sensor_campaign import GAIN, HEIGHT_MM, LARGEST, LOWER_MM, SIGNAL_MV, UPPER_MM, campaign_toml
 from tests.tolerance import assert_between, assert_close
@@ -72,6 +72,15 @@ def test_a_cause_of_exchanged_rows_puts_the_loads_right(rng):
     right, found = gathered(good, document), gathered(table, document)
     assert_close(predicted(found, None), predicted(right), atol=1e-9)
     assert np.abs(predicted(found) - predicted(right)).max() > 1.0
+
+
+def test_loads_are_put_back_in_their_row(rng):
+    tables = [signals(rng), None]
+    tables[1] = exchange(tables[0].copy(), (3, 1), (5, 3), ["fz_n", "my_nm"])
+    right, wrong = (load_steps({"signals": pa.Table.from_pandas(table)}) for table in tables)
+    found = exchanged_rows(wrong, np.ones(len(wrong.run), bool))
+    assert_close(put_right(wrong, found).load, right.load, atol=0.0)
+    assert np.abs(wrong.load - right.load).max() > 0.0
 
 
 def test_a_good_table_has_no_exchanged_rows(rng):
