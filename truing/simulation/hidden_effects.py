@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Effect, Scene
 
 _WHOLE = "the whole"
+# What is named by a word and its own name: ``target P07``, ``load fz``, ``run 4 channel dz``.
+_NAMED = ("target", "load", "channel", "signal", "run")
 # Patterns of an effect's parameters, over which its size is told.
 _PATTERNS = 32
 # What grows by less than this with twice the size does not grow.
@@ -108,13 +110,13 @@ def _members(kind: Cause, scene: Scene) -> Iterable[Cause]:
 
 
 def concerned(subject: str) -> str | None:
-    """Return what a subject is: the whole, one leg, one target; None for several of them."""
+    """Return what a subject is: the whole, one leg, one target, one load; None for several of them."""
     if not subject:
         return _WHOLE
     words = subject.split()
     if len(words) == 1:
         return f"one {subject.rstrip('0123456789')}"
-    return f"one {words[0]}" if len(words) == 2 and words[0] == "target" else None
+    return f"one {words[0]}" if words[0] in _NAMED else None
 
 
 def _kind_of_parameters(cause: Cause, legs: int) -> tuple[str, ...]:
