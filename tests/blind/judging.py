@@ -133,7 +133,8 @@ class Judged:
     @property
     def excess(self) -> tuple[float, float] | None:
         """Held-out squares beyond the floor's, over the floor's, without and with all that was found."""
-        rows = [row.figures for row in self.found if row.figures["heldout_rms_after"]]
+        wanted = ("heldout_rms_before", "heldout_rms_after", "noise_floor")
+        rows = [row.figures for row in self.found if all(row.figures[name] for name in wanted)]
         if not rows:
             return None
         floor = rows[-1]["noise_floor"] ** 2

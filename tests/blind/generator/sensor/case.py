@@ -135,6 +135,8 @@ def layouts_for(names: Sequence[str]) -> list[str]:
         without.add("one-sided")
     if OF_A_BEAM & set(names):
         without.add("displacement")
+    if "crosstalk" in names:
+        without.add("eight")  # whose signals show what nobody says: any mixture of them may be meant
     if "together" in needs:
         return ["together"]
     return [kind for kind in LAYOUTS if kind not in without]

@@ -222,8 +222,8 @@ def _pressure(channel: int, unit: float, campaign: Campaign, rng: np.random.Gene
 
 
 def _breathing(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
-    """Six to fourteen steps a period."""
-    period = float(rng.uniform(6.0, 14.0) * campaign.layout.programme.pause_s)
+    """Six to twenty-five steps a period."""
+    period = float(rng.uniform(6.0, 25.0) * campaign.layout.programme.pause_s)
     phase = float(rng.uniform(-np.pi, np.pi))
     return lambda size: strange.Breathes(channel, size * unit, period, phase)
 
