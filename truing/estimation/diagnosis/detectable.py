@@ -61,13 +61,15 @@ class Sight:
     per_scale: NDArray
 
     def power(self, size: float) -> float:
-        """Return the probability of being found at a size in plausible scales."""
+        """Return the probability of being found at a size in plausible scales; none of what cannot be seen."""
+        if self.rule.rank == 0:
+            return 0.0
         return float(self.rule.power(size * self.per_scale).mean())
 
     def smallest(self, power: float = POWER) -> float | None:
         """Return the size, in plausible scales, that is found with a probability; None where none is."""
         low, high = np.log(_SMALLEST), np.log(_LARGEST)
-        if self.rule.rank == 0 or self.power(_LARGEST) < power:
+        if self.power(_LARGEST) < power:
             return None
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
@@ -107,7 +109,7 @@ def _of_candidates(search: Search, level: float) -> Iterator[Sight]:
     rules: dict[tuple[str, int], Rule] = {}
     for candidate in search.candidates:
         own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
-        if not candidate.cause.catalogued or len(candidate.cause.subject.split()) > _words(candidate.cause.subject):
+        if not candidate.cause.catalogued or _is_of_several(candidate.cause.subject):
             continue
         if sort not in rules:
             rules[sort] = _rule(search, *sort, level)
@@ -143,9 +145,9 @@ def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
     return Rule(rank, search.noise.freedom(group.reading_share), search.judge.threshold(group, level))
 
 
-def _words(subject: str) -> int:
-    """Return of how many words the subject is where it names one thing: ``leg3``, ``target P07``, ``load fz``."""
-    return 1 if subject.startswith("leg") else 2
+def _is_of_several(subject: str) -> bool:
+    """Return whether a subject names several things: ``leg1 leg4``, and not ``leg3`` or ``run 4 channel dz``."""
+    return subject.startswith("targets ") or (subject.startswith("leg") and len(subject.split()) > 1)
 
 
 def _sort(cause: Any) -> tuple[Any, ...]:
