@@ -31,7 +31,8 @@ class Recorded:
     """Steps with signals: those that calibrate, and those that verify.
 
     steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or
-    found; covariate (B, K). left_out: steps with a gross error in a signal; put_right: steps whose loads were exchanged.
+    found; covariate (B, K). left_out: steps with a gross error in a signal; put_right: those whose loads were
+    exchanged.
     """
 
     steps: LoadSteps
