@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from truing.formats.sniff import Guess
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
-_LOADING_TABLES = {"interferometer", "displacement"}
+_LOADING_TABLES = {"interferometer", "displacement", "signals"}
 _MOST_FILES = 5000
 _SCAN_WORDS = {
     "pose",

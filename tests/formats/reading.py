@@ -11,10 +11,20 @@ from schemas.campaign import read_campaign
 from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
-from truing.formats.shapes import CONFIGURATIONS, DISPLACEMENT, POINTS, SCANS, SURFACES, TARGETS
+from truing.formats.shapes import (
+    CONFIGURATIONS,
+    DISPLACEMENT,
+    INTERFEROMETER,
+    POINTS,
+    SCANS,
+    SIGNALS,
+    SURFACES,
+    TARGETS,
+)
 from truing.formats.source import CampaignFiles
 
-SHAPES = {shape.name: shape for shape in (POINTS, TARGETS, CONFIGURATIONS, DISPLACEMENT, SCANS, SURFACES)}
+_ALL = (POINTS, TARGETS, CONFIGURATIONS, DISPLACEMENT, INTERFEROMETER, SIGNALS, SCANS, SURFACES)
+SHAPES = {shape.name: shape for shape in _ALL}
 
 
 @dataclass(frozen=True)

@@ -127,9 +127,15 @@ def test_what_is_not_recognised_is_left_as_a_comment(tmp_path: Path) -> None:
     assert "files" not in written(tmp_path)
 
 
-def test_a_table_of_displacements_makes_an_interferometer_campaign(tmp_path: Path) -> None:
-    header = "run,step,time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"
-    (tmp_path / "displacement.csv").write_text(f"{header}\n{','.join('0' * 15)}\n")
+@pytest.mark.parametrize(
+    ("table", "header"),
+    [
+        ("displacement", "run,step,time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"),
+        ("signals", "run,step,fx_n,fz_n,v1_mv,v2_mv"),
+    ],
+)
+def test_a_table_of_loads_makes_an_interferometer_campaign(tmp_path: Path, table: str, header: str) -> None:
+    (tmp_path / f"{table}.csv").write_text(f"{header}\n{','.join('0' * (header.count(',') + 1))}\n")
     assert init(tmp_path).exit_code == 0
     assert written(tmp_path)["campaign"]["kind"] == "interferometer"
 
