@@ -1,9 +1,9 @@
 """How often the QA stage fails good campaigns: ``python -m benchmarks.quality_checks [campaigns]``.
 
 Campaigns are drawn by the generator of the blind tests. Of points: three layouts (the telescope's; noisy, with targets
-missing and gross errors; another geometry), with nothing hidden or with a deforming platform. Of loads: all layouts of a
-force sensor's bench, with nothing hidden or with a platform or loads that are not as simulated. A good campaign should
-fail in at most one case in a hundred.
+missing and gross errors; another geometry), with nothing hidden or with a deforming platform. Of loads: all layouts of
+a force sensor's bench, with nothing hidden or with a platform or loads that are not as simulated. A good campaign
+should fail in at most one case in a hundred.
 """
 
 from __future__ import annotations
@@ -18,17 +18,19 @@ import numpy as np
 from scipy.stats import beta
 
 from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.draw import LAYOUTS
 from tests.blind.generator.effects import MatrixDeformation
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.schedule import at_rest, published_moves, random_moves
 from tests.blind.generator.sensor import campaign as sensor_campaign
 from tests.blind.generator.sensor import effects as of_sensor
 from tests.blind.generator.sensor import folder as sensor_folder
+from tests.blind.generator.sensor import recording
 from tests.blind.generator.sensor.draw import LAYOUTS as BENCHES
 from tests.blind.generator.sensor.draw import draw_plan
-from tests.blind.test_blind import LAYOUTS
 from tests.stages.line import run_line
 
+OF_POINTS = ("telescope", "noisy", "other")
 Verdicts = set[tuple[str, str]]
 FX, FZ = 0, 2
 # What a sensor may do without anything being wrong with its measurement.
@@ -41,8 +43,8 @@ PECULIAR: tuple[of_sensor.Effect, ...] = (
     of_sensor.Hysteresis(FZ, 0.02),
     of_sensor.JointClearance(FZ, 5e-6),
     of_sensor.Creep(tuple(range(6)), 0.02, 300.0),
-    of_sensor.CosineError(FX, 0.02, of_sensor.across(FX, 0.4)),
-    of_sensor.AbbeOffset(FZ, (0.02, 0.03, 0.0)),
+    recording.CosineError(FX, 0.02, recording.across(FX, 0.4)),
+    recording.AbbeOffset(FZ, (0.02, 0.03, 0.0)),
 )
 
 
@@ -69,9 +71,10 @@ def _report(campaigns: int, judge: Callable[[int], Verdicts]) -> None:
 
 
 def _judged_points(number: int) -> Verdicts:
-    layout = list(LAYOUTS.values())[number % len(LAYOUTS)]
+    kind = OF_POINTS[number % len(OF_POINTS)]
     rng = np.random.default_rng([7, number])
-    moves = published_moves() if layout.name == "telescope-like" else random_moves(36, 8, rng)
+    layout = LAYOUTS[kind](rng)
+    moves = published_moves() if kind == "telescope" else random_moves(36, 8, rng)
     hidden = [MatrixDeformation(0.01 * rng.standard_normal((6, 6)))] if number % 2 else []
     with tempfile.TemporaryDirectory() as home:
         campaign = draw_campaign(layout, [at_rest(), *moves], hidden, rng)
