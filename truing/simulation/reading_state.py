@@ -110,6 +110,14 @@ class LoadSteps:
             found[place] |= held[place] & found[self.before[place]]
         return found
 
+    @cached_property
+    def largest_so_far(self) -> NDArray:
+        """Return the largest size (B, 6) of each load so far in its run, N and N m."""
+        found = np.abs(self.load)
+        for place in self._in_run[1:]:
+            found[place] = np.maximum(found[place], found[self.before[place]])
+        return found
+
     @property
     def loaded(self) -> NDArray:
         """Return which axes (6,) are ever loaded."""

@@ -1,0 +1,153 @@
+"""What may follow what on a bench, where no cause of the catalogue says so: columns of the steps, and what was before.
+
+What a cause already does in the very same form (a channel in proportion to the load of its own axis, or to the time in
+a run) is not told again: data could not tell the two apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.causes.following import POLYNOMIAL, WAVES
+from truing.simulation.causes.of_readings import is_signal
+from truing.simulation.reading_state import (
+    AIR,
+    CHANNELS,
+    HUMIDITY,
+    IN_RUN,
+    LOADS,
+    MATERIAL,
+    ORDER,
+    PRESSURE,
+    TIME,
+    LoadSteps,
+)
+
+# Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run.
+UNLOADING, SO_FAR = "unloading ", "largest so far "
+# Functions of a load, of one and of two steps before; sine and cosine of a period.
+MEMORY, PERIOD = "memory", "period"
+REMEMBERED = 2
+SMOOTH = 3
+_WAVES = 6
+# What the catalogue has in proportion to a column already.
+_NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
+# Periods of time that are tried: from so many steps up to a part of the campaign, so many at most, this share of the
+# campaign's own frequency apart.
+_STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
+
+Follow = tuple[tuple[str, ...], str, int]
+
+
+def followings(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[Follow]:
+    """Yield columns, form and degree of what a channel, seen at steps (B,), may follow."""
+    loads = [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
+    own = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
+    others = [name for name in _columns(steps, seen) if name not in LOADS]
+
+    def levels(*columns: str) -> int:
+        values = np.prod([values_of(steps, column)[seen] for column in columns], axis=0)
+        return len(np.unique(np.round(values, 12)))
+
+    for load in loads:
+        first = 2 if load == own or is_signal(channel) else 1
+        for degree in range(first, SMOOTH + 1):
+            if levels(load) > degree:
+                yield (load,), POLYNOMIAL, degree
+        if load != own and levels(UNLOADING + load, load) > 1:
+            yield (UNLOADING + load, load), POLYNOMIAL, 1
+        if levels(UNLOADING + load) > 1:
+            yield (UNLOADING + load,), POLYNOMIAL, 1
+            yield (load,), MEMORY, REMEMBERED
+        if levels(SO_FAR + load) > 1:
+            yield (SO_FAR + load,), POLYNOMIAL, 1
+    for pair in combinations(loads, 2):
+        if levels(*pair) > 1:
+            yield pair, POLYNOMIAL, 1
+    for column in others:
+        if column not in _NAMED_LINEAR:
+            yield (column,), POLYNOMIAL, 1
+        if levels(column) > SMOOTH:
+            yield (column,), POLYNOMIAL, SMOOTH
+    timed = TIME if TIME in others else ORDER
+    if timed in others:
+        yield (timed,), WAVES, _WAVES
+    for load in loads if not is_signal(channel) else ():
+        for column in others:
+            if levels(load) > 1:
+                yield (load, column), POLYNOMIAL, 1
+
+
+def _columns(steps: LoadSteps, seen: NDArray) -> list[str]:
+    """Return the columns that vary while a channel is seen; the order only where there is no time."""
+    found = [
+        name
+        for name, values in steps.covariates.items()
+        if values.ndim == 1 and values.dtype.kind in "fiu" and np.isfinite(values).all() and np.ptp(values[seen]) > 0
+    ]
+    return [name for name in found if name != ORDER or TIME not in found]
+
+
+def range_of(steps: LoadSteps, column: str) -> tuple[float, float]:
+    """Return the centre and half the range of a column; of a load, zero and its largest."""
+    if column.removeprefix(SO_FAR) in LOADS:
+        return 0.0, float(steps.largest[LOADS.index(column.removeprefix(SO_FAR))])
+    if column.startswith(UNLOADING):
+        return 0.0, 1.0
+    values = values_of(steps, column)
+    return float(values.max() + values.min()) / 2, (float(np.ptp(values)) / 2) or 1.0
+
+
+def values_of(steps: LoadSteps, column: str) -> NDArray:
+    """Return a column's values (B,)."""
+    if column.startswith(UNLOADING):
+        return steps.unloading[:, LOADS.index(column.removeprefix(UNLOADING))].astype(float)
+    if column.startswith(SO_FAR):
+        return steps.largest_so_far[:, LOADS.index(column.removeprefix(SO_FAR))]
+    if column in LOADS:
+        return steps.load[:, LOADS.index(column)]
+    return np.asarray(steps.covariates[column], float)
+
+
+def words(column: str) -> str:
+    known = {
+        TIME: "time",
+        IN_RUN: "the time in the run",
+        ORDER: "the order of the steps",
+        AIR: "the temperature of the air",
+        MATERIAL: "the temperature of the material",
+        PRESSURE: "the pressure of the air",
+        HUMIDITY: "the humidity of the air",
+    }
+    if column.startswith(UNLOADING):
+        return f"the direction in which {words(column.removeprefix(UNLOADING))} changes"
+    if column.startswith(SO_FAR):
+        return f"the largest size of {words(column.removeprefix(SO_FAR))} so far in a run"
+    return f"the load {column.partition('_')[0]}" if column in LOADS else known.get(column, column)
+
+
+def remembered(steps: LoadSteps, load: str) -> NDArray:
+    """Return a load (B, 2) over its largest, one and two steps before in the run; zero before its start."""
+    share = steps.share[:, LOADS.index(load)]
+    once = np.where(steps.rank >= 1, share[steps.before], 0.0)
+    return np.stack([once, np.where(steps.rank >= REMEMBERED, share[steps.before[steps.before]], 0.0)], -1)
+
+
+def periods_s(steps: LoadSteps) -> NDArray:
+    """Return the periods (S,) of time that a campaign tells apart."""
+    held, span = steps.held_s[steps.held_s > 0.0], float(np.ptp(steps.time_s))
+    if not len(held) or not span > 0.0:
+        return np.zeros(0)
+    lowest, highest = _PERIODS_AT_LEAST / span, 1.0 / (_STEPS_PER_PERIOD * float(np.median(held)))
+    frequencies = np.arange(lowest, highest, _APART / span)[:_MOST_PERIODS]
+    return np.asarray(1.0 / frequencies)
+
+
+def follows_of(columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the columns of the tables that these are made of."""
+    plain = (column.removeprefix(UNLOADING).removeprefix(SO_FAR) for column in columns)
+    return tuple(dict.fromkeys(TIME if column in (ORDER, IN_RUN) else column for column in plain))
