@@ -34,6 +34,10 @@ class Words:
         """In which unit, and over what, a verdict's numbers are told."""
         return POINTS if self.channels is None else self.channels.concerned(verdict.before, verdict.after)
 
+    def of_target(self, target: int) -> Shown:
+        """The same of what concerns one channel."""
+        return POINTS if self.channels is None else self.channels.only(target)
+
     def of_noise(self, final: Stand) -> Shown:
         """The same of noise, which concerns all that was measured."""
         return POINTS if self.channels is None else self.channels.whole(final.error)
@@ -49,7 +53,8 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
     shown = words.of_noise(diagnosis.final)
     noisy = [_following_row(own, diagnosis.final, shown) for own in diagnosis.following]
-    if diagnosis.noise.p_value <= noise_level:
+    noisy += [_noisy_row(target, level, diagnosis.final, words) for target, level in diagnosis.noisy]
+    if diagnosis.noise.p_value <= noise_level and not diagnosis.noisy:
         noisy.append(_noise_row(diagnosis.noise, diagnosis.final, shown))
     found = sum(row["verdict"] == "found" for row in rows)
     rows[found:found] = noisy
@@ -134,11 +139,21 @@ def _noise_row(level: NoiseLevel, final: Stand, shown: Shown) -> dict[str, Any]:
     return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": shown.scatter}
 
 
+def _noisy_row(target: int, level: NoiseLevel, final: Stand, words: Words) -> dict[str, Any]:
+    """One channel that is noisier than declared."""
+    shown = words.of_target(target)
+    return _noise_row(level, final, shown) | {"subject": f"{final.model.scene.word_of_target} {_name(final, target)}"}
+
+
+def _name(final: Stand, target: int) -> str:
+    return str(final.model.targets.names[target])
+
+
 def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
     """Noise that is larger in places, and the column or the target that it follows."""
     from truing.report.diagnosis.findings import noise_explanation
 
-    names = [final.model.targets.names[target] for target in own.driver.targets]
+    names = [_name(final, target) for target in own.driver.targets]
     whose = final.model.scene.word_of_target
     follows = own.driver.name or f"{whose} {names[0]}"
     missed = shown.rms(final.error), shown.floor(final.floor)

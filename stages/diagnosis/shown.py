@@ -66,6 +66,10 @@ class Channels:
         readings = np.where(self.signal, 0.0, size)
         return self._of(readings if readings.any() else size)
 
+    def only(self, target: int) -> Shown:
+        """How to tell of one channel."""
+        return self._of((np.arange(len(self.units)) == target).astype(float))
+
     def whole(self, error: PredictionError) -> Shown:
         """How to tell of all readings: those of the unit of which there are most."""
         seen = error.seen.sum(0).astype(float)

@@ -60,3 +60,18 @@ def test_what_a_fit_takes_of_residuals_is_given_back() -> None:
     rest = rng.normal(size=(4000, 1, 3)) * np.sqrt([0.3, 0.6, 1.0])
     assert_close(np.std(standardised(rest, told), axis=(0, 1)), np.ones(3), atol=0.05, what="spread")
     assert np.isnan(standardised(rest, told * 0.1)).all()
+
+
+def test_numbers_tell_of_their_noise_as_points_do() -> None:
+    """One coordinate: seldom said of noise that follows nothing; a growth of one half is told, and measured."""
+    rng = np.random.default_rng(6)
+    load = np.tile(np.concatenate([np.linspace(0, 1, 11), np.linspace(0.9, 0, 10)]), 6)
+    possible = drivers({"fx_n": load}, np.zeros((4, 0)), np.arange(4))
+    clean = [noise_following(rng.normal(size=(126, 4, 1)), possible, 0.2) for _ in range(100)]
+    assert_between(sum(found is not None for found in clean), 4, 35, what="campaigns of 100 at a level of 20 %")
+    growth = np.exp(0.5 * load)[:, None, None]
+    found = [noise_following(rng.normal(size=(126, 4, 1)) * growth, possible, LEVEL) for _ in range(20)]
+    told = [one for one in found if one is not None and one.driver.column == "fx_n"]
+    assert len(told) >= 18
+    pulls = np.array([(one.ratio - np.exp(0.5)) / one.sigma for one in told])
+    assert_between(float(np.sqrt(np.mean(pulls**2))), 0.6, 1.5, what="pulls of the ratio")

@@ -56,3 +56,15 @@ def test_a_tenth_too_much_is_no_finding_and_a_half_is() -> None:
     assert _level(1.1, 1).p_value > 0.05
     assert _level(1.5, 2).p_value < 0.001
     assert _level(0.5, 3).p_value > 0.999
+
+
+def test_one_target_s_level_is_its_own() -> None:
+    """Ten points a pose, the first with twice the noise: its own level is told, and that of the others."""
+    unit = np.tile(np.eye(3), (20, 10, 1, 1))
+    whitened, measured = _fitted(1.0, 5), MeasuredPoints(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
+    quieter = unit.copy()
+    quieter[:, 0] /= 4.0
+    first = np.arange(10) == 0
+    own, others = (noise_level(whitened, measured, quieter, targets) for targets in (first, ~first))
+    assert_between(own.ratio, 2.0 - 4 * own.sigma, 2.0 + 4 * own.sigma, what="level of the first")
+    assert_between(others.ratio, 1.0 - 4 * others.sigma, 1.0 + 4 * others.sigma, what="level of the others")

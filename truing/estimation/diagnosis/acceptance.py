@@ -7,7 +7,7 @@ could do without it, and what is left whether its size follows something: then e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -73,6 +73,7 @@ class Diagnosis:
     search: Search = field(repr=False)  # the last one, in which nothing was left to be found
     gross: int  # points taken out as gross errors
     noise: NoiseLevel  # what the final model leaves, over what was declared
+    noisy: tuple[tuple[int, NoiseLevel], ...]  # single targets with noise of their own that is larger than declared
     following: tuple[NoiseFollowing, ...]  # what the noise follows; points were weighted accordingly
     held_out: Poses | None
 
@@ -145,9 +146,21 @@ class Acceptance:
             searched.search,
             fitter.gross,
             noise_level(final.fit.whitened, final.measured, fitter.declared_points),
+            tuple(self._noisy_targets(final)),
             tuple(following),
             fitter.held_out,
         )
+
+    def _noisy_targets(self, final: Stand) -> Iterator[tuple[int, NoiseLevel]]:
+        """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;
+        points of one body have one noise."""
+        bodies = final.model.bodies
+        own = [k for k in np.flatnonzero(final.measured.seen.any(0)) if np.sum(bodies == bodies[k]) == 1]
+        for target in own:
+            only = np.arange(len(bodies)) == target
+            level = noise_level(final.fit.whitened, final.measured, self._fitter.declared_points, only)
+            if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
+                yield int(target), replace(level, p_value=p_value)
 
     def _noise_follows(self, final: Stand) -> NoiseFollowing | None:
         return self._fitter.following(final, self._settings.following_level)

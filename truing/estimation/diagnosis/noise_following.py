@@ -9,16 +9,19 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 # A residual tells of its point's noise where the fit left it at least this share of every direction.
 _TOLD = 0.1
-# Logarithms of what is very small say nothing of noise.
+# Logarithms of what is very small say nothing of noise. A single coordinate is often near zero by chance: with one
+# added to its square, the logarithm keeps nine tenths of what there is to know of the noise, and four without.
 _LEAST = 1e-3
+_ADDED = {1: 1.0}
 _FEWEST_POINTS = 20
 
 
@@ -97,8 +100,10 @@ def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -
     known = np.isfinite(square)
     if known.sum() < _FEWEST_POINTS or not candidates:
         return None
-    logs = np.where(known, np.log(np.maximum(np.nan_to_num(square), _LEAST)), 0.0)
-    spread = _log_variance(rest.shape[-1])
+    size = rest.shape[-1]
+    squares = np.maximum(np.nan_to_num(square) + _ADDED.get(size, 0.0), _LEAST)
+    follows, spread = _log_moments(size)
+    logs = np.where(known, np.log(squares) / follows, 0.0)
     scores = [_slope(logs, known, driver, spread) for driver in candidates]
     best = int(np.argmax([_strength(score, driver) for score, driver in zip(scores, candidates, strict=True)]))
     strength = _strength(scores[best], candidates[best])
@@ -109,11 +114,25 @@ def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -
     return _following(candidates[best], scores[best], known, p_value)
 
 
-def _log_variance(size: int) -> float:
-    """Return the variance of the logarithm of a chi-square with so many degrees of freedom."""
+@lru_cache(maxsize=8)
+def _log_moments(size: int) -> tuple[float, float]:
+    """Return how the mean logarithm of a chi-square (and of what is added to it), of so many degrees of freedom, follows
+    that of the noise's variance, and the variance of such logarithms, brought to a slope of one."""
+    from scipy.integrate import quad
     from scipy.special import polygamma
+    from scipy.stats import chi2
 
-    return float(polygamma(1, size / 2))
+    added = _ADDED.get(size, 0.0)
+    if not added:
+        return 1.0, float(polygamma(1, size / 2))
+    law = chi2(size)
+
+    def mean(of: Callable[[float], float]) -> float:
+        return float(quad(lambda x: of(law.ppf(x)), 0.0, 1.0)[0])
+
+    slope, first = mean(lambda q: q / (q + added)), mean(lambda q: math.log(q + added))
+    second = mean(lambda q: math.log(q + added) ** 2)
+    return slope, (second - first**2) / slope**2
 
 
 def _slope(logs: NDArray, known: NDArray, driver: Driver, spread: float) -> tuple[float, float]:

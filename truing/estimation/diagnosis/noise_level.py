@@ -23,20 +23,24 @@ class NoiseLevel:
     p_value: float
 
 
-def noise_level(whitened: Whitened, measured: MeasuredPoints, declared: NDArray) -> NoiseLevel:
+def noise_level(
+    whitened: Whitened, measured: MeasuredPoints, declared: NDArray, targets: NDArray | None = None
+) -> NoiseLevel:
     """Return the level of the noise that a fit leaves in the points over the declared covariances (B, K, d, d).
 
-    Its logarithm is tested, one-sided; ``measured`` holds the covariances that the fit used.
+    Of all targets, or of those that ``targets`` (K,) marks. Its logarithm is tested, one-sided; ``measured`` holds the
+    covariances that the fit used.
     """
     poses, count = measured.seen.shape
+    seen = measured.seen if targets is None else measured.seen & targets
     size = measured.size
     height = size * count + whitened.problem.local_value.shape[1]
 
     def of_points(rows: NDArray) -> NDArray:
         own = rows[: poses * height].reshape(poses, height)[:, : size * count]
-        return np.asarray(own.reshape(poses, count, size)[measured.seen])
+        return np.asarray(own.reshape(poses, count, size)[seen])
 
-    used, promised = measured.covariance[measured.seen], declared[measured.seen]
+    used, promised = measured.covariance[seen], declared[seen]
     change = np.linalg.solve(np.linalg.cholesky(promised), np.linalg.cholesky(used))
     rest = np.einsum("nij,nj->ni", change, of_points(whitened.rest))
     freedom = float(np.sum(1.0 - of_points(whitened.leverage)))
