@@ -116,8 +116,8 @@ def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -
 
 @lru_cache(maxsize=8)
 def _log_moments(size: int) -> tuple[float, float]:
-    """Return how the mean logarithm of a chi-square (and of what is added to it), of so many degrees of freedom, follows
-    that of the noise's variance, and the variance of such logarithms, brought to a slope of one."""
+    """Return how the mean logarithm of a chi-square of so many degrees of freedom (and of what is added to it) follows
+    that of the noise's variance, and the variance of such logarithms once that slope is one."""
     from scipy.integrate import quad
     from scipy.special import polygamma
     from scipy.stats import chi2
