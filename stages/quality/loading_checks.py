@@ -17,7 +17,9 @@ from stages.quality.of_readings import (
     jumps,
     noise,
     repeatability,
+    signal_answers,
     signs,
+    turned_round,
     units,
     zero_return,
 )
@@ -42,14 +44,19 @@ def loading_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
         yield from _of_readings(view, settings, share)
     else:
         yield without("readings", "completeness", "", "the campaign holds no readings of the platform's motion")
-    yield from signal_checks(view, settings, share)
+    turned: frozenset[int] = frozenset()
+    if view.steps.signals:
+        found = signal_answers(view)
+        yield from signs(view, found, "signals", 0.5 * share)
+        turned = frozenset(found.run[turned_round(found, 0.5 * share)].tolist())
+    yield from signal_checks(view, settings, turned, share)
 
 
 def _of_readings(view: LoadingView, settings: Campaign, share: float) -> Iterator[Check]:
     yield from readings_there(view)
     found = answers(view)
     yield from units(view, found)
-    yield from signs(view, found, share)
+    yield from signs(view, found, "readings", 0.5 * share)
     each = share / len(view.channels)
     for channel in view.channels:
         yield gross_errors(view, channel)

@@ -40,6 +40,21 @@ class Answers:
     slope: Array
     sigma: Array
     kind: NDArray[np.int64]
+    simulated: bool
+
+
+_Answer = tuple[str, int, float, float, int]
+
+
+def _gathered(found: list[_Answer], *, simulated: bool) -> Answers:
+    return Answers(
+        tuple(one[0] for one in found),
+        np.array([one[1] for one in found], np.int64),
+        np.array([one[2] for one in found], float),
+        np.array([one[3] for one in found], float),
+        np.array([one[4] for one in found], np.int64),
+        simulated,
+    )
 
 
 def answers(view: LoadingView) -> Answers:
@@ -51,13 +66,20 @@ def answers(view: LoadingView) -> Answers:
             drive, kind = _drive(view, channel, run, rows)
             if drive is not None and len(rows) >= _FEWEST:
                 found.append((channel.name, run, *_slope(drive, view.steps.reading[rows, channel.place]), kind))
-    return Answers(
-        tuple(one[0] for one in found),
-        np.array([one[1] for one in found], np.int64),
-        np.array([one[2] for one in found], float),
-        np.array([one[3] for one in found], float),
-        np.array([one[4] for one in found], np.int64),
-    )
+    return _gathered(found, simulated=view.simulated is not None)
+
+
+def signal_answers(view: LoadingView) -> Answers:
+    """The answers of signals to the loads of runs under one axis; a kind is an axis and a signal."""
+    steps, found = view.steps, []
+    for run in np.flatnonzero(view.loaded_alone).tolist():
+        axis = int(view.axis[run])
+        for at, name in enumerate(steps.signals):
+            rows = np.flatnonzero((steps.run == run) & np.isfinite(steps.signal[:, at]))
+            if len(rows) >= _FEWEST:
+                kind = len(steps.signals) * axis + at
+                found.append((name, run, *_slope(steps.load[rows, axis], steps.signal[rows, at]), kind))
+    return _gathered(found, simulated=False)
 
 
 def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.int64]) -> tuple[Array | None, int]:
@@ -85,11 +107,11 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
     if not found.channel:
         yield without("units", "units", "", _NOTHING_TO_COMPARE)
         return
-    expected = np.ones(len(found.slope)) if view.simulated is not None else _typical(found.slope, found.kind)
+    expected = np.ones(len(found.slope)) if found.simulated else _typical(found.slope, found.kind)
     wrong = units_mistaken(found.slope, found.sigma, expected)
     for where, factor in zip(wrong.where, wrong.size, strict=True):
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
-        said = f"{subject} reads {factor:.4g} times what is expected; is its unit right?"
+        said = f"{subject} reads {factor:.4g} times what is expected; is its unit, or that of the load, right?"
         yield Check("units", subject, float(factor), 1.0, "1", FAIL, said)
     if not len(wrong):
         said = f"The readings of {len(found.slope)} runs and channels are of a likely size."
@@ -106,25 +128,29 @@ def _typical(value: Array, kind: NDArray[np.int64]) -> Array:
     return out
 
 
-def signs(view: LoadingView, found: Answers, share: float) -> Iterator[Check]:
-    """Runs that answer with the opposite sign."""
+def turned_round(found: Answers, share: float) -> list[int]:
+    """Which of the answers have the sign opposite to the simulated, or to that of most of their kind."""
+    slope, sigma, kind, count = found.slope, found.sigma, found.kind, len(found.slope)
+    if found.simulated:  # each by itself against it: all of them may have been turned round
+        slope, sigma = np.append(slope, np.ones(count)), np.append(sigma, np.full(count, _EXACT))
+        kind = np.tile(np.arange(count), 2)
+    return [int(at) for at in signs_flipped(slope, sigma, kind, share).where if at < count]
+
+
+def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[Check]:
+    """Runs that answer with the opposite sign; of: readings or signals."""
     if not found.channel:
-        yield without("signs", "signs", "", _NOTHING_TO_COMPARE)
+        yield without("signs", "signs", of, _NOTHING_TO_COMPARE)
         return
-    slope, sigma, kind = found.slope, found.sigma, found.kind
-    if view.simulated is not None:  # which is one of them
-        kinds = np.unique(kind)
-        slope, sigma = np.append(slope, np.ones(len(kinds))), np.append(sigma, np.full(len(kinds), _EXACT))
-        kind = np.append(kind, kinds)
-    flipped = [at for at in signs_flipped(slope, sigma, kind, share).where if at < len(found.slope)]
+    flipped = turned_round(found, share)
     for number in dict.fromkeys(found.run[flipped].tolist()):
         names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
         said = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
         yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, said)
     if not flipped:
-        against = "the simulation" if view.simulated is not None else "each other"
-        said = f"{len(found.slope)} runs and channels have the same sign as {against}."
-        yield Check("signs", "", 1.0, 0.0, "1", PASS, said)
+        against = "the simulation" if found.simulated else "each other"
+        said = f"{of}: {len(found.slope)} runs and channels have the same sign as {against}."
+        yield Check("signs", of, 1.0, 0.0, "1", PASS, said)
 
 
 def noise(channel: ChannelView, share: float) -> Check:

@@ -30,8 +30,8 @@ _ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is
 _FEWEST = 8
 
 
-def signal_checks(view: LoadingView, settings: Campaign, share: float) -> Iterator[Check]:
-    """Every check of signals against loads."""
+def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int], share: float) -> Iterator[Check]:
+    """Every check of signals against loads; turned: runs whose sign is known to be wrong, and not their rows."""
     steps = view.steps
     if not steps.signals:
         yield without("signals", "signals", "", "the campaign holds none")
@@ -47,13 +47,16 @@ def signal_checks(view: LoadingView, settings: Campaign, share: float) -> Iterat
     yield _loads_span(load[:, loaded], [LOADS[k] for k in loaded])
     about = signal if settings.signals.zero_mv is not None else signal - signal.mean(axis=0)
     yield _signals_independent(about, steps.signals, len(loaded), settings.noise.signal_mv)
-    yield from _exchanged(view, used, len(loaded), share)
+    right = used[~np.isin(steps.run[used], sorted(turned))]
+    yield from _exchanged(view, right, len(loaded), share)
 
 
 def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
     """Samples at an end of the amplifier's range, which a signal meets as a wall."""
     steps = view.steps
     rows = np.flatnonzero(np.isfinite(steps.signal[:, at]))
+    if not len(rows):
+        return without("never read", "saturated", f"signal {name}", "no step has a value of it")
     value = steps.signal[rows, at]
     limit = None if range_mv is None else range_mv * _MILLIVOLT
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
@@ -100,7 +103,8 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
     wanted, count = min(len(names), loaded), len(about)
     size = float(np.linalg.norm(about, axis=0).max())
     if size == 0.0:
-        return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, "No signal changes with the load.")
+        said = "No signal changes with the load: V V^T is singular."
+        return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, said)
     seen = observe(about, np.full(len(names), 1.0 / size), names, unidentifiable=1.0 / _ROUNDING)
     verdict, but = FAIL, ""
     if seen.rank >= wanted and noise_mv:

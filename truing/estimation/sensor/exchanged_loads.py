@@ -77,7 +77,8 @@ def _robust_residuals(signals: NDArray, loads: NDArray) -> tuple[NDArray, NDArra
     Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself.
     """
     columns = np.column_stack([signals, np.ones(len(signals))])
-    columns = columns / np.sqrt(np.mean(columns**2, 0))
+    size = np.sqrt(np.mean(columns**2, 0))
+    columns = columns / np.where(size > 0.0, size, 1.0)
     rest = _rest(columns, loads, np.ones_like(loads))
     for _ in range(_L1_ROUNDS):
         far = np.abs(rest) / _scatter(rest, columns.shape[1])
