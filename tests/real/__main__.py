@@ -8,7 +8,9 @@ from pathlib import Path
 
 from tests.real.campaigns import data_folder, run_all
 from tests.real.facts import FACTS
+from tests.real.figures import write_figures
 from tests.real.page import PAGE, render
+from tests.real.raw_facts import raw_facts
 
 
 def main() -> int:
@@ -18,7 +20,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         sys.stdout.write(f"{', '.join(FACTS)}\n")
         facts = {name: FACTS[name](tables) for name, tables in run_all(tuple(FACTS), Path(folder)).items()}
-    PAGE.write_text(render(facts), encoding="utf-8")
+    raw = raw_facts(data_folder())
+    PAGE.write_text(render(facts, raw), encoding="utf-8")
+    write_figures(facts, raw)
     sys.stdout.write(f"{PAGE}\n")
     return 0
 

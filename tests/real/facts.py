@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from stages.sensor.reading_arrays import READING_SI
+from tests.real import force_facts
 from tests.real.diagnosed import diagnosed, length, sag, seen_in_between, up_and_down, walked
 from truing.estimation.response import fit_response
 from truing.estimation.rigid_poses.rigid import umeyama
@@ -193,5 +194,10 @@ FACTS = {
     "so-lat-vstars": lambda tables: {**vstars(tables), "diagnosis": diagnosed(tables), "moved_mm": moved_codes(tables)},
     "mocap-static": lambda tables: {"bodies": mocap(tables), "diagnosis": diagnosed(tables)},
     "mocap-full": lambda tables: {"bodies": mocap(tables), "diagnosis": diagnosed(tables)},
-    "lbcb-pier": lbcb,
+    "lbcb-pier": lambda tables: {**lbcb(tables), "small_loops": force_facts.pier(tables)},
+    "fareke-file1": force_facts.weights,
+    "fareke-file2": force_facts.weights,
+    "fareke-file3": force_facts.weights,
+    "sps01-stewart-force": force_facts.stewart,
+    "optical-ft-ur3e": force_facts.optical,
 }

@@ -7,6 +7,8 @@ from typing import Any
 
 import jinja2
 
+from tests.real.force_facts import LINEAR, PRODUCTS, SQUARES
+
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parents[1] / "docs" / "real-data.md"
 _SHORT = {
@@ -21,10 +23,31 @@ _SHORT = {
     "mocap-static": "static",
     "mocap-full": "full",
     "lbcb-pier": "lbcb",
+    "fareke-file1": "file1",
+    "fareke-file2": "file2",
+    "fareke-file3": "file3",
+    "sps01-stewart-force": "sps",
+    "optical-ft-ur3e": "optical",
 }
+_MODELS = {"linear": LINEAR, "squares": SQUARES, "products": PRODUCTS}
 
 
-def render(facts: dict[str, dict[str, Any]]) -> str:
-    environment = jinja2.Environment(trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
-    template = environment.from_string((HERE / "real-data.md.jinja").read_text(encoding="utf-8"))
-    return template.render({_SHORT[name]: found for name, found in facts.items()}).rstrip() + "\n"
+def render(facts: dict[str, dict[str, Any]], raw: dict[str, Any]) -> str:
+    """The page from the facts of the campaigns, and from those of files that are none."""
+    return rendered("real-data.md.jinja", facts, raw)
+
+
+def rendered(template: str, facts: dict[str, dict[str, Any]], raw: dict[str, Any]) -> str:
+    """One of the templates here, which may hold others."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["significant"] = significant
+    short = {_SHORT[name]: found for name, found in facts.items()}
+    return environment.get_template(template).render(short | _MODELS | {"raw": raw}).rstrip() + "\n"
+
+
+def significant(value: float, digits: int) -> str:
+    """A number with so many digits that count, and no power of ten."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:.0f}" if abs(rounded) >= 10 ** (digits - 1) else f"{rounded:g}"

@@ -169,11 +169,15 @@ def _lbcb(data: Path) -> tuple[NDArray, NDArray]:
 
 
 def pier(data: Path) -> dict[str, Any]:
+    """What the log of the pier says, inch and kip."""
+    return pier_of(*_lbcb(data))
+
+
+def pier_of(moved: NDArray, force: NDArray) -> dict[str, Any]:
     """Stiffness before the pier was first moved by 0.3 in, whole loops held out, and loops per axis; inch and kip.
 
     weakest: share of the displacements' spread along their weakest combination, all in units of their own spread.
     """
-    moved, force = _lbcb(data)
     whole: Loops = loops(moved[:, 0], force, 0.0, least=0.02)
     step = np.arange(len(moved))
     large = np.flatnonzero(np.abs(moved[:, 0]) > 0.3)

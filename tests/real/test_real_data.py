@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
+from tests.real import force_facts
 from tests.real.campaigns import run_all
 from tests.real.facts import FACTS
 from tests.real.page import PAGE, render
+from tests.real.raw_facts import raw_facts
+from tests.tolerance import assert_close
 
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
@@ -122,9 +126,48 @@ def test_the_wheelchair_deforms_with_an_arm(facts):
     assert re.search("where body (Arm|Forearm|Glove)[LR] is", says), says
 
 
-def test_the_page_says_what_the_data_say(facts):
+def test_a_six_axis_sensor_is_calibrated_to_the_stated_residuals(facts):
+    assert_close(facts["fareke-file1"]["residuals"]["rms"], [0.039, 0.042, 0.044, 0.017, 0.010, 0.008], atol=5.01e-4)
+    assert facts["fareke-file1"]["exchanged"] == []
+    stage = facts["fareke-file2"]["models"][force_facts.LINEAR]["fitted"]  # which puts exchanged rows right
+    assert np.all(np.array(stage) < [0.040, 0.043, 0.045, 0.018, 0.011, 0.009])
+
+
+def test_exchanged_rows_are_named_by_quality_and_by_the_diagnosis(facts):
+    for name in ("fareke-file2", "fareke-file3"):
+        assert facts[name]["exchanged"] == ["run 2 step 16 and run 2 step 17"]
+    found = facts["fareke-file2"]["diagnosis"]["found"][0]
+    assert (found["cause"], found["value"]) == ("rows-exchanged", {"rows": "2/16 2/17", "components": "fy"})
+    assert "rows-exchanged" not in dict(_found(facts, "fareke-file1"))
+
+
+def test_the_lever_arm_of_eccentric_loads_is_found_by_the_diagnosis(facts):
+    found = facts["sps01-stewart-force"]
+    assert _found(facts, "sps01-stewart-force") == [("load-eccentricity", found["eccentricity"]["subject"])]
+    assert found["condition"] == pytest.approx(5.5, abs=0.05)
+    along_z = found["eccentricity"]["offset_z"]
+    for axis, arm in (("Fx", -46.0), ("Fy", -60.0)):
+        assert found["arms"][axis][2] == pytest.approx(arm, abs=1.0)
+        assert along_z["value"] == pytest.approx(arm, abs=2 * along_z["sigma"])
+    assert abs(along_z["value"]) > 5 * along_z["sigma"]
+    for own in found["table"].values():
+        assert own["error"] == pytest.approx(own["published"][1], abs=1.0)  # of every twentieth reading
+
+
+def test_what_random_rows_praise_fails_on_whole_runs(facts):
+    models = facts["optical-ft-ur3e"]["models"]
+    linear, products = (models[name] for name in (force_facts.LINEAR, force_facts.PRODUCTS))
+    # 1.80 1.89 1.94 N by poses, 13.3 5.5 6.2 N quadratic (README of the data)
+    assert_close(linear["held_out"][:3], [1.80, 1.89, 1.94], atol=0.12)
+    assert np.all(np.array(products["random"]) < 0.7 * np.array(linear["random"]))
+    assert np.all(np.array(products["held_out"])[:3] > 5 * np.array(products["random"])[:3])
+    assert np.all(np.array(products["held_out"])[:3] > np.array(linear["held_out"])[:3])
+    assert not products["chosen"]
+
+
+def test_the_page_says_what_the_data_say(facts, real_data):
     """All words, and all numbers to a unit of the last digit or a twentieth: processors round differently."""
-    shown, made = PAGE.read_text(encoding="utf-8"), render(facts)
+    shown, made = PAGE.read_text(encoding="utf-8"), render(facts, raw_facts(real_data))
     assert _NUMBER.sub("#", shown) == _NUMBER.sub("#", made), "run `python -m tests.real` and look at what changed"
     for old, new in zip(_NUMBER.findall(shown), _NUMBER.findall(made), strict=True):
         last = 10.0 ** -len(old.partition(".")[2])
