@@ -63,7 +63,7 @@ def test_what_a_fit_takes_of_residuals_is_given_back() -> None:
 
 
 def test_numbers_tell_of_their_noise_as_points_do() -> None:
-    """One coordinate: seldom said of noise that follows nothing; noise that doubles with the load is told, and measured."""
+    """One coordinate: little is said of noise that follows nothing; noise that doubles with the load is measured."""
     rng = np.random.default_rng(6)
     load = np.tile(np.concatenate([np.linspace(0, 1, 11), np.linspace(0.9, 0, 10)]), 6)
     possible = drivers({"fx_n": load}, np.zeros((4, 0)), np.arange(4))
