@@ -204,7 +204,8 @@ def _left_out(found: PlatformPoses) -> str:
 
 def _figure(found: PlatformPoses) -> str:
     known = np.isfinite(found.value)
-    never = [name for name, seen in zip(CHANNELS, known.any(axis=0).tolist(), strict=True) if not seen]
+    ever = np.asarray(known.any(axis=0))
+    never = [name for name, seen in zip(CHANNELS, ever, strict=True) if not seen]
     words = f"{int(known.all(1).sum())} of {len(known)} load cases in all six components"
     missing = [
         f"{axis} {' '.join(np.array(CHANNELS)[~seen])}"

@@ -23,7 +23,7 @@ from truing.simulation.six_upur.influence import merit
 
 Array = NDArray[np.float64]
 
-NOMINAL, SYNTHETIC = "nominal", "synthetic error"
+NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
 _LEGS = tuple(f"leg{number + 1}" for number in range(6))
 
 
@@ -51,6 +51,8 @@ def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: L
     if theory is not None:
         _entries(rows, "G", NOMINAL, theory.nominal, _LEGS, ("1", "m"))
         _entries(rows, "G'", SYNTHETIC, theory.with_error, _LEGS, ("1", "m"))
+        if theory.with_joints is not None:
+            _entries(rows, "G", WITH_JOINTS, _exactly(theory.with_joints), _LEGS, ("1", "m"))
     if found is not None:
         names = found.table.signal_names
         for k, (one, matrix) in enumerate(zip(found.choice.contenders, found.matrices, strict=True)):
@@ -61,6 +63,15 @@ def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: L
     if legs is not None:
         _entries(rows, "G_B'", legs.model, legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
     return rows
+
+
+def _exactly(matrix: Array) -> MatrixEstimate:
+    """A matrix of which nobody says how sure it is."""
+    return MatrixEstimate(matrix, np.full((matrix.size, matrix.size), np.nan))
+
+
+def _known(sigma: Array) -> list[float | None]:
+    return [float(one) if np.isfinite(one) else None for one in sigma]
 
 
 def _names_of(matrix: MatrixEstimate) -> tuple[str, ...]:
@@ -86,7 +97,7 @@ def _entries(
         row=[LOADS[i] for i in row],
         column_name=[columns[j] for j in column],
         value=estimate.value.ravel(),
-        sigma=estimate.sigma.ravel(),
+        sigma=_known(estimate.sigma.ravel()),
         unit=[units[int(i > 2)] for i in row],
         chosen=chosen,
         **more,
@@ -119,6 +130,8 @@ def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: Le
     length = 1.0 if theory is None else theory.length_m
     lengths = (1.0,) if length == 1.0 else (1.0, length)
     whole = [] if theory is None else [("G", NOMINAL, theory.nominal), ("G'", SYNTHETIC, theory.with_error)]
+    if theory is not None and theory.with_joints is not None:
+        whole.append(("G", WITH_JOINTS, _exactly(theory.with_joints)))
     whole += [] if legs is None else [("G_B'", legs.model, legs.estimate)]
     for name, model, estimate in whole:
         for one in lengths:
@@ -158,9 +171,10 @@ def _merit(rows: Rows, matrix: str, model: str, estimate: MatrixEstimate, length
 
 def _types(rows: Rows, theory: Theory, legs: LegMatrix, lengths: tuple[float, ...]) -> None:
     """How far theory is from calibration, as the paper's Table 5 has it: with the synthetic error, and without."""
-    pairs = (("type_1_error", "G'", theory.with_error), ("type_2_error", "G", theory.nominal))
-    for figure, matrix, estimate in pairs:
-        model = SYNTHETIC if matrix == "G'" else NOMINAL
+    pairs = [("type_1_error", "G'", SYNTHETIC, theory.with_error), ("type_2_error", "G", NOMINAL, theory.nominal)]
+    if theory.with_joints is not None:
+        pairs.append(("type_2_error", "G", WITH_JOINTS, _exactly(theory.with_joints)))
+    for figure, matrix, model, estimate in pairs:
         measured, own = sensitivities(legs.estimate), sensitivities(estimate)
         found = relative_errors(own.value, measured)
         for k, load in enumerate(LOADS):
@@ -195,6 +209,6 @@ def _add(
         figure=figure,
         subject=subject,
         value=value,
-        sigma=sigma,
+        sigma=None if sigma is None or not np.isfinite(sigma) else sigma,
         unit=unit,
     )

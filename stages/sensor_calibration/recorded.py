@@ -74,16 +74,16 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     curves = run_curves(steps.load, steps.time_s, steps.run, signal, given)
     good = np.asarray(~curves.rejected.any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
-    zero, apart = _zeros(steps, signal, sigma, good)
+    covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
+    zero, apart = _zeros(steps, signal, sigma, covariate, good)
     kept = steps.chosen(good)
-    covariate, names = _covariates(kept, settings.mechanism.reference_temperature_c)
     noise = settings.noise
     return Recorded(
         kept,
         (signal - zero[steps.run] if apart else signal)[good],
         sigma,
         np.repeat([noise.load_n, noise.load_nm], 3),
-        covariate,
+        covariate[good],
         names,
         apart,
         int((~good).sum()),
@@ -91,8 +91,10 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     )
 
 
-def _zeros(steps: LoadSteps, signal: Array, sigma: Array, good: NDArray[np.bool_]) -> tuple[Array, bool]:
-    """Mean unloaded signal (R, C) of every run, and whether runs differ in it by more than noise.
+def _zeros(
+    steps: LoadSteps, signal: Array, sigma: Array, covariate: Array, good: NDArray[np.bool_]
+) -> tuple[Array, bool]:
+    """Mean unloaded signal (R, C) of every run, and whether runs differ in it by more than noise and temperature do.
 
     A run without unloaded reading has no zero to count from: then none is taken out of any.
     """
@@ -104,11 +106,14 @@ def _zeros(steps: LoadSteps, signal: Array, sigma: Array, good: NDArray[np.bool_
     met = np.isin(np.arange(len(steps.runs)), steps.run)
     if (count[met] == 0.0).any() or met.sum() < 2:
         return np.zeros((len(steps.runs), signal.shape[1])), False
-    mean = member.T @ signal[unloaded] / np.maximum(count, 1.0)[:, None]
-    common = (count @ mean) / count.sum()
-    squares = float(np.sum(count[:, None] * ((mean - common) / sigma) ** 2))
-    freedom = (int(met.sum()) - 1) * signal.shape[1]
-    return mean, bool(chdtrc(freedom, squares) < _UNLIKELY)
+    share = member / np.maximum(count, 1.0)
+    mean = share.T @ signal[unloaded]
+    explained = np.column_stack([np.ones(len(count)), share.T @ covariate[unloaded]]) * np.sqrt(count)[:, None]
+    weighed = mean * np.sqrt(count)[:, None]
+    by_those, _, rank, _ = np.linalg.lstsq(explained, weighed, rcond=None)
+    squares = float(np.sum(((weighed - explained @ by_those) / sigma) ** 2))
+    freedom = (int(met.sum()) - int(rank)) * signal.shape[1]
+    return mean, freedom > 0 and bool(chdtrc(freedom, squares) < _UNLIKELY)
 
 
 def _covariates(steps: LoadSteps, reference_c: float) -> tuple[Array, tuple[str, ...]]:

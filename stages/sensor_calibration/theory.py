@@ -33,12 +33,14 @@ _MOVED = (*((f"d{axis}_mm", 1e-3) for axis in "xyz"), *((f"r{axis}_rad", 1.0) fo
 class Theory:
     """G and G' (6, 6), moments about the platform's origin, with covariance by the tolerances of length.
 
+    with_joints: what cells see where joints resist and carry a part of the load past them; None without elements.
     synthetic (6,): the error that G' is at, m and rad: assembly, one sigma, and the largest displacement under load.
     length_m: at which moments weigh as much as forces.
     """
 
     nominal: MatrixEstimate
     with_error: MatrixEstimate
+    with_joints: Array | None
     synthetic: Array
     length_m: float
 
@@ -57,7 +59,8 @@ def theory(settings: Campaign, tables: Mapping[str, pa.Table]) -> Theory | None:
     assembly = first_order_covariances(closed_loop_map(joints), sensor.length_sigma).sum(0)
     synthetic = np.sqrt(np.diag(assembly)) + _largest(sensor, tables)
     with_error = MatrixEstimate(influence_with_error(joints, synthetic), covariance)
-    return Theory(MatrixEstimate(G, covariance), with_error, synthetic, float(characteristic_length(G)))
+    with_joints = None if sensor.elastic is None else np.linalg.inv(sensor.elastic.axial_forces)
+    return Theory(MatrixEstimate(G, covariance), with_error, with_joints, synthetic, float(characteristic_length(G)))
 
 
 def _largest(sensor: NominalSensor, tables: Mapping[str, pa.Table]) -> Array:

@@ -53,6 +53,8 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
     The covariance is that of declared noise; ``noise`` is estimated from the residuals.
     """
     rows, width = response.shape
+    if prior is None and cov.ndim == 2:
+        return _alike(columns, response, cov)
     factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (rows, width, width))))
     whole = np.einsum("nwi,nq->nwiq", factor, columns).reshape(rows * width, -1)
     target = np.einsum("nwi,ni->nw", factor, response).ravel()
@@ -66,6 +68,17 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
     squares = float(np.sum((target - whole @ values) ** 2))
     dof = float(len(target) - len(values))
     return LinearFit(matrix, covariance, residual.T @ residual / max(dof / width, 1.0), squares, dof)
+
+
+def _alike(columns: NDArray, response: NDArray, cov: NDArray) -> LinearFit:
+    """Return the weighted fit where all rows have one covariance: that of least squares, as weights drop out of it."""
+    inverse, root = _scaled_inverse(columns)
+    matrix = (root @ response).T
+    residual = response - columns @ matrix.T
+    squares = float(np.sum(np.linalg.solve(cov, residual.T) * residual.T))
+    spare = float(len(columns) - columns.shape[1])
+    noise = residual.T @ residual / max(spare, 1.0)
+    return LinearFit(matrix, np.kron(cov, inverse), noise, squares, spare * response.shape[1])
 
 
 def _root(information: NDArray) -> NDArray:

@@ -1,0 +1,75 @@
+"""Loaded sensors as the second implementation draws them, put through stages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stages.declaration import Outcome
+from tests.blind.generator.sensor.campaign import Campaign, draw_campaign
+from tests.blind.generator.sensor.effects import Effect
+from tests.blind.generator.sensor.folder import write_campaign
+from tests.blind.generator.sensor.layout import ARCSEC, CHANNELS, LOADS, Layout, Programme, Tolerance
+from tests.stages.line import run_line
+
+MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
+SI = np.array([1e-3] * 3 + [1.0] * 3)
+READING_SI = np.array([1e-6] * 3 + [ARCSEC] * 3)
+DEFORMATION = ("ingest", "pose", "deformation")
+TOLERANCE = Tolerance(stiffness=0.02)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What was drawn, and what the stages made of it."""
+
+    folder: Path
+    drawn: Campaign
+    tables: dict[str, Any]
+    said: dict[str, Outcome]
+
+    def frame(self, name: str) -> pd.DataFrame:
+        """A table as a frame."""
+        return self.tables[name].to_pandas()
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """The true compliance (6, 6)."""
+        return self.drawn.truth.machine.compliance
+
+
+def layout(channels: str = "separate", **changes: Any) -> Layout:
+    """A bench with uncertain legs; ``programme`` is replaced as a whole."""
+    return Layout(**{"name": "bench", "tolerance": TOLERANCE, "programme": Programme(channels=channels), **changes})
+
+
+def bench(
+    folder: Path, made: Layout, seed: int, effects: Sequence[Effect] = (), stages: Sequence[str] = DEFORMATION
+) -> Bench:
+    """A campaign written to a folder and run through stages."""
+    drawn = draw_campaign(made, effects, np.random.default_rng(seed))
+    write_campaign(drawn, folder, seed)
+    tables, said = run_line(folder, *stages)
+    return Bench(folder, drawn, tables, said)
+
+
+def case_errors(made: Bench) -> np.ndarray:
+    """Displacements (K, 6) of the load cases less the true ones, over their sigmas; NaN where unknown."""
+    cases = made.frame("displacement")
+    true = cases[list(LOADS)].to_numpy() @ made.compliance.T
+    sigma = np.sqrt(np.stack([cases[f"cov_{k}_{k}"].to_numpy() for k in range(6)], axis=1))
+    return (cases[list(MOVED)].to_numpy() * SI - true) / sigma
+
+
+def entry_errors(made: Bench, model: str = "matrix") -> np.ndarray:
+    """Entries of a measured compliance less the true ones, over their sigmas."""
+    rows = made.frame("compliance")
+    rows = rows[rows["model"] == model]
+    i = [CHANNELS.index(name) for name in rows["response"]]
+    j = [("fx", "fy", "fz", "mx", "my", "mz").index(name) for name in rows["load"]]
+    return ((rows["coefficient"] - made.compliance[i, j]) / rows["sigma"]).to_numpy()

@@ -1,0 +1,173 @@
+"""The calibrate stage of a force sensor: G_B as sure as it says, chosen on held-out loads; what is missing is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from schemas.artifacts import ARTIFACTS
+from stages import calibrate
+from tests.blind.generator.sensor.campaign import bridges
+from tests.blind.generator.sensor.layout import Noise, Programme
+from tests.stages.benches import Bench, bench, layout
+from tests.stages.line import settings_of
+
+WHOLE = ("ingest", "pose", "calibrate")
+LOADS = ["fx", "fy", "fz", "mx", "my", "mz"]
+
+
+def _truth(made: Bench) -> np.ndarray:
+    drawn = made.drawn
+    return drawn.truth.gain[:, 0, None] * drawn.truth.machine.tension[bridges(drawn.layout)]
+
+
+def _matrix(made: Bench) -> pd.DataFrame:
+    rows = made.frame("sensor_matrix")
+    return rows[(rows["matrix"] == "G_B") & rows["chosen"]]
+
+
+def _chosen(choice: pd.DataFrame) -> str:
+    return choice.loc[(choice["figure"] == "chosen") & (choice["value"] == 1.0), "model"].iloc[0]
+
+
+@pytest.fixture(scope="module")
+def six(tmp_path_factory) -> Bench:
+    """Six channels of stated sensitivity, every axis loaded twice, loads to a force of 3 N."""
+    programme, noise = Programme(channels="all", repeats=2), Noise(force=3.0, torque=1.0)
+    made = layout(programme=programme, noise=noise, signals=6)
+    drawn = bench(tmp_path_factory.mktemp("six") / "c", made, 1, stages=("ingest", "pose"))
+    stated = {
+        "sensitivity_mv_per_n": tuple(drawn.drawn.truth.gain[:, 0]),
+        "sensitivity_tolerance": 0.002,
+    }
+    signals = settings_of(drawn.folder).signals.model_copy(update=stated)
+    outcome = _again(drawn, lambda table: table, signals=signals)
+    return replace(drawn, tables=drawn.tables | dict(outcome.artifacts), said={"calibrate": outcome})
+
+
+def test_the_matrix_is_the_true_one_within_its_sigma(six):
+    rows = _matrix(six)
+    off = rows["value"].to_numpy().reshape(6, 6) - np.linalg.inv(_truth(six))
+    sigma = rows[["sigma", "sigma_by_case"]].max(axis=1).to_numpy().reshape(6, 6)
+    assert abs(np.sqrt(np.mean((off / sigma) ** 2)) - 1.0) < 0.4  # 36 entries, of six rows with a common error each
+    assert set(rows["unit"]) == {"N/mV", "N m/mV"}
+
+
+def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_others(six):
+    choice = six.frame("sensor_choice")
+    held = choice[choice["figure"] == "heldout_rms"].pivot(index="model", columns="subject", values="value")[LOADS]
+    assert _chosen(choice).startswith("weighted, forward, zero common, linear")
+    printed = held.loc["least squares, direct, zero none, linear"]
+    assert (printed > 10.0 * held.loc[_chosen(choice)]).all()
+    assert {"errors in both, forward, zero common, linear", "weighted, forward, zero common, squares"} <= set(
+        held.index
+    )
+    assert "held out whole runs" in six.said["calibrate"].figure
+
+
+def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):
+    classes = six.frame("error_classes")
+    told = classes.dropna(subset=["value"])
+    assert set(told["error_class"]) == {
+        *("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk")
+    }
+    # loads are uncertain to 3 N of 10 kN beside the signals' noise; one in twenty exceeds its limit
+    assert (told["value"] > 1.5 * told["limit"]).mean() < 0.1
+    creep = classes[classes["error_class"] == "creep"]
+    assert len(creep) == 6
+    assert creep["reason"].str.contains("no load was held").all()
+
+
+def test_theory_stands_beside_the_calibration(six):
+    merit = six.frame("sensor_merit").query("model == 'nominal' and figure == 'condition'")
+    merit = merit.set_index("length_m")["value"]
+    assert merit.loc[1.0] == pytest.approx(6.33, abs=0.01)  # as nominal set A was made to have it
+    assert len(merit) == 2
+    assert six.frame("sensor_matrix")["matrix"].isin(["G", "G'"]).sum() == 3 * 36
+
+
+def _again(six: Bench, changed: Callable[[pa.Table], pa.Table], **settings: Any) -> Any:
+    """The stage with other signals or settings."""
+    campaign = settings_of(six.folder).model_copy(update=settings)
+    tables = {name: six.tables[name] for name in ("readings", "displacement")}
+    tables["signals"] = changed(six.tables["signals"])
+    outcome = calibrate.run(tables, campaign, lambda *_: None)
+    for name, table in outcome.artifacts.items():
+        assert not ARTIFACTS[name].faults(table), name
+    return outcome
+
+
+def _with(name: str, values: Callable[[pa.Table], np.ndarray]) -> Callable[[pa.Table], pa.Table]:
+    def changed(table: pa.Table) -> pa.Table:
+        return table.set_column(table.column_names.index(name), name, pa.array(values(table)))
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (lambda table: table.filter(pa.compute.equal(table["mz_nm"], 0.0)), "mz is zero in all rows"),
+        (_with("v3_mv", lambda table: np.zeros(len(table))), r"V V\^T is singular.*v3 is zero"),
+        (_with("v3_mv", lambda table: table["v2_mv"].to_numpy()), r"V V\^T is singular.*v2 . v3"),
+        (lambda table: table.drop_columns(["v6_mv"]), "5 signal channels, expected 6"),
+        (lambda table: table.slice(0, 0), "no signals"),
+    ],
+)
+def test_what_is_missing_is_named_and_theory_is_told_all_the_same(six, changed, words):
+    outcome = _again(six, changed)
+    assert pd.Series([outcome.figure]).str.contains(f"G_B not evaluated: .*{words}").all(), outcome.figure
+    assert set(outcome.artifacts["sensor_matrix"]["matrix"].to_pylist()) == {"G", "G'"}
+    assert outcome.artifacts["sensor_choice"].num_rows == 0
+
+
+def test_zeros_that_differ_from_run_to_run_are_counted_from(six):
+    rng = np.random.default_rng(0)
+    zero = 0.3 * rng.standard_normal(100)
+    outcome = _again(six, _with("v2_mv", lambda table: table["v2_mv"].to_numpy() + zero[table["run"].to_numpy()]))
+    choice = outcome.artifacts["sensor_choice"].to_pandas()
+    assert choice.loc[choice["figure"] == "tared", "value"].tolist() == [1.0]
+    held = choice[(choice["figure"] == "heldout_rms") & (choice["model"] == _chosen(choice))].set_index("subject")[
+        "value"
+    ]
+    assert held["fx"] < 30.0
+
+
+def test_a_temperature_that_the_signals_follow_earns_its_term(six):
+    readings = six.frame("readings").drop_duplicates(["run", "step"]).set_index(["run", "step"])
+
+    def warmed(table: pa.Table) -> np.ndarray:
+        steps = pd.MultiIndex.from_arrays([table["run"].to_numpy(), table["step"].to_numpy()])
+        return table["v2_mv"].to_numpy() + 0.2 * (readings["material_temperature_c"].reindex(steps).to_numpy() - 20.0)
+
+    outcome = _again(six, _with("v2_mv", warmed))
+    assert "drift" in _chosen(outcome.artifacts["sensor_choice"].to_pandas())
+
+
+def test_a_stated_sensitivity_gives_leg_forces_and_the_papers_errors(six):
+    merit = six.frame("sensor_merit")
+    types = merit[(merit["figure"] == "type_2_error") & merit["subject"].isin(LOADS)].set_index("model")["value"]
+    # joints that resist carry a part of the load past the cells: theory without them misses much more
+    assert types["nominal"].max() > 10.0
+    assert types["elastic joints"].max() < 2.0
+    assert types["elastic joints"].notna().sum() == 6
+
+
+def test_eight_channels_are_fitted_forward(tmp_path):
+    made = bench(tmp_path / "c", layout("all", signals=8), 5, stages=WHOLE)
+    choice = made.frame("sensor_choice")
+    assert "forward" in _chosen(choice)
+    refused = choice[choice["figure"] == "refused"]
+    assert refused["reason"].str.contains("V V\\^T is singular").all()
+    assert len(refused) >= 2
+    back = _matrix(made)["value"].to_numpy().reshape(6, 8) @ _truth(made)
+    scale = np.repeat([1e4, 5e3], 3)
+    assert np.abs((back - np.eye(6)) * scale / scale[:, None]).max() < 2e-3
+    assert "either sign of the load" in made.said["calibrate"].figure
+    assert not made.frame("sensor_matrix")["matrix"].eq("G_B'").any()  # nobody stated a sensitivity
