@@ -103,7 +103,9 @@ def _of_displacement(found: Gathered, settings: Any, log: FaultLog) -> _Readings
         log.add(Fault(found.first_file, f"at least one of the columns {', '.join(MOTION)}"))
     factor = {"um": _UM_PER_MM, "arcsec": _ARCSEC_PER_RAD}
     noise = settings.noise
-    declared = {"um": _or_nan(noise.displacement_mm), "arcsec": _or_nan(noise.rotation_rad)}
+    own = {"um": noise.displacement_mm, "arcsec": noise.rotation_rad}
+    of_readings = _declared(noise)
+    declared = {u: of_readings[u] / factor[u] if sigma is None else float(sigma) for u, sigma in own.items()}
     units = [UNITS[CHANNELS[k]] for k in given]
     value = np.full((len(found.table), len(given)), np.nan)
     for column, k in enumerate(given):

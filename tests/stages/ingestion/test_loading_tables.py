@@ -81,6 +81,12 @@ def test_a_displacement_is_six_readings_and_an_empty_cell_is_none(tmp_path):
     assert column(table, "fz_n")[-1] == 0.0
 
 
+def test_noise_of_the_channels_holds_for_displacements_that_have_none_of_their_own(tmp_path):
+    rows = [f"run,step,time_s,load_axis,load,{AXES}", "1,0,0,fx,0,0.001,0,0,1e-6,0,0"]
+    table = artifacts(tmp_path, {"displacement.csv": rows}, {"noise": {"linear_um": 0.5, "angular_arcsec": 0.2}})
+    assert column(table["readings"], "sigma") == pytest.approx([0.5] * 3 + [0.2] * 3)
+
+
 def test_signals_take_their_time_from_the_readings_of_their_step(tmp_path):
     files = {
         "interferometer.csv": [HEAD, "1,0,10,fz,0,dz,0", "1,1,70,fz,5,dz,3"],
