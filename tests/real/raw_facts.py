@@ -1,4 +1,4 @@
-"""Figures of docs/real-data.md on files that are no campaign: an interferometer's raw signals, reports, all readings."""
+"""Figures of docs/real-data.md on files that are no campaign: raw signals of interferometers, reports, all readings."""
 
 from __future__ import annotations
 
