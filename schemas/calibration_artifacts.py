@@ -49,6 +49,14 @@ CALIBRATION = (
         key=("model", "response", "load"),
     ),
     Artifact(
+        "positioning",
+        "positioning.parquet",
+        "positioning of an axis by ISO 230-2: quantities of each target, and of the axis (empty subject)",
+        ("run", "figure", "subject", "value", "unit"),
+        optional=("sigma", "low", "high"),
+        key=("run", "figure", "subject"),
+    ),
+    Artifact(
         "axis_curves",
         "axis_curves.parquet",
         "displacement against load of the load cases along one axis alone: measured, and simulated where that is known",

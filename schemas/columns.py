@@ -140,6 +140,12 @@ _LOADS = (
     Column("channel", "text", "what was read: a motion of the platform, or a signal of the sensor", choices=_CHANNELS),
     _real("reading", "", "motion of the platform since the start of the run, in the unit of its row"),
     Column("signal", "real", "signal of that channel of the force sensor", "mV", nullable=True, family=r"v[1-8]_mv"),
+    _real("target_mm", "mm", "where an axis was sent"),
+    Column("direction", "text", "the side that a target was approached from", choices=("forward", "backward")),
+    Column("cycle", "integer", "which of the repeated approaches", minimum=1),
+    _real("position_mm", "mm", "where the axis stood, by the reference"),
+    _real("low", "", "lower end of the interval of 95 %, in the unit of its row", nullable=True),
+    _real("high", "", "upper end of the interval of 95 %, in the unit of its row", nullable=True),
     Column("case", "integer", "the load case: the same loads, reached the same way", minimum=1),
     Column(
         "branch",

@@ -78,6 +78,13 @@ MEASUREMENT = (
         key=("run", "step"),
     ),
     Artifact(
+        "positions",
+        "positions.parquet",
+        "where an axis stood at its targets, one row per approach",
+        ("run", "target_mm", "direction", "cycle", "position_mm"),
+        key=("run", "target_mm", "direction", "cycle"),
+    ),
+    Artifact(
         "given_compliance",
         "given_compliance.parquet",
         "the simulated compliance that the campaign's compliance_file gives, SI",

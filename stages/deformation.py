@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
@@ -26,6 +27,7 @@ DECLARATION = Stage(
         "displacement?",
         "reading_residuals?",
         "run_terms?",
+        "positions?",
     ),
     leaves=(
         "deformation?",
@@ -34,6 +36,7 @@ DECLARATION = Stage(
         "target_deformation?",
         "compliance?",
         "axis_curves?",
+        "positioning?",
     ),
     settings=(
         "campaign.kind",
@@ -54,10 +57,27 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Fit the deformation models that the campaign's instrument and mechanism allow."""
     progress(0, 1, "deformation models")
     if settings.campaign.kind == "interferometer":
-        return _of_loads(tables, settings)
+        return _with_positioning(_of_loads(tables, settings), tables)
     if settings.mechanism.is_legged:
         return _of_legs(tables, settings)
     return _of_targets(tables, settings)
+
+
+def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table]) -> Outcome:
+    """What was made of loads, and what positioning runs of an axis say of it."""
+    if "positions" not in tables or not tables["positions"].num_rows:
+        return found
+    from stages.responses.axis_positioning import positioning_rows, told
+
+    positions = tables["positions"]
+    rows = positioning_rows(positions).table(str(positions.schema.field("run").type))
+    read = f"{positions.num_rows} approaches of an axis"
+    return replace(
+        found,
+        artifacts={**found.artifacts, "positioning": rows},
+        read=read if found.read == "nothing" else f"{found.read}; {read}",
+        figure=told(rows) if found.read == "nothing" else f"{found.figure}; {told(rows)}",
+    )
 
 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:

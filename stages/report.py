@@ -34,6 +34,8 @@ DECLARATION = Stage(
         "deformation_errors?",
         "compliance?",
         "axis_curves?",
+        "positions?",
+        "positioning?",
         "calibration?",
         "implicit_calibration?",
         "correlations?",

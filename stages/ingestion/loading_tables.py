@@ -11,6 +11,7 @@ import numpy as np
 
 from schemas.faults import Fault
 from stages.ingestion.compliance_file import read_compliance
+from stages.ingestion.position_table import read_positions
 from stages.ingestion.reading_table import read_readings
 from stages.ingestion.signal_table import read_signals
 from stages.ingestion.tables import SmallTable
@@ -20,7 +21,7 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TABLES = ("interferometer", "displacement", "signals")
+TABLES = ("interferometer", "displacement", "signals", "positioning")
 
 
 @dataclass(frozen=True)
@@ -30,19 +31,21 @@ class LoadingTables:
     readings: SmallTable | None
     signals: SmallTable | None
     compliance: pa.Table | None
+    positions: SmallTable | None = None
 
     @property
     def artifacts(self) -> dict[str, pa.Table]:
         """The tables by the name of their artifact."""
         found = {} if self.readings is None else {"readings": self.readings.table}
         found |= {} if self.signals is None else {"signals": self.signals.table}
+        found |= {} if self.positions is None else {"positions": self.positions.table}
         return found | ({} if self.compliance is None else {"given_compliance": self.compliance})
 
     @property
     def left_out(self) -> Mapping[tuple[str, str], int]:
         """How many raw rows were left out, by (file, reason)."""
         total: Counter[tuple[str, str]] = Counter()
-        for table in (self.readings, self.signals):
+        for table in (self.readings, self.signals, self.positions):
             total.update({} if table is None else table.left_out)
         return total
 
@@ -55,12 +58,15 @@ class LoadingTables:
         if self.signals is not None:
             names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
             parts.append(f"{len(names)} signals of {len(self.signals.table):,} load steps")
+        if self.positions is not None:
+            parts.append(f"{len(self.positions.table):,} approaches of an axis to its targets")
         return " and ".join(parts)
 
     @property
     def figure(self) -> str:
         """The runs and, where a table is absent, what cannot be evaluated without it."""
-        tables = [table.table for table in (self.readings, self.signals) if table is not None]
+        every = (self.readings, self.signals, self.positions)
+        tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}
         said = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
         if self.readings is None:
@@ -85,10 +91,11 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         log.add(Fault("interferometer.csv", expected))
     readings = read_readings(source, settings, log)
     signals = read_signals(source, settings, None if readings is None else readings.table, log)
+    positions = read_positions(source, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
         _check_sensor(settings.mechanism, compliance, log)
-    return LoadingTables(readings, signals, compliance)
+    return LoadingTables(readings, signals, compliance, positions)
 
 
 def _check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> None:

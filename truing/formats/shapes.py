@@ -91,6 +91,8 @@ SIGNALS = Shape(
     "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
 )
 
+POSITIONING = Shape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"))
+
 COORDINATES = _POINT
 SPREAD = _SPREAD
 WRENCH = _WRENCH

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mapping import FileMapping
 
-TABLES = ("points", "targets", "configurations", "scans", "surfaces", "displacement", "interferometer", "signals")
+TABLES = (
+    *("points", "targets", "configurations", "scans", "surfaces"),
+    *("displacement", "interferometer", "signals", "quadrature", "positioning"),
+)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from truing.report.quality_section import quality
 from truing.report.sensor.calibration import sensor_calibration
 from truing.report.sensor.deformation import load_deformation
 from truing.report.sensor.displacement import displacement
+from truing.report.sensor.positioning import positioning
 from truing.report.tables import Tables
 
 
@@ -28,7 +29,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     """
     parts = (
         *(diagnosis, calibration, sensor_calibration, knowledge, requirements, measured, quality),
-        *(poses, displacement, deformation, load_deformation, excluded),
+        *(poses, displacement, deformation, load_deformation, positioning, excluded),
     )
     drawn = (part(tables) for part in parts)
     return [*(section for section in drawn if section is not None), _provenance(provenance)]

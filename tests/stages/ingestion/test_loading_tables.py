@@ -15,6 +15,7 @@ from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from stages import ingest
 from stages.declaration import Outcome
+from stages.responses.axis_positioning import positioning_rows
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
 
@@ -151,6 +152,35 @@ def test_a_wrench_that_the_sensor_shows_is_told_of_its_legs(tmp_path):
     assert "mechanism.legs" in said[0]
     said = faults(tmp_path, {}, {**sections, "mechanism": {"type": "none"}})
     assert said[0].startswith("campaign.toml, column mechanism.type: found 'none'; expected [mechanism] type")
+
+
+APPROACHES = "run,target_mm,direction,cycle,position_mm"
+
+
+def test_positioning_runs_are_ordered_and_evaluated_by_iso_230_2(tmp_path):
+    rows = [APPROACHES, *(f"a,{at},{way},{cycle},{at + off + 0.001 * cycle}" for cycle in (2, 1) for at in (20, 10)
+                          for way, off in (("backward", 0.004), ("forward", 0.0005 * at)))]  # fmt: skip
+    found = artifacts(tmp_path, {"positioning.csv": rows})
+    assert column(found["positions"], "target_mm") == [10.0] * 4 + [20.0] * 4
+    table = positioning_rows(found["positions"]).table("string")
+    assert ARTIFACTS["positioning"].faults(table) == []
+    told = {(row["figure"], row["subject"]): row["value"] for row in table.to_pylist()}
+    # deviations (5, 6 | 4, 5 ... um): forward 6.5, 11.5; backward 5.5, 5.5, each plus 0.5 and less 0.5
+    assert_close([told["mean_forward", "10 mm"], told["mean_forward", "20 mm"]], [6.5, 11.5], atol=1e-6)
+    assert_close([told["B", "10 mm"], told["B", "20 mm"], told["B", None]], [1.0, 6.0, 6.0], atol=1e-6)
+    assert_close([told["E", None], told["M", None]], [6.0, 2.5], atol=1e-6)
+    s = np.sqrt(0.5)
+    assert_close([told["R_forward", None], told["A", None]], [4 * s, 6.0 + 4 * s], atol=1e-6)
+
+
+def test_a_positioning_run_without_an_approach_is_refused(tmp_path):
+    grid = [f"a,{at},{way},{cycle},{at}" for at in (1, 2) for way in ("forward", "backward") for cycle in (1, 2)]
+    said = faults(tmp_path, {"positioning.csv": [APPROACHES, *grid[1:]]})
+    assert "found 'run a: 2 targets, 2 cycles, backward, forward, 1 approaches missing'" in said[0]
+    said = faults(tmp_path, {"positioning.csv": [APPROACHES, *grid[:2], *grid[4:6]]})
+    assert "run a: 2 targets, 2 cycles, forward, 4 approaches missing" in said[0]
+    said = faults(tmp_path, {"positioning.csv": [APPROACHES, *grid, grid[0]]})
+    assert "every run, target_mm, direction, cycle once" in said[0]
 
 
 def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_path):

@@ -1,0 +1,89 @@
+"""Positioning of an axis by ISO 230-2, as table rows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column
+from stages.responses.tables import Rows
+from truing.estimation.interferometry.iso230 import Positioning, positioning, positioning_uncertainty
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+_UM = 1e3  # per mm
+_WAYS = ("forward", "backward")
+_SEED = 230
+
+
+def positioning_rows(positions: pa.Table) -> Rows:
+    """Every quantity of every run, um; those of the axis with their uncertainty where it is told."""
+    rows = Rows("positioning")
+    names = positions.column("run").to_pylist()
+    runs = np.array([str(name) for name in names], dtype=object)
+    for run in dict.fromkeys(names):
+        own = positions.filter((runs == str(run)).tolist())
+        target, deviation = _deviations(own)
+        found = positioning(deviation)
+        _of_targets(rows, run, target, found)
+        _of_axis(rows, run, found)
+        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(_SEED))
+        for figure, one in known.items():
+            _add(rows, run, figure, None, one.value, sigma=one.sigma, low=one.low, high=one.high)
+    return rows
+
+
+def told(rows: pa.Table) -> str:
+    """The accuracy of every run, in words."""
+    found = [
+        f"{row['run']}: A {row['value']:.3g} um, B {_value(rows, row['run'], 'B'):.3g} um"
+        for row in rows.to_pylist()
+        if row["figure"] == "A" and row["subject"] is None
+    ]
+    return f"positioning by ISO 230-2: {'; '.join(found)}"
+
+
+def _value(rows: pa.Table, run: int | str, figure: str) -> float:
+    return float(
+        next(
+            row["value"]
+            for row in rows.to_pylist()
+            if (row["run"], row["figure"], row["subject"]) == (run, figure, None)
+        )
+    )
+
+
+def _deviations(rows: pa.Table) -> tuple[Array, Array]:
+    """Targets (P,) in mm and deviations (P, 2, C) in um of the rows of a run, which are in order."""
+    target = np.unique(number_column(rows, "target_mm"))
+    shape = len(target), len(_WAYS), -1
+    off = number_column(rows, "position_mm") - number_column(rows, "target_mm")
+    return target, off.reshape(shape) * _UM
+
+
+def _of_targets(rows: Rows, run: int | str, target: Array, found: Positioning) -> None:
+    for place, at in enumerate(target):
+        subject = f"{at:g} mm"
+        for way, name in enumerate(_WAYS):
+            _add(rows, run, f"mean_{name}", subject, found.mean[place, way])
+            _add(rows, run, f"s_{name}", subject, found.scatter[place, way])
+            _add(rows, run, f"R_{name}", subject, found.repeatability_at[place, way])
+        _add(rows, run, "B", subject, found.reversal_at[place])
+        _add(rows, run, "R", subject, found.bidirectional_at[place])
+
+
+def _of_axis(rows: Rows, run: int | str, found: Positioning) -> None:
+    _add(rows, run, "B_mean", None, float(found.mean_reversal))
+    for way, name in enumerate(_WAYS):
+        _add(rows, run, f"R_{name}", None, found.repeatability[way])
+        _add(rows, run, f"E_{name}", None, found.systematic[way])
+        _add(rows, run, f"A_{name}", None, found.accuracy[way])
+
+
+def _add(rows: Rows, run: int | str, figure: str, subject: str | None, value: float, **more: float) -> None:
+    rows.add(run=run, figure=figure, subject=subject, value=float(value), unit="um", **more)
