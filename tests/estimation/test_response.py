@@ -200,3 +200,23 @@ def test_a_drive_that_never_moved_is_left_open_and_spoils_nothing(form):
     assert np.isfinite(fit.loo_residuals).all()
     assert np.isfinite(np.delete(entry_p_values(fit), 2, axis=1)[np.delete(fit.free, 2, axis=1)]).all()
     assert np.isnan(entry_p_values(fit)[2, 2])
+
+
+@pytest.mark.parametrize("form", ["none", "linear", "matrix"])
+def test_components_without_common_errors_are_fitted_as_if_together(form, monkeypatch):
+    """Each component by itself, from the rows in which it was seen, is the joint fit; its covariance too."""
+    rng = np.random.default_rng(4)
+    u, group = rng.standard_normal((40, 3)), np.repeat(np.arange(4), 10)
+    y = u @ rng.standard_normal((3, 3)).T + rng.standard_normal((4, 3))[group] + 0.1 * rng.standard_normal((40, 3))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    y[group == 2, 0] = np.nan  # a run that did not see the first component
+    cov = np.where(np.eye(3, dtype=bool), rng.uniform(0.005, 0.02, (40, 1, 3)), 0.0)
+    for prior in (None, np.diag([0.5, 1.0, 2.0])):
+        apart = fit_response(u, y, cov, form=form, group=group, offset_cov=prior)
+        with monkeypatch.context() as patched:
+            patched.setattr("truing.estimation.response._separate", lambda *_: False)
+            together = fit_response(u, y, cov, form=form, group=group, offset_cov=prior)
+        for name in ("coefficients", "covariance", "offset", "residuals", "loo_residuals", "free"):
+            np.testing.assert_allclose(getattr(apart, name), getattr(together, name), rtol=1e-8, atol=1e-12)
+        assert (apart.dof, apart.deficient) == (together.dof, together.deficient)
+        assert apart.chi_square == pytest.approx(together.chi_square)

@@ -226,10 +226,50 @@ def test_forbidden_regions_that_are_none_are_refused(text: str, words: str, tmp_
     assert words in done.output
 
 
-def test_an_interferometer_campaign_has_no_configurations_to_choose(tmp_path: Path) -> None:
-    place = campaign(tmp_path / "bench", mechanism=None, campaign={"name": "bench", "kind": "interferometer"})
-    done = call(place)
-    assert (done.exit_code, "expected a mechanism whose configurations" in done.output) == (2, True)
+LOADS = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]
+
+
+def sensor(folder: Path, **sections: Any) -> Path:
+    """The force sensor's campaign.toml alone, sections exchanged; None takes one out."""
+    document = tomllib.loads((SAMPLE.parent / "force-sensor" / "campaign.toml").read_text(encoding="utf-8")) | sections
+    folder.mkdir(exist_ok=True)
+    kept = {name: section for name, section in document.items() if section is not None}
+    (folder / "campaign.toml").write_text(tomli_w.dumps(kept), encoding="utf-8")
+    return folder
+
+
+def test_a_sensor_is_given_loads_and_its_own_are_judged_beside_them(tmp_path: Path) -> None:
+    out = tmp_path / "loads.csv"
+    done = call(SAMPLE.parent / "force-sensor", "--poses", 60, "--verification", 6, "--at-once", 2, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert share(done.output) > 99.5
+    assert re.search(r"the campaign's own 756 loads: [56]\.\d+ % of the best", done.output)
+    table = pyarrow.csv.read_csv(out).to_pandas()
+    loads = table[LOADS].to_numpy()
+    assert list(table.columns) == ["run", "step", "time_s", "role", *LOADS]
+    assert (table["role"] == "verification").sum() == 6 + 2  # a run begins and ends without load
+    assert table["role"].eq("calibration").sum() == 60 + 2 * 6
+    assert ((loads != 0.0).sum(axis=1) <= 2).all()
+    assert (np.abs(loads) <= [1e4, 1e4, 1e4, 5e3, 5e3, 5e3]).all()
+    ends = table.groupby("run")["step"].agg(["min", "max"])
+    assert (loads[table["step"] == 0] == 0.0).all()
+    assert len(ends) == 7
+
+
+@pytest.mark.parametrize(
+    ("words", "sections", "said"),
+    [
+        ([], {"loading": {"fx_n": 1e4}}, "column loading.mz_nm: expected the range of this load"),
+        (["--poses", 5], {}, "expected at least 7"),
+        (["--parameters", "a_x"], {}, "--parameters"),
+    ],
+)
+def test_loads_that_cannot_be_chosen_are_refused(
+    words: list[object], sections: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    done = call(sensor(tmp_path / "bench", **sections), *words)
+    assert done.exit_code == 2, done.output
+    assert said in done.output
 
 
 def test_a_table_with_faults_is_no_obstacle_to_a_new_design(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from truing.estimation.interferometry.compliance import (
     axis_curve,
     compare,
     fit_compliance,
+    left_out_runs,
     scaled_uncertainty,
 )
 from truing.estimation.interferometry.platform_displacement import drift_columns, platform_displacement, zero_columns
@@ -150,3 +151,19 @@ def test_curves_have_what_figures_of_one_axis_show() -> None:
     assert curve.largest == curve.measured.max()
     assert curve.smallest == curve.measured.min()
     assert len(axis_curve(2, log.wrench[:21], log.displacement[:21], log.covariance[:21], TRUE).load) == 0
+
+
+def test_runs_are_predicted_by_the_others_where_these_tell_what_is_asked() -> None:
+    """Each pair of axis and channel is run three times: left out in turn, by refitting, and in one go."""
+    log = made_log(np.random.default_rng(10), [pair for pair in OWN_PAIRS for _ in range(3)])
+    variance = np.where(np.isfinite(log.displacement), log.sigma[:, None] ** 2, np.inf)
+    left = left_out_runs(log.wrench, log.displacement, variance, log.run)
+    for run in (0, 7, 17):
+        out = log.run == run
+        others = fit_compliance(*(part[~out] for part in (log.wrench, log.displacement, log.covariance, log.run)))
+        k = log.channel[out][0]
+        missed = log.reading[out] - log.wrench[out][:, k] * others.entries[k, k]
+        assert_close(left[out, k] / log.sigma[out], (missed - missed.mean()) / log.sigma[out], atol=1e-6)
+    alone = made_log(np.random.default_rng(10), OWN_PAIRS)
+    variance = np.where(np.isfinite(alone.displacement), 1.0, np.inf)
+    assert np.isnan(left_out_runs(alone.wrench, alone.displacement, variance, alone.run)).all()

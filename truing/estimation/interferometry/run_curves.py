@@ -197,10 +197,31 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
         for kept in ways
     ]
     kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
+    for piece in np.flatnonzero((judged & ~kept).any(axis=1)):
+        if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
+            kept[piece] = judged[piece]
     left = _left(batch, kept, sigma)
     wide = _wide(batch, left, sigma, kept, limit)
     alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
     return judged & ~kept & alone & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+
+
+def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
+    """Chi-square of all readings of a run once its curve may jump between any two of them, with some on either side."""
+    at = np.flatnonzero(batch.seen[piece])
+    if len(at) < 2 * _LASTS:
+        return float("inf")
+    white = 1.0 / sigma[piece, at]
+    columns = batch.columns[piece, at][:, : batch.terms[piece]] * white[:, None]
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, size > 1e-8 * size[0]]
+    jumps = np.tri(len(at), len(at) - 2 * _LASTS + 1, -_LASTS) * white[:, None]
+    left = batch.y[piece, at] * white
+    left = left - basis @ (basis.T @ left)
+    jumps = jumps - basis @ (basis.T @ jumps)
+    told = np.sum(jumps**2, axis=0)
+    gain = (left @ jumps) ** 2 / np.where(told > 1e-9, told, np.inf)
+    return float(left @ left - gain.max())
 
 
 def _left(batch: _Batch, kept: Mask, sigma: Array) -> Array:
