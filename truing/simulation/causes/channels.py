@@ -69,7 +69,7 @@ class OfChannel(ReadingCause):
 class ZeroDrift(OfChannel):
     """The zero of a channel walks evenly from the start of each run, or of ``run`` alone.
 
-    ``lone``: whether the channel is the only one that was read in that run; ``scale_per_s``: a plausible rate.
+    ``lone``: whether no other channel of the platform was read in that run; ``scale_per_s``: a plausible rate.
     """
 
     channel: str = "dz"
@@ -125,9 +125,9 @@ class ZeroDrift(OfChannel):
         runs = np.flatnonzero(steps.rank == 0)
         for code, first in enumerate(runs if len(runs) > 1 else ()):
             within = dict(zip(steps.channels, seen[steps.code == code].sum(0).tolist(), strict=True))
-            lone = sum(count > 0 for count in within.values()) == 1
+            read = [channel for channel, count in within.items() if count and not is_signal(channel)]
             label = steps.run[first].item()
-            found += [ZeroDrift(c, label, True, lone, _rate(c)) for c, count in within.items() if count > FEWEST]
+            found += [ZeroDrift(c, label, True, read == [c], _rate(c)) for c, count in within.items() if count > FEWEST]
         return found
 
     def prior(self, scene: Scene) -> float:

@@ -33,8 +33,8 @@ _MOST_ONSETS = 800
 class FringeSlip(OfChannel):
     """From a step on, to the end of its run, a channel reads whole half wavelengths too much.
 
-    ``from_rank`` is the place of ``from_step`` in the run, from 0; ``lone``: whether the channel is the only one that
-    was read in the run.
+    ``from_rank`` is the place of ``from_step`` in the run, from 0; ``lone``: whether it is the only channel of the
+    platform that was read in the run.
     """
 
     channel: str = "dz"
@@ -86,7 +86,8 @@ class FringeSlip(OfChannel):
         half, found = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
             own = np.flatnonzero(steps.code == code)
-            lone = int(seen[own].any(0).sum()) == 1
+            read = [name for name, there in zip(steps.channels, seen[own].any(0), strict=True) if there]
+            lone = sum(not is_signal(name) for name in read) == 1
             for place, channel in enumerate(steps.channels):
                 rows = own[seen[own, place]]
                 rows = rows[np.argsort(steps.rank[rows])]
