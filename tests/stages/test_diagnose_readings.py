@@ -13,10 +13,12 @@ import pyarrow as pa
 import pytest
 from scipy.stats import chi2
 
+from docs.experiments import force_sensor_campaign
 from schemas.faults import CampaignFaults
 from stages.predict import predict
 from stages.sensor.reading_arrays import load_steps
 from tests.blind.generator.folder import truth_path
+from tests.docs.shown import assert_told, shown
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.extended_sensor import predict_readings
@@ -130,3 +132,18 @@ def test_the_model_is_toml_that_a_person_reads(tables: dict[str, Any]) -> None:
     document = tomllib.loads(str(tables["model"]))
     assert document["effects"][0]["parameters"]["offset_x"]["unit"] == "mm"
     assert np.shape(document["compliance"]["identified"]) == (6, 6)
+
+
+@pytest.mark.parametrize("name", ["found", "missed", "hidden"])
+def test_the_walk_through_one_run_tells_what_comes_out(tables: dict[str, Any], name: str) -> None:
+    page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
+    make = force_sensor_campaign.page_tables(force_sensor_campaign.frames_of(tables))[name]
+    assert_told(shown(page, name), make(), rel=0.1)
+
+
+def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> None:
+    page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
+    lines = force_sensor_campaign.first_lines(force_sensor_campaign.frames_of(tables)).splitlines()
+    told = shown(page, "first").splitlines()
+    assert_told(told[0], lines[0], rel=0.1)
+    assert lines[2] in told
