@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.faults import Fault
+from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.units import UnknownUnit, conversion
 
@@ -31,10 +33,11 @@ def numbered(found: Gathered, *names: str) -> NDArray[np.int64]:
     return np.array([place[key] for key in rows], dtype=np.int64)
 
 
-def unit_factors(found: Gathered, name: str, kind: str, wanted: Mapping[str, str]) -> Array:
+def unit_factors(found: Gathered, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
     """(N,) what brings a column into the unit that the value of ``kind`` in each row wants.
 
-    A unit of another dimension concerns other rows: kN says nothing of torques, nm nothing of angles.
+    A unit of another dimension concerns other rows: kN says nothing of torques, nm nothing of angles. One that no row
+    could want is a fault.
     """
     values = texts(found, kind)
     factors = np.ones(len(values))
@@ -44,16 +47,23 @@ def unit_factors(found: Gathered, name: str, kind: str, wanted: Mapping[str, str
         start += len(records)
         unit = file.entry.units.get(name)
         if unit is not None:
-            by_value = {value: _factor(unit, target) for value, target in wanted.items()}
+            by_value = _factors(unit, wanted)
+            if not by_value:
+                expected = f"a unit that can become {' or '.join(dict.fromkeys(wanted.values()))}"
+                log.add(Fault(file.raw.name, expected, column=name, value=unit))
             factors[rows] = [by_value.get(value, 1.0) for value in values[rows]]
     return factors
 
 
-def _factor(unit: str, wanted: str) -> float:
-    try:
-        return conversion(unit, wanted)[0]
-    except UnknownUnit:
-        return 1.0
+def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
+    """What brings a unit into those that values want, where it is of their dimension."""
+    found = {}
+    for value, target in wanted.items():
+        try:
+            found[value] = conversion(unit, target)[0]
+        except UnknownUnit:
+            continue
+    return found
 
 
 def declared_missing(found: Gathered) -> NDArray[np.bool_]:

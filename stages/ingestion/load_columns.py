@@ -40,7 +40,7 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
     if one:
         axis, load = (
             texts(found, "load_axis"),
-            numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS),
+            numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS, log),
         )
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
     else:
@@ -68,7 +68,8 @@ def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any
 def check_one_load(found: Gathered, step: NDArray[np.int64], loads: Array, log: FaultLog) -> None:
     """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
     _, first, at = np.unique(step, return_index=True, return_inverse=True)
-    apart = np.any(np.abs(loads - loads[first[at]]) > _allowed(loads), axis=1)
+    with np.errstate(invalid="ignore"):
+        apart = np.any(np.abs(loads - loads[first[at]]) > _allowed(loads), axis=1)
     found.fault(log, apart, _load_column(found), "one load per step, on the same axis in all of its rows")
 
 

@@ -73,7 +73,7 @@ def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readin
     there = ~np.isnan(given)
     empty = np.asarray(found.table.column("reading").is_null())
     found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY)
-    value = given * unit_factors(found, "reading", "channel", UNITS)
+    value = given * unit_factors(found, "reading", "channel", UNITS, log)
     for name, unit in UNITS.items():
         found.fault(log, (channel == name) & (np.abs(value) > _FURTHEST[unit]), "reading", _size_expected(unit))
     if not settings.interferometer.compensated:
@@ -82,7 +82,7 @@ def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readin
         value = compensated(found, value, settings.interferometer, log)
     sigma = np.array([_declared(settings.noise)[UNITS.get(name, "um")] for name in channel], dtype=float)
     if "sigma" in found.table.column_names:
-        own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS)
+        own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS, log)
         sigma = np.where(np.isnan(own), sigma, own)
     return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there])
 

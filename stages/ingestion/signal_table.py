@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
+_SIGNAL = re.compile(r"v\d+_mv")
 
 
 def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
@@ -66,9 +68,11 @@ def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
 
 
 def _check_channels(found: Gathered, sensitivity: Any, log: FaultLog) -> None:
-    names = [name for name in found.table.column_names if COLUMNS["signal"].matches(name)]
-    if not names:
-        log.add(Fault(found.first_file, "signals: columns v1_mv, v2_mv, .. up to v8_mv"))
+    names = [name for name in found.table.column_names if _SIGNAL.fullmatch(name)]
+    wanted = [f"v{number + 1}_mv" for number in range(max(len(names), 1))]
+    if sorted(names) != sorted(wanted) or not all(COLUMNS["signal"].matches(name) for name in wanted):
+        expected = "signals in columns v1_mv, v2_mv, .. without a gap, up to v8_mv"
+        log.add(Fault(found.first_file, expected, value=", ".join(names) or None))
     if isinstance(sensitivity, tuple) and names and len(sensitivity) != len(names):
         expected = f"one number, or one for each of the {len(names)} signals of {found.first_file}"
         log.add(

@@ -279,6 +279,7 @@ class Plan:
             if name not in wanted and name not in self.preset and self.origin(name) is None:
                 misfits.append(self._not_there(name))
         misfits += [m for name in self._nameable if (m := self._unknown(name)) is not None]
+        misfits += self._named_twice()
         misfits += [m for name in self.columns if (m := self._unit_misfit(name)) is not None]
         if not self.shape.partial:
             misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
@@ -287,6 +288,17 @@ class Plan:
             misfits.append(Misfit(f"columns named like {self.entry.wide}", value=", ".join(self.names)[:80]))
         _ = self.kinds
         return [*misfits, *self.misfits]
+
+    def _named_twice(self) -> Iterator[Misfit]:
+        """Columns of the table whose raw name stands in the header more than once; a position tells them apart."""
+        for name in self.columns:
+            reference = self.entry.columns.get(name, name)
+            if name in self.unasked or not isinstance(reference, str) or not isinstance(self.origin(name), RawColumn):
+                continue
+            if (count := self.names.count(reference)) > 1:
+                yield Misfit(
+                    f"one column {reference}, or its position in columns", column=name, value=f"{count} of them"
+                )
 
     def _unit_of_nothing(self) -> list[Misfit]:
         if self.entry.unit is None or self.shape.has_coordinates:

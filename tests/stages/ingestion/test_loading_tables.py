@@ -183,6 +183,32 @@ def test_a_positioning_run_without_an_approach_is_refused(tmp_path):
     assert "every run, target_mm, direction, cycle once" in said[0]
 
 
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("run,step,fz_n,v1_mv,v1_mv", "column v1_mv: found '2 of them'; expected one column v1_mv"),
+        (
+            "run,step,fz_n,v1_mv,v9_mv",
+            "found 'v1_mv, v9_mv'; expected signals in columns v1_mv, v2_mv, ..",
+        ),
+        (
+            "run,step,fz_n,v1_mv,v3_mv",
+            "found 'v1_mv, v3_mv'; expected signals in columns v1_mv, v2_mv, ..",
+        ),
+        ("run,step,fz_n,speed,other", "expected signals in columns v1_mv"),
+    ],
+)
+def test_signals_are_numbered_from_one_and_each_named_once(tmp_path, header, expected):
+    assert expected in faults(tmp_path, {"signals.csv": [header, "1,0,0,1,2"]})[0]
+
+
+def test_a_unit_that_no_row_could_want_is_a_fault(tmp_path):
+    entry = {"path": "raw.csv", "units": {"reading": "s", "load": "mm"}}
+    said = faults(tmp_path, {"raw.csv": [HEAD, "1,0,0,fz,2,dz,1"]}, {"files": {"interferometer": entry}})
+    assert "column load: found 'mm'; expected a unit that can become N or N m" in said[0]
+    assert "column reading: found 's'; expected a unit that can become um or arcsec" in said[1]
+
+
 def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_path):
     rows = [f"{HEAD},air_temperature_c,air_pressure_hpa,relative_humidity_pct",
             "1,0,0,fz,0,dz,0,20,1000,50", "1,1,60,fz,9,dz,400,20,1010,50", "1,2,90,fz,9,rx,400,20,1010,50"]  # fmt: skip
