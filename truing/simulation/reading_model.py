@@ -18,7 +18,7 @@ from truing.simulation.effects_model import EffectsModel
 from truing.simulation.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.point_model import Prediction
 from truing.simulation.reading_passage import ReadingPassage, passed
-from truing.simulation.reading_state import CHANNELS, IN_RUN, LOADS, ORDER, TIME, LoadSteps
+from truing.simulation.reading_state import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
 from truing.simulation.six_upur.uncertain_sensor import Response
 from truing.simulation.targets import Targets
 
@@ -70,8 +70,11 @@ class ReadingModel(EffectsModel):
 
     @property
     def bodies(self) -> NDArray:
-        """Return the number of each channel's noise (K,): its own."""
-        return np.arange(len(self.known.channels))
+        """Return the number of each channel's noise (K,): one for displacements, rotations and signals each.
+
+        A single channel has too few readings to tell its noise from an effect on most of them.
+        """
+        return np.minimum(np.arange(len(self.known.channels)) // LINEAR, len(CHANNELS) // LINEAR)
 
     @property
     def targets(self) -> Targets:
