@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Drawn = list[tuple[object, str]]
 _TITLE = "Calibration of the sensor"
+_TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
 _AS_PRINTED = "least squares, direct, zero none, linear"
 
 
@@ -177,7 +178,10 @@ def _merit_drawn(merit: pd.DataFrame) -> Drawn:
     lengths = merit.loc[merit["matrix"].isin(["G", "G_B'"]), "length_m"].dropna()
     if not len(lengths) or not (merit["figure"] == "sensitivity").any():
         return []
-    words = "G: the drawing. G': with assembly errors of one sigma and the largest displacement. G_B': the calibration."
+    words = (
+        "G: the drawing. G': with assembly errors of one sigma and the largest displacement. G_B': the calibration. "
+    )
+    words += "Joints that resist carry a part of a load past the legs' cells."
     return [(merit_figure(merit, float(lengths.min())), words)]
 
 
@@ -207,9 +211,10 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
         return []
     subjects = [*LOADS, "condition"]
     rows = []
-    for figure, words in (("type_1_error", "Type 1, with the synthetic error"), ("type_2_error", "Type 2, without")):
-        own = types[types["figure"] == figure].set_index("subject")
-        rows.append((words, *(with_uncertainty(own.loc[s, "value"], own.loc[s, "sigma"]) for s in subjects)))
+    for (figure, model), own in types.groupby(["figure", "model"], sort=False):
+        cells = own.set_index("subject")
+        words = f"{_TYPES[figure]}{', joints that resist' if model == 'elastic joints' else ''}"
+        rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in subjects)))
     heads = ("per cent", *(f"S {load}" for load in LOADS), "condition")
     return [
         Listing(heads, tuple(rows), (), "Theory against calibration, as the paper's Table 5 has it (moments in N·m)")

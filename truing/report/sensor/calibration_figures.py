@@ -17,7 +17,13 @@ if TYPE_CHECKING:
 _COLOURS = dict(zip(LOADS, (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9"), strict=True))
 _BAR = 1.96
 _WIDE = 30.0
-_SYMBOLS = {"G": "line-ew-open", "G'": "diamond-open", "G_B'": "circle"}
+# By matrix and model: how it is named, and drawn.
+_SHOWN = {
+    ("G", ""): ("G", GREY, "line-ew-open"),
+    ("G", "elastic joints"): ("G, joints that resist", GREEN, "square-open"),
+    ("G'", ""): ("G'", ORANGE, "diamond-open"),
+    ("G_B'", ""): ("G_B'", BLUE, "circle"),
+}
 
 
 def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:
@@ -119,27 +125,21 @@ def merit_figure(merit: pd.DataFrame, length_m: float) -> go.Figure:
     import plotly.graph_objects as go
 
     at = merit[np.isclose(merit["length_m"].to_numpy(dtype=float), length_m)]
-    colours = {"G": GREY, "G'": ORANGE, "G_B'": BLUE}
     figure = go.Figure()
-    for matrix in [name for name in colours if (at["matrix"] == name).any()]:
-        own = at[at["matrix"] == matrix]
+    for (matrix, model), own in at[at["matrix"] != "G_B"].groupby(["matrix", "model"], sort=False):
+        name, colour, symbol = _SHOWN.get((matrix, model), _SHOWN[matrix, ""])
         each = own[own["figure"] == "sensitivity"].set_index("subject").reindex(LOADS)
         condition = own[own["figure"] == "condition"].iloc[0]
-        values = [*each["value"], condition["value"]]
-        sigmas = [*each["sigma"], condition["sigma"]]
+        sigmas = np.array([*each["sigma"], condition["sigma"]], dtype=float)
         figure.add_trace(
             go.Scatter(
                 x=[*(f"S {load}" for load in LOADS), "condition"],
-                y=values,
+                y=[*each["value"], condition["value"]],
                 mode="markers",
-                name=matrix,
-                marker={
-                    "color": colours[matrix],
-                    "size": 10,
-                    "symbol": _SYMBOLS[matrix],
-                },
-                error_y={"type": "data", "array": _BAR * np.nan_to_num(np.array(sigmas, float)), "width": 3},
-                hovertemplate="%{x}: %{y:.4g}<extra>" + matrix + "</extra>",
+                name=name,
+                marker={"color": colour, "size": 10, "symbol": symbol},
+                error_y={"type": "data", "array": _BAR * np.nan_to_num(sigmas), "width": 3},
+                hovertemplate="%{x}: %{y:.4g}<extra>" + name + "</extra>",
             )
         )
     subtitle = f"Moments over {plain(length_m)} m, at which they weigh as much as forces. Bars: 95 %"

@@ -1,0 +1,107 @@
+"""The sections of a loaded sensor: what they say and draw of a bench, and what they say where there is nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.blind.generator.sensor.effects import LoadEccentricity
+from tests.blind.generator.sensor.layout import DataFaults, Programme
+from tests.stages.benches import bench, layout
+from truing.report.exclusion_section import excluded
+from truing.report.sections import build_sections
+from truing.report.sensor.calibration import sensor_calibration
+from truing.report.sensor.deformation import load_deformation
+from truing.report.sensor.displacement import displacement
+from truing.report.tables import SAID
+
+STAGES = ("ingest", "pose", "deformation", "calibrate")
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory) -> dict[str, pd.DataFrame]:
+    """A bench whose z load is off its line, with a channel never measured under it and some gross errors."""
+    faults = DataFaults(gross_share=0.01, never=("rz",))
+    made = layout(programme=Programme(channels="all"), faults=faults, signals=6)
+    off = LoadEccentricity(2, (0.012, -0.008, 0.0))
+    made = bench(tmp_path_factory.mktemp("page") / "c", made, 8, [off], stages=STAGES)
+    frames = {name: made.frame(name) for name in made.tables}
+    frames["sensor_matrix"].attrs[SAID] = made.said["calibrate"].figure
+    return frames
+
+
+def test_the_page_has_a_bench_and_no_machine(tables):
+    sections = {section.id: section for section in build_sections(tables, {})}
+    assert {"calibration", "displacement", "deformation"} <= set(sections)
+    assert not {"poses", "knowledge", "requirements"} & set(sections)
+    assert len(build_sections(tables, {})) == len(sections)
+
+
+def test_displacement_tells_what_was_never_measured(tables):
+    section = displacement(tables)
+    assert "Never measured, and therefore unknown: rz." in section.lead
+    rows = {row[0]: row[2:] for row in section.listings[0].rows}
+    assert rows["fz"][-1] == "not measured"
+    assert all(int(cell) > 12 for cell in rows["fz"][:-1])
+    (figure, _) = section.figures[0]
+    crosses = sum(len(trace.x) for trace in figure.data if trace.marker.symbol == "x-thin")
+    assert crosses == tables["reading_residuals"]["rejected"].sum() > 0
+
+
+def test_deformation_names_the_entries_that_differ_and_draws_both(tables):
+    section = load_deformation(tables)
+    assert "ry under fz" in section.lead
+    assert "Of 36 entries 6 were never measured" in section.lead
+    own, others, entries = (figure for figure, _ in section.figures)
+    simulated = [trace for trace in own.data if trace.name == "simulated"]
+    assert len(simulated) == 5
+    curves = tables["axis_curves"].query("load == 'fz' and channel == 'dz'").sort_values("applied", kind="stable")
+    line = next(one for one in simulated if len(one.y) == len(curves) and np.allclose(one.y, curves["simulated"]))
+    np.testing.assert_allclose(line.x, 1e-3 * curves["applied"])
+    empty = [note.text for note in others.layout.annotations].count("not measured")
+    assert empty == 0  # a channel that nobody read has no row of panels
+    matrix = entries.data[0]
+    assert matrix.z[4][2] < -4.0
+    assert "not" in matrix.text[5][0]
+
+
+def test_calibration_tells_the_choice_and_the_matrix(tables):
+    section = sensor_calibration(tables)
+    assert section.lead.startswith("Chosen: weighted, forward, zero common, linear.")
+    assert "as the paper prints it" in section.lead
+    matrix = section.listings[0]
+    assert [row[0] for row in matrix.rows] == ["fx (N)", "fy (N)", "fz (N)", "mx (N·m)", "my (N·m)", "mz (N·m)"]
+    assert matrix.csv.count("\n") == 37
+    held, classes, merit = (figure for figure, _ in section.figures)
+    assert len(held.data) == 6
+    assert {name for trace in classes.data for name in trace.x} >= {"hysteresis", "crosstalk", "zero return"}
+    assert [trace.name for trace in merit.data] == ["G", "G'", "G, joints that resist"]
+
+
+def test_gross_readings_stand_among_what_was_left_out(tables):
+    section = excluded(tables)
+    count = int(tables["reading_residuals"]["rejected"].sum())
+    assert f"{count} reading" in section.lead
+    assert any(len(listing.rows) == count for listing in section.listings)
+
+
+def test_theory_alone_says_why_there_is_no_matrix(tables):
+    matrices = tables["sensor_matrix"].query("matrix in ['G', \"G'\"]").copy()
+    matrices.attrs[SAID] = "G by [mechanism]; G_B not evaluated: V V^T is singular, the channels are not independent"
+    empty = {name: tables[name].iloc[:0] for name in ("sensor_choice", "error_classes")}
+    section = sensor_calibration({**tables, **empty, "sensor_matrix": matrices})
+    assert section.state == "theory alone"
+    assert "V V^T is singular" in section.lead
+
+
+@pytest.mark.parametrize(
+    ("section", "name"),
+    [(displacement, "displacement"), (load_deformation, "compliance"), (sensor_calibration, "sensor_matrix")],
+)
+def test_what_was_not_evaluated_says_so(tables, section, name):
+    nothing = tables[name].iloc[:0].copy()
+    nothing.attrs[SAID] = "not evaluated: the instrument was away"
+    found = section({**tables, name: nothing})
+    assert (found.state, found.lead) == ("not evaluated", "The instrument was away.")
+    assert section({}) is None
