@@ -256,6 +256,8 @@ class Interferometer(Section):
     wavelength_nm: Positive = 632.990577
     dead_path_mm: DeadPaths = Field(DeadPaths(), description="one number, or one per linear channel")
     compensated: bool = True
+    passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
+    signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")
 
     @field_validator("dead_path_mm", mode="before")
     @classmethod

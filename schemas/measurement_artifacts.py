@@ -78,6 +78,19 @@ MEASUREMENT = (
         key=("run", "step"),
     ),
     Artifact(
+        "quadrature",
+        "quadrature.parquet",
+        "raw signals of an interferometer: the ellipse of every channel, and what it leaves",
+        (
+            "channel",
+            "samples",
+            *("x0", "y0", "amplitude_x", "amplitude_y", "lag_rad"),
+            *("radius_before", "radius_after", "radius_uncut", "radius_mean", "cut_share"),
+            *("periodic_error_um", "miscount_risk", "status"),
+        ),
+        key=("channel",),
+    ),
+    Artifact(
         "positions",
         "positions.parquet",
         "where an axis stood at its targets, one row per approach",

@@ -28,7 +28,7 @@ DECLARATION = Stage(
     reads=(),
     leaves=(
         *("survey?", "configurations?", "scans?", "observations?", "start?"),
-        *("readings?", "signals?", "positions?", "given_compliance?", "exclusions"),
+        *("readings?", "signals?", "quadrature?", "positions?", "given_compliance?", "exclusions"),
     ),
     settings=(
         "campaign.kind",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="qa",
-    reads=("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?"),
+    reads=("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?", "quadrature?"),
     leaves=("qa",),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
@@ -64,7 +65,12 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
 
     view = loading_view(tables, settings)
     read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs"
-    return _judged(loading_checks(view, settings), read, settings, progress)
+    checks = loading_checks(view, settings)
+    if "quadrature" in tables:
+        from stages.quality.of_quadrature import quadrature_checks
+
+        checks = chain(quadrature_checks(tables["quadrature"]), checks)
+    return _judged(checks, read, settings, progress)
 
 
 def _judged(found: Iterable[Check], read: str, settings: Campaign, progress: Progress) -> Outcome:

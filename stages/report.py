@@ -34,6 +34,7 @@ DECLARATION = Stage(
         "deformation_errors?",
         "compliance?",
         "axis_curves?",
+        "quadrature?",
         "positions?",
         "positioning?",
         "calibration?",

@@ -12,7 +12,7 @@ import numpy as np
 from schemas.faults import Fault
 from stages.ingestion.compliance_file import read_compliance
 from stages.ingestion.position_table import read_positions
-from stages.ingestion.reading_table import read_readings
+from stages.ingestion.reading_table import ReadingTable, read_readings
 from stages.ingestion.signal_table import read_signals
 from stages.ingestion.tables import SmallTable
 from truing.formats.faultlog import FaultLog
@@ -21,14 +21,14 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TABLES = ("interferometer", "displacement", "signals", "positioning")
+TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
 
 
 @dataclass(frozen=True)
 class LoadingTables:
     """What a loading campaign holds; None where it has no such table."""
 
-    readings: SmallTable | None
+    readings: ReadingTable | None
     signals: SmallTable | None
     compliance: pa.Table | None
     positions: SmallTable | None = None
@@ -37,6 +37,8 @@ class LoadingTables:
     def artifacts(self) -> dict[str, pa.Table]:
         """The tables by the name of their artifact."""
         found = {} if self.readings is None else {"readings": self.readings.table}
+        if self.readings is not None and self.readings.channels is not None:
+            found["quadrature"] = self.readings.channels
         found |= {} if self.signals is None else {"signals": self.signals.table}
         found |= {} if self.positions is None else {"positions": self.positions.table}
         return found | ({} if self.compliance is None else {"given_compliance": self.compliance})

@@ -12,10 +12,11 @@ from schemas.faults import Fault
 from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
 from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
+from stages.ingestion.quadrature_table import lengths
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, WRENCH
+from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
@@ -40,15 +41,31 @@ class _Readings:
     sigma: Array
 
 
-def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
-    """The readings of interferometer.csv, or those that displacement.csv amounts to; None where there are neither."""
+@dataclass
+class ReadingTable(SmallTable):
+    """Readings, and what became of the raw signals of every channel where there were any."""
+
+    channels: pa.Table | None = None
+
+
+def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> ReadingTable | None:
+    """The readings of interferometer.csv, those that displacement.csv or raw signals amount to; None where there are
+    none of them."""
     own, six = source.entries("interferometer"), source.entries("displacement")
+    raw = source.entries("quadrature")
     if own and six:
         log.add(Fault(six[0].paths[0], "no displacement beside readings of an interferometer: it replaces them"))
-    shape = INTERFEROMETER if own else DISPLACEMENT
-    found = gather(source, shape, log, "run")
+    if raw and (own or six):
+        log.add(Fault(raw[0].paths[0], "no raw signals beside the readings that they become"))
+    shape = QUADRATURE if raw else INTERFEROMETER if own else DISPLACEMENT
+    found, channels = gather(source, shape, log, "run"), None
     if found is None:
         return None
+    if raw:
+        made = lengths(found, settings.interferometer, log)
+        if made is None:
+            return None
+        own, found, channels = raw, made.readings, made.channels
     found = with_known_loads(found)
     key = ("run", "step", "channel") if own else ("run", "step")
     check_once(found, log, *key)
@@ -65,7 +82,7 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallT
     table = _table(found, loads, readings)
     if any(entry.time_format for entry in source.entries(shape.name)):
         table = since_first(table)
-    return SmallTable(as_artifact("readings", table), left_out)
+    return ReadingTable(as_artifact("readings", table), left_out, channels)
 
 
 def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readings:

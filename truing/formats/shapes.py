@@ -19,6 +19,9 @@ _RAW = (
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m"),
     Column("channel", "text", "the motion that was read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
+    *(Column(f"signal_{a}", "real", f"quadrature signal {a}, any unit", nullable=True) for a in "xy"),
+    Column("phase_deg", "real", "phase of the quadrature signals", "deg", nullable=True),
+    Column("radius", "real", "length of the quadrature signals together, any unit", nullable=True),
     Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
     *(Column(f"shown_f{a}_n", "real", f"force along {a} as the sensor itself shows it", "N") for a in "xyz"),
     *(Column(f"shown_m{a}_nm", "real", f"torque about {a} as the sensor itself shows it", "N m") for a in "xyz"),
@@ -91,6 +94,12 @@ SIGNALS = Shape(
     "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
 )
 
+QUADRATURE = Shape(
+    "quadrature",
+    ("run", "step", "channel"),
+    ("time_s", "signal_x", "signal_y", "phase_deg", "radius", "sigma", *_LOADED, *_SURROUNDINGS),
+    covariates=True,
+)
 POSITIONING = Shape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"))
 
 COORDINATES = _POINT

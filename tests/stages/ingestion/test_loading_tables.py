@@ -15,8 +15,9 @@ from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from stages import ingest
 from stages.declaration import Outcome
+from stages.quality.of_quadrature import quadrature_checks
 from stages.responses.axis_positioning import positioning_rows
-from tests.tolerance import assert_close
+from tests.tolerance import assert_between, assert_close
 from truing.formats.source import CampaignFiles
 
 HEAD = "run,step,time_s,load_axis,load,channel,reading"
@@ -152,6 +153,55 @@ def test_a_wrench_that_the_sensor_shows_is_told_of_its_legs(tmp_path):
     assert "mechanism.legs" in said[0]
     said = faults(tmp_path, {}, {**sections, "mechanism": {"type": "none"}})
     assert said[0].startswith("campaign.toml, column mechanism.type: found 'none'; expected [mechanism] type")
+
+
+def quadrature_rows(length_um, run=1, noise=0.0, seed=0):
+    """Raw signals of dx, four samples a step, of an interferometer with uneven gains, offsets and a lag; steps count up
+    with the length (N,)."""
+    rng = np.random.default_rng(seed)
+    p = 2.0 * np.pi * length_um / (0.63299 / 2.0) + 0.7
+    x = 30.0 + 500.0 * np.cos(p) + noise * rng.standard_normal(len(p))
+    y = -12.0 + 430.0 * np.sin(p + 0.12) + noise * rng.standard_normal(len(p))
+    return [f"{run},{n // 4},{n},fz,{n // 4},dx,{x[n]:.12g},{y[n]:.12g}" for n in range(len(p))]
+
+
+def test_raw_signals_become_lengths_counted_through_fringes(tmp_path):
+    """Two runs of forty steps, some 13 fringes each; the first goes up, the second back."""
+    length = 4.0 * np.sin(np.linspace(0.0, 0.5 * np.pi, 160))
+    rows = [HEAD.replace("reading", "signal_x,signal_y"), *quadrature_rows(length, 1), *quadrature_rows(-length, 2)]
+    sections = {"interferometer": {"wavelength_nm": 632.99}}
+    found = artifacts(tmp_path, {"quadrature.csv": rows}, sections)
+    readings = found["readings"]
+    means = length.reshape(-1, 4).mean(1)
+    assert_close(column(readings, "reading"), [*(means - means[0]), *(means[0] - means)], atol=1e-6)
+    assert column(readings, "fz_n") == [float(n) for n in range(40)] * 2
+    channel = found["quadrature"].to_pylist()[0]
+    assert_close([channel[n] for n in ("x0", "y0", "amplitude_x", "amplitude_y", "lag_rad")],
+                 [30.0, -12.0, 500.0, 430.0, 0.12], atol=1e-6)  # fmt: skip
+    assert channel["radius_after"] < 1e-6 < 20.0 < channel["radius_before"]
+    assert channel["miscount_risk"] < 1e-9
+    assert all(check.verdict == "pass" for check in quadrature_checks(found["quadrature"]))
+
+
+def test_raw_signals_carry_the_noise_of_their_phase(tmp_path):
+    rows = [HEAD.replace("reading", "signal_x,signal_y"), *quadrature_rows(np.linspace(0.0, 9.0, 800), noise=2.0)]
+    readings = artifacts(tmp_path, {"quadrature.csv": rows}, {"interferometer": {"wavelength_nm": 632.99}})["readings"]
+    missed = np.array(column(readings, "reading")) - np.linspace(0.0, 9.0, 800).reshape(-1, 4).mean(1)
+    sigma = np.sqrt(np.mean(np.square(column(readings, "sigma"))))
+    # the mean of four samples scatters by half of one's sigma, and a little by the fit of the ellipse
+    assert_between(np.std(missed) / sigma, 0.4, 0.65)
+
+
+def test_raw_signals_that_cannot_be_read_are_refused(tmp_path):
+    head = HEAD.replace("reading", "signal_x,signal_y")
+    short = quadrature_rows(np.linspace(0.0, 0.02, 40), noise=2.0)
+    said = faults(tmp_path, {"quadrature.csv": [head, *short]})
+    assert "signals of dx that go round their ellipse: short-arc" in said[0]
+    said = faults(tmp_path, {"quadrature.csv": [head, *(row.replace("dx", "rx") for row in short)]})
+    assert "an angle takes two of them" in said[0]
+    files = {"quadrature.csv": [head, *short], "interferometer.csv": [HEAD, "1,0,0,fz,0,dz,1"]}
+    said = faults(tmp_path, files)
+    assert "no raw signals beside the readings that they become" in said[0]
 
 
 APPROACHES = "run,target_mm,direction,cycle,position_mm"

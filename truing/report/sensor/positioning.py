@@ -26,9 +26,7 @@ def positioning(tables: Tables) -> Section | None:
     if rows is None:
         return None
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
-    lead = (
-        "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
-    )
+    lead = "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
     listings = (_of_axis(axis), _of_targets(targets))
     return Section("positioning", "Positioning", lead, listings=listings)
 
