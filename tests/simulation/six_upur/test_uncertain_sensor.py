@@ -53,14 +53,33 @@ def test_a_stiffer_part_is_not_linearised() -> None:
 def test_a_given_compliance_takes_the_place_of_the_legs() -> None:
     given = sensor_of("A").compliance * 1.1
     alone = UncertainSensor(joints_of("A"), None, given, SIGMA, 0.05)
-    assert (alone.stiffness_size, alone.models) == (1, 2)
-    assert_close(alone.at(np.zeros(30), np.ones(1)).compliance, given * np.exp(-0.05), atol=1e-18)
+    assert (alone.stiffness_size, alone.models) == (7, 2)
+    assert_close(alone.at(np.zeros(30), np.eye(7)[0]).compliance, given * np.exp(-0.05), atol=1e-18)
     beside = UncertainSensor(joints_of("A"), sensor_of("A"), given, SIGMA, 0.05)
-    assert (beside.stiffness_size, beside.models) == (1, 2)
-    assert_close(beside.at(np.zeros(30), np.zeros(1)).compliance, given, atol=1e-18)
+    assert (beside.stiffness_size, beside.models) == (7, 2)
+    assert_close(beside.at(np.zeros(30), np.zeros(7)).compliance, given, atol=1e-18)
     # Legs that are alike and do not lengthen under what bends them: how they lengthen tells what runs along them.
-    along = alone.at(np.zeros(30), np.zeros(1)).forces[1]
+    along = alone.at(np.zeros(30), np.zeros(7)).forces[1]
     truth = sensor_of("A").axial_forces
     assert_close(along * (truth[0, 0] / along[0, 0]), truth, atol=1e-9)
     with pytest.raises(ValueError, match="found neither elements nor a compliance"):
         UncertainSensor(None)
+
+
+@pytest.mark.parametrize("name", ["A", "N", "S"])
+def test_the_legs_of_a_given_compliance_are_found(name: str) -> None:
+    sensor = sensor_of(name)
+    of_legs = UncertainSensor(sensor.joints, sensor, None, SIGMA, 0.05)
+    of_file = UncertainSensor(sensor.joints, None, sensor.compliance, SIGMA, 0.05)
+    parts, size = len(sensor.parts.names), np.abs(sensor.compliance).max()
+    expected = of_legs.by_stiffness(np.zeros(of_legs.stiffness_size)).compliance[parts:]
+    expected = expected.reshape(6, parts, 6, 6).sum(1)  # all parts of one leg softer alike
+    found = of_file.by_stiffness(np.zeros(of_file.stiffness_size)).compliance
+    assert_close(found[1:], expected, atol=0.03 * np.abs(expected).max())
+    assert_close(found[:1], -0.05 * sensor.compliance[None], atol=1e-12 * size)
+    geometry = of_legs.by_geometry.compliance
+    # To first order in what the legs' own bending adds, which a file does not tell.
+    assert_close(of_file.by_geometry.compliance, geometry, atol=0.25 * np.abs(geometry).max())
+    unknown = UncertainSensor(sensor.joints, None, np.zeros((6, 6)), SIGMA, 0.05)
+    assert unknown.stiffness_size == 1
+    assert not unknown.at(np.zeros(30), np.ones(1)).compliance.any()

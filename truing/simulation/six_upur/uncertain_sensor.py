@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.six_upur.alike_legs import alike_legs
 from truing.simulation.six_upur.assembly import SOURCES
 from truing.simulation.six_upur.compliance_change import motion_of_sources
 from truing.simulation.six_upur.geometry import JointCentres, leg_axes
@@ -21,6 +22,7 @@ from truing.simulation.six_upur.stiffness import ElasticSensor, end_transport
 _LEGS = 6
 _MIDDLE, _INSTALLED = SOURCES.index("middle_clearance"), SOURCES.index("sensor_installation")
 _TINY = 1e-30
+_RIGID = 1e-9  # of its diagonal: a compliance that gives less in some direction has no inverse
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class Response:
 class UncertainSensor:
     """A sensor of elastic legs, with what tolerances leave open of it; a ``given`` compliance (6, 6) replaces theirs.
 
+    Legs of one that is given are taken to be alike: one may be softer than its like, or sit elsewhere, all the same.
     One that is given as zero is not known: then nothing tells what bends the legs. geometry_sigma: (5,) m, by error
     source, 0 where exact; stiffness_sigma: relative, of every elastic parameter. Where no joints are known there are
     no leg forces (M = 0).
@@ -78,12 +81,24 @@ class UncertainSensor:
 
     @property
     def stiffness_size(self) -> int:
-        """Return the number of unknown elastic parameters: common ones first, then leg by leg; one for all if given."""
+        """Return the number of unknown elastic parameters: common ones first, then leg by leg; one where there are
+        no legs."""
         if self.stiffness_sigma == 0.0:
             return 0
-        if self.elastic is None or not self._is_elastic:
-            return 1
-        return (1 + _LEGS) * len(self.elastic.parts.names)
+        if self.elastic is not None and self._is_elastic:
+            return (1 + _LEGS) * len(self.elastic.parts.names)
+        return 1 if self._alike is None else 1 + _LEGS
+
+    @cached_property
+    def _alike(self) -> NDArray | None:
+        """Return the legs' stiffnesses (6, 6, 6), SI, that a given compliance speaks of, if it speaks of legs."""
+        if (
+            self.joints is None
+            or self._is_elastic
+            or np.linalg.matrix_rank(self._given((6, 6)), hermitian=True) < _LEGS
+        ):
+            return None
+        return alike_legs(np.linalg.inv(self._given((6, 6))), self.joints)
 
     @property
     def unknowns(self) -> list[tuple[int | None, str]]:
@@ -91,9 +106,9 @@ class UncertainSensor:
         named: list[tuple[int | None, str]] = [
             (int(place) // len(SOURCES) + 1, SOURCES[int(place) % len(SOURCES)]) for place in self.sources
         ]
-        if self.stiffness_size == 1 or self.elastic is None:
-            return [*named, *([(None, "stiffness")] * self.stiffness_size)]
         legs: list[int | None] = [None, *range(1, _LEGS + 1)]
+        if self.elastic is None or not self._is_elastic:
+            return [*named, *((leg, "stiffness") for leg in legs[: self.stiffness_size])]
         parts = self.elastic.parts.names if self.stiffness_size else ()
         return [*named, *((leg, f"stiffness of {part}") for leg in legs for part in parts)]
 
@@ -138,9 +153,8 @@ class UncertainSensor:
         if self.elastic is None or not self._is_elastic:
             giving = None if self.elastic is None else self.elastic.parts.compliance.sum(-3)
             plain = self._response(self.joints, giving)
-            softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)[..., None, None]
             forces = np.broadcast_to(plain.forces, (*lead, *plain.forces.shape))
-            return Response(plain.compliance * softer, forces.astype(stiffness.dtype))
+            return Response(self._softened(stiffness), forces.astype(stiffness.dtype))
         parts = self.elastic.parts.compliance
         count = parts.shape[-3]
         logs = np.zeros((*lead, _LEGS, count))
@@ -148,6 +162,14 @@ class UncertainSensor:
             each = stiffness.reshape(*lead, 1 + _LEGS, count) * self.stiffness_sigma
             logs = each[..., :1, :] + each[..., 1:, :]
         return self._response(self.joints, np.einsum("...lp,lpij->...lij", np.exp(-logs), parts))
+
+    def _softened(self, stiffness: NDArray) -> NDArray:
+        """Return a given compliance (..., 6, 6) with other elastic parameters (..., stiffness_size)."""
+        if self._alike is None or not stiffness.shape[-1]:
+            softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
+            return self._given((6, 6)) * softer[..., None, None]
+        stiffer = np.exp((stiffness[..., :1] + stiffness[..., 1:]) * self.stiffness_sigma)
+        return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._alike)))
 
     def _lengthened(self) -> NDArray | None:
         """Return the legs' compliances (30, 6, 6, 6) with each length error as a tiny imaginary part."""
@@ -169,14 +191,21 @@ class UncertainSensor:
         if giving is None:
             lead = passive.shape[:-2]
             own = [passive, self._lengthening(G)][: self.models]
-            return Response(self._given((*lead, 6, 6)), _stacked(own, lead))
+            return Response(self._displaced(G), _stacked(own, lead))
         transport = end_transport(joints.arm, leg_axes(joints.direction))
         stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
         compliance = np.linalg.inv(stiffness.sum(-3))
         carried = stiffness @ compliance[..., None, :, :]
         along = np.einsum("...li,...lij->...lj", joints.direction, carried[..., :3, :])
         forces = _stacked([passive, along], compliance.shape[:-2])
-        return Response(compliance if self._is_elastic else self._given(compliance.shape), forces)
+        return Response(compliance if self._is_elastic else self._displaced(G), forces)
+
+    def _displaced(self, G: NDArray) -> NDArray:
+        """Return a given compliance (..., 6, 6) with the legs where they have influence G (..., 6, 6)."""
+        if self._alike is None or self.joints is None:
+            return self._given(G.shape)
+        back = influence_matrix(self.joints) @ np.linalg.inv(G)
+        return np.asarray(np.swapaxes(back, -1, -2) @ self._given((6, 6)) @ back)
 
     def _lengthening(self, G: NDArray) -> NDArray:
         """Return the forces (..., 6, 6) along alike legs of a given compliance: in proportion to how these lengthen,
