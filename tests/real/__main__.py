@@ -10,7 +10,7 @@ from tests.real.campaigns import data_folder, run_all
 from tests.real.facts import FACTS
 from tests.real.figures import write_figures
 from tests.real.page import PAGE, render
-from tests.real.raw_facts import raw_facts
+from tests.real.raw_facts import drawn_signals, raw_facts
 
 
 def main() -> int:
@@ -22,7 +22,7 @@ def main() -> int:
         facts = {name: FACTS[name](tables) for name, tables in run_all(tuple(FACTS), Path(folder)).items()}
     raw = raw_facts(data_folder())
     PAGE.write_text(render(facts, raw), encoding="utf-8")
-    write_figures(facts, raw)
+    write_figures(facts, raw, drawn_signals(data_folder()))
     sys.stdout.write(f"{PAGE}\n")
     return 0
 

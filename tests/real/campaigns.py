@@ -30,6 +30,8 @@ BRIEF = {
     "fareke-file3": ("qa",),
     "optical-ft-ur3e": ("calibrate",),
     "sps01-stewart-force": ("report",),
+    "sios-nmm-quadrature": ("qa",),
+    "ess-slit-iso230": ("deformation",),
 }
 NAMES = tuple(sorted(path.parent.name for path in HERE.glob("*/campaign.toml")))
 

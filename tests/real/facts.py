@@ -200,4 +200,6 @@ FACTS = {
     "fareke-file3": force_facts.weights,
     "sps01-stewart-force": force_facts.stewart,
     "optical-ft-ur3e": force_facts.optical,
+    "sios-nmm-quadrature": force_facts.quadrature,
+    "ess-slit-iso230": force_facts.positioning,
 }

@@ -10,20 +10,22 @@ import numpy as np
 from tests.real.force_facts import LINEAR, PRODUCTS, SQUARES
 from tests.real.page import PAGE
 from tests.real.plots import Plot, Trace, write_plots
-from truing.estimation.interferometry.quadrature import corrected_phase
+from truing.estimation.interferometry.quadrature import corrected, corrected_phase
 
 FOLDER = PAGE.parent / "figures"
 _FEWER = 80  # of so many samples of an interferometer one is drawn
 
 
-def write_figures(facts: dict[str, dict[str, Any]], raw: dict[str, Any], folder: Path = FOLDER) -> None:
-    """Write every figure."""
+def write_figures(
+    facts: dict[str, dict[str, Any]], raw: dict[str, Any], signals: dict[str, Any], folder: Path = FOLDER
+) -> None:
+    """Write every figure, from the facts and an interferometer's raw signals."""
     for name, plots in {
         "real-pier": _pier(facts["lbcb-pier"]["small_loops"]),
         "real-fareke": _weights(facts),
         "real-stewart": _legs(facts["sps01-stewart-force"]),
         "real-optical": _optical(facts["optical-ft-ur3e"]["models"]),
-        "real-quadrature": _quadrature(raw["quadrature"]),
+        "real-quadrature": _quadrature(signals),
         "real-slit": _slit(raw["slit"]),
     }.items():
         write_plots(folder / f"{name}.svg", plots)
@@ -82,14 +84,9 @@ def _optical(models: dict[str, Any]) -> list[Plot]:
 def _quadrature(found: dict[str, Any]) -> list[Plot]:
     plots = []
     for k, axis in enumerate("XYZ"):
-        signals = found["signals"][k, ::_FEWER]
-        x0, y0, a, b = found["fit"][k, :4]
-        phase = corrected_phase(found["signals"][k][None], found["fit"][k][None])[0, ::_FEWER]
-        centred = signals - [x0, y0]
-        lag = found["fit"][k, 4]
-        cos = centred[:, 0] / a
-        sin = (centred[:, 1] / b - np.sin(lag) * cos) / np.cos(lag)
-        radius = np.hypot(cos, sin) * np.sqrt(a * b)
+        signals, ellipse = found["signals"][k, ::_FEWER], found["fit"][k]
+        phase = corrected_phase(signals, ellipse)
+        radius = np.linalg.norm(corrected(signals, ellipse), axis=-1) * np.sqrt(ellipse[2] * ellipse[3])
         degrees = np.degrees(np.mod(phase, 2.0 * np.pi))
         traces = [
             Trace("raw", degrees, np.linalg.norm(signals, axis=1)),
@@ -104,7 +101,8 @@ def _slit(found: dict[str, Any]) -> list[Plot]:
     target = found["target"]
     cycles = um.shape[2]
     traces = []
-    for way, name in enumerate(("forward", "backward")):
+    for way, name in enumerate(("forward, with its mean", "backward")):
         traces.append(Trace(name, np.repeat(target, cycles), um[:, way].ravel()))
-        traces.append(Trace(f"mean {name}", target, um[:, way].mean(1), "line"))
-    return [Plot("axis 11360/1", "target, mm", "deviation, um", [traces[i] for i in (0, 2, 1, 3)])]
+    for way in (0, 1):
+        traces.append(Trace("", target, um[:, way].mean(1), "line"))
+    return [Plot("axis 11360/1", "target, mm", "deviation, um", traces)]

@@ -163,3 +163,49 @@ def pier(tables: Tables) -> dict[str, Any]:
     inches = moved.to_numpy() * READING_SI / np.repeat([INCH_M, 1.0], 3)
     kips = loads.to_numpy() / (KIP_N * np.repeat([1.0, INCH_M], 3))
     return {**pier_of(inches, kips), "moved": inches, "force": kips}
+
+
+def quadrature(tables: Tables) -> dict[str, Any]:
+    """The raw signals of the axes: radius before and after, what quality says, lengths of one fringe."""
+    rows, qa = tables["quadrature"], tables["qa"]
+    flagged = qa[(qa["check"] == "signals-round") & (qa["verdict"] == "fail")]
+    last = tables["observations"].groupby("channel")["reading"].last()
+    return {
+        "samples": int(rows["samples"].iloc[0]),
+        "raw": rows["radius_before"].tolist(),
+        "corrected": rows["radius_after"].tolist(),
+        "uncut": rows["radius_uncut"].tolist(),
+        "mean": rows["radius_mean"].tolist(),
+        "cut": (100.0 * rows["cut_share"]).tolist(),
+        "periodic_nm": (1e3 * rows["periodic_error_um"]).tolist(),
+        "flagged": [f"channel {name}" in set(flagged["subject"]) for name in rows["channel"]],
+        "says": [str(text) for text in flagged["message"]],
+        "fringe_nm": [1e3 * float(last[name]) for name in rows["channel"]],
+    }
+
+
+# The report's names of the lines, and ours.
+LINES = {
+    "B": "B",
+    "B_avg": "B_mean",
+    "R_fwd": "R_forward",
+    "R_bwd": "R_backward",
+    "R": "R",
+    "E_fwd": "E_forward",
+    "E_bwd": "E_backward",
+    "E": "E",
+    "M": "M",
+    "A_fwd": "A_forward",
+    "A_bwd": "A_backward",
+    "A": "A",
+}
+
+
+def positioning(tables: Tables) -> dict[str, Any]:
+    """Quantities of ISO 230-2 of the axis, mm, by the report's names of its lines; sigma of the accuracy."""
+    rows = tables["positioning"]
+    axis = rows[rows["subject"].isna()].set_index("figure")
+    return {
+        "ours": {name: 1e-3 * float(axis.loc[figure, "value"]) for name, figure in LINES.items()},
+        "sigma_a": 1e-3 * float(axis.loc["A", "sigma"]),
+    }

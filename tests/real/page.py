@@ -28,6 +28,8 @@ _SHORT = {
     "fareke-file3": "file3",
     "sps01-stewart-force": "sps",
     "optical-ft-ur3e": "optical",
+    "sios-nmm-quadrature": "sios",
+    "ess-slit-iso230": "slit",
 }
 _MODELS = {"linear": LINEAR, "squares": SQUARES, "products": PRODUCTS}
 

@@ -18,7 +18,10 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
 
 @dataclass(frozen=True)
 class Trace:
-    """Points x, y (N,): ``line`` joins them, ``dots`` marks them, ``bars`` stands them on zero."""
+    """Points x, y (N,): ``line`` joins them, ``dots`` marks them, ``bars`` stands them on zero.
+
+    A trace without a name has the colour of the named one in its place, counted from the first without.
+    """
 
     name: str
     x: NDArray
@@ -51,6 +54,8 @@ def write_plots(path: Path, plots: Sequence[Plot]) -> None:
         parts += [f'<g transform="translate({k * _WIDTH},0)">', *_plot(plot), "</g>"]
     at = _LEFT
     for k, trace in enumerate(plots[0].traces):
+        if not trace.name:
+            continue
         parts.append(f'<rect x="{at}" y="{_HEIGHT + 6}" width="10" height="10" fill="{COLOURS[k]}"/>')
         parts.append(f'<text x="{at + 15}" y="{_HEIGHT + 15}">{escape(trace.name)}</text>')
         at += 30 + 7 * len(trace.name)
@@ -85,7 +90,9 @@ def _plot(plot: Plot) -> list[str]:
     for tick, name in named or [(tick, f"{tick:g}") for tick in _ticks(left, right)]:
         out.append(f'<text x="{u(tick):.1f}" y="{_HEIGHT - _BOTTOM + 16}" text-anchor="middle">{escape(name)}</text>')
     bars = [trace for trace in plot.traces if trace.style == "bars"]
-    for k, trace in enumerate(plot.traces):
+    named_traces = sum(bool(trace.name) for trace in plot.traces)
+    for place, trace in enumerate(plot.traces):
+        k = place if trace.name else place - named_traces
         points = [(u(a), v(b)) for a, b in zip(trace.x, trace.y, strict=True) if np.isfinite(b)]
         if trace.style == "line":
             joined = " ".join(f"{a:.1f},{b:.1f}" for a, b in points)
@@ -111,4 +118,4 @@ def _limits(values: NDArray) -> tuple[float, float]:
 def _ticks(low: float, high: float) -> NDArray:
     size = 10.0 ** np.floor(np.log10((high - low) / 4.0))
     step = next(size * factor for factor in (1.0, 2.0, 5.0, 10.0) if (high - low) / (size * factor) <= 6.0)
-    return np.round(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step, 12)
+    return np.round(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step, 12) + 0.0

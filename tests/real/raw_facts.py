@@ -1,4 +1,4 @@
-"""Figures of docs/real-data.md on files that are no campaign: raw signals of interferometers, reports, all readings."""
+"""Figures of docs/real-data.md on what is no part of a campaign: reports, all readings, signals that plots show."""
 
 from __future__ import annotations
 
@@ -6,36 +6,28 @@ from pathlib import Path
 from typing import Any
 
 from tests.real import interferometer_logs, sensor_facts
+from truing.estimation.interferometry.quadrature import fit_ellipse
 
 
 def raw_facts(data: Path) -> dict[str, Any]:
     """What the page says of them, from the folder of real measurements."""
-    signals = interferometer_logs.quadrature(data)
-    axes = interferometer_logs.quadrature_facts(signals)
-    slit = interferometer_logs.slit_facts(data)
+    report = interferometer_logs.slit_report(data)["lines"]
     target, deviation = interferometer_logs.slit(data)
+    own = deviation.mean(2)
     return {
         "stewart": sensor_facts.stewart(data),
-        "quadrature": {
-            "samples": signals.shape[1],
-            "raw": axes.raw,
-            "corrected": axes.corrected,
-            "published": interferometer_logs.published_radius(data, "Heydemann"),
-            "unclipped": axes.unclipped,
-            "clipped": 100.0 * axes.clipped_share,
-            "periodic_nm": axes.periodic_nm,
-            "flagged": ["yes" if bad else "no" for bad in axes.flagged],
-            "signals": signals,
-            "fit": axes.fit.values,
-        },
+        "quadrature": interferometer_logs.published_radius(data, "Heydemann"),
         "slit": {
-            "ours": slit["ours"],
-            "report": {name: slit["report"][name] for name in slit["ours"]},
-            "wrong": slit["wrong"],
-            "as_printed": slit["as_printed"],
-            "sigma_a": slit["uncertainty"]["A"].sigma,
+            "report": report,
+            "as_printed": float(own[:, 1].max() - own[:, 0].min()),
             "target": target,
             "deviation": deviation,
         },
         "strange": interferometer_logs.strange_axis(data),
     }
+
+
+def drawn_signals(data: Path) -> dict[str, Any]:
+    """Raw signals of the axes (3, N, 2), and their ellipses (3, 5)."""
+    signals = interferometer_logs.quadrature(data)
+    return {"signals": signals, "fit": fit_ellipse(signals).values}

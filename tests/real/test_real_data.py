@@ -10,6 +10,7 @@ import pytest
 from tests.real import force_facts
 from tests.real.campaigns import run_all
 from tests.real.facts import FACTS
+from tests.real.interferometer_logs import slit_report
 from tests.real.page import PAGE, render
 from tests.real.raw_facts import raw_facts
 from tests.tolerance import assert_close
@@ -163,6 +164,22 @@ def test_what_random_rows_praise_fails_on_whole_runs(facts):
     assert np.all(np.array(products["held_out"])[:3] > 5 * np.array(products["random"])[:3])
     assert np.all(np.array(products["held_out"])[:3] > np.array(linear["held_out"])[:3])
     assert not products["chosen"]
+
+
+def test_an_axis_of_raw_signals_that_stays_bad_fails(facts):
+    sios = facts["sios-nmm-quadrature"]
+    assert_close(sios["raw"], [3.39, 12.25, 6.80], atol=0.005)
+    assert_close(sios["corrected"], [2.02, 12.00, 2.67], atol=0.01)  # published by the laboratory
+    assert sios["flagged"] == [False, True, False]
+    assert sios["uncut"][1] < 0.005 * sios["mean"][1]
+    assert_close(sios["fringe_nm"], np.full(3, 632.99 / 2 * (1 - 1 / 165)), atol=2.0)
+
+
+def test_a_positioning_test_agrees_with_its_report_but_in_one_line(facts, real_data):
+    report = slit_report(real_data)["lines"]
+    ours = facts["ess-slit-iso230"]["ours"]
+    assert [name for name in ours if abs(ours[name] - report[name]) > 0.6e-5] == ["E"]
+    assert ours["E"] == pytest.approx(0.01294, abs=0.5e-5)
 
 
 def test_the_page_says_what_the_data_say(facts, real_data):
