@@ -42,6 +42,7 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
             texts(found, "load_axis"),
             numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS, log),
         )
+        found.fault(log, np.isnan(load), "load", _EMPTY)
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
     else:
         loads = np.column_stack([numbers(found, name) if name in six else _unloaded(found) for name in WRENCH])

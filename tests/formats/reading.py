@@ -16,6 +16,8 @@ from truing.formats.shapes import (
     DISPLACEMENT,
     INTERFEROMETER,
     POINTS,
+    POSITIONING,
+    QUADRATURE,
     SCANS,
     SIGNALS,
     SURFACES,
@@ -23,7 +25,8 @@ from truing.formats.shapes import (
 )
 from truing.formats.source import CampaignFiles
 
-_ALL = (POINTS, TARGETS, CONFIGURATIONS, DISPLACEMENT, INTERFEROMETER, SIGNALS, SCANS, SURFACES)
+_OF_BENCHES = (DISPLACEMENT, INTERFEROMETER, SIGNALS, QUADRATURE, POSITIONING)
+_ALL = (POINTS, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES)
 SHAPES = {shape.name: shape for shape in _ALL}
 
 

@@ -17,7 +17,7 @@ _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct
 # Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
 _RAW = (
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
-    Column("load", "real", "load along that axis, N or N m"),
+    Column("load", "real", "load along that axis, N or N m", nullable=True),
     Column("channel", "text", "the motion that was read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
     *(Column(f"signal_{a}", "real", f"quadrature signal {a}, any unit", nullable=True) for a in "xy"),
     Column("phase_deg", "real", "phase of the quadrature signals", "deg", nullable=True),

@@ -104,9 +104,9 @@ def test_signals_take_their_time_from_the_readings_of_their_step(tmp_path):
     assert "readings" not in found.artifacts
 
 
-def _new(folder: Path) -> Path:
-    (folder / "other").mkdir()
-    return folder / "other"
+def _new(folder: Path, name: str = "other") -> Path:
+    (folder / name).mkdir()
+    return folder / name
 
 
 def test_units_hang_on_the_channel_and_the_axis(tmp_path):
@@ -123,6 +123,9 @@ def test_a_load_that_nobody_wrote_down_is_not_no_load(tmp_path):
     rows = ["run,step,fx_n,fy_n,v1_mv", "1,0,0,1,0.1", "1,1,,,0.2", "1,2,3,,0.3"]
     said = faults(tmp_path, {"signals.csv": rows[:3]})
     assert said == [f"signals.csv, row 3, column fx_n: found ''; expected {EMPTY}"]
+    alone = ["run,step,load_axis,load,v1_mv", "1,0,fz,1,0.1", "1,1,fz,,0.2"]
+    said = faults(_new(tmp_path, "alone"), {"signals.csv": alone})
+    assert said == [f"signals.csv, row 3, column load: found ''; expected {EMPTY}"]
     mapped = {"files": {"signals": {"path": "raw.csv", "missing": [""]}}}
     found = artifacts(_new(tmp_path), {"raw.csv": rows}, mapped)
     assert column(found["signals"], "step") == [0]
