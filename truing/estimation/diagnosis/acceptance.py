@@ -153,11 +153,10 @@ class Acceptance:
 
     def _noisy_targets(self, final: Stand) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;
-        points of one body have one noise."""
-        bodies = final.model.bodies
-        own = [k for k in np.flatnonzero(final.measured.seen.any(0)) if np.sum(bodies == bodies[k]) == 1]
+        of single points there are too few to tell."""
+        own = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
         for target in own:
-            only = np.arange(len(bodies)) == target
+            only = np.arange(final.measured.seen.shape[1]) == target
             level = noise_level(final.fit.whitened, final.measured, self._fitter.declared_points, only)
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
                 yield int(target), replace(level, p_value=p_value)
@@ -245,20 +244,28 @@ class Acceptance:
         final, kept = found[-1].after if found else plain, list(found)
         dropped: list[Verdict] = []
         for step in found[:-1]:
-            if len(kept) > 1 and not self._is_needed(step, final):
+            if len(kept) > 1 and not self._is_needed(step, final, [other.cause for other in kept if other is not step]):
                 kept.remove(step)
                 dropped.append(first_order(step.round, step.candidate, REJECTED, self._fitter.held_out, "dropped"))
                 final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
         return kept, dropped, final
 
-    def _is_needed(self, step: _Accepted, final: Stand) -> bool:
-        """Return whether an accepted cause is still real in the final model (Wald's test at the search's threshold)."""
+    def _is_needed(self, step: _Accepted, final: Stand, others: Sequence[Any]) -> bool:
+        """Return whether an accepted cause is still real in the final model, at the search's threshold: by Wald's test,
+        or by what a fit of the others without it leaves, since a shape that the data hardly tell widens amplitudes."""
         values, covariance = final.values(step.cause)
         size = step.candidate.signature.parameters
-        squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
         judge = step.round.judge
         group = judge.group_of(step.candidate.kind, step.candidate.signature.rank)
-        return bool(judge.raw(squares, group, 1.0) <= judge.threshold(group, self._settings.level))
+        limit = judge.threshold(group, self._settings.level)
+        squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
+        if judge.raw(squares, group, 1.0) <= limit:
+            return True
+        if step.cause.key == step.candidate.key:  # no shape of its own
+            return False
+        without = self._fitter.stand((*self._given, *others), final)
+        gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
+        return bool(judge.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
 
     def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
         """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
