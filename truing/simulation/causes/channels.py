@@ -24,7 +24,7 @@ from truing.simulation.causes.of_readings import (
     unit_of,
     whose,
 )
-from truing.simulation.reading_state import AIR, MATERIAL, PRESSURE, TIME, ReadingState
+from truing.simulation.reading_state import AIR, MATERIAL, PRESSURE, TIME, LoadSteps, ReadingState
 
 _PER_HOUR, _PER_KELVIN = 1.0, 1.0  # plausible, in a channel's own unit
 _SIGNAL_PER_HOUR = 0.05  # mV
@@ -121,13 +121,14 @@ class ZeroDrift(OfChannel):
         steps, seen = steps_of(scene), seen_of(scene)
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
-        found: list[Cause] = [ZeroDrift(channel, scale_per_s=_rate(channel)) for channel in seen_channels(scene)]
+        found: list[Cause] = [ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in seen_channels(scene)]
         runs = np.flatnonzero(steps.rank == 0)
         for code, first in enumerate(runs if len(runs) > 1 else ()):
             within = dict(zip(steps.channels, seen[steps.code == code].sum(0).tolist(), strict=True))
             read = [channel for channel, count in within.items() if count and not is_signal(channel)]
             label = steps.run[first].item()
-            found += [ZeroDrift(c, label, True, read == [c], _rate(c)) for c, count in within.items() if count > FEWEST]
+            known = [channel for channel, count in within.items() if count > FEWEST]
+            found += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
         return found
 
     def prior(self, scene: Scene) -> float:
@@ -248,6 +249,7 @@ class DeadPath(OfChannel):
         return self.at_own(state, state.steps.index_since_first[:, None])
 
 
-def _rate(channel: str) -> float:
-    """Return a plausible rate of a channel's zero, SI per second."""
-    return (_SIGNAL_PER_HOUR if is_signal(channel) else _PER_HOUR) * unit_of(channel)[1] / HOUR
+def _rate(channel: str, steps: LoadSteps) -> float:
+    """Return a plausible rate of a channel's zero, SI per second: that of an hour is seen in a shorter run as well."""
+    plausible = (_SIGNAL_PER_HOUR if is_signal(channel) else _PER_HOUR) * unit_of(channel)[1]
+    return float(plausible / min(HOUR, steps.longest_s))
