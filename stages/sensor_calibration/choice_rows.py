@@ -23,6 +23,9 @@ def choice_rows(found: Recorded, fitted: SensorCalibrations) -> Rows:
         if chosen:
             _loads(rows, one, "verification_rms", fitted.verification, fitted)
             _add(rows, one, "tared", None, float(found.tared), "1")
+            if found.causes:
+                words = " and ".join(found.causes)
+                rows.add(model=one.fit.model.name, figure="loads_as_diagnosed", value=1.0, unit="1", reason=words)
             _add(rows, one, "noise_ratio", None, one.fit.noise_ratio, "1")
     for model, why in fitted.choice.refused.items():
         rows.add(model=model, figure="refused", value=1.0, unit="1", reason=why)

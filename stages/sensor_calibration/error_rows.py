@@ -33,7 +33,8 @@ def error_class_rows(found: Recorded, fitted: SensorCalibrations, ranges: Array)
     """Every class of every axis that was loaded by itself; ranges (6,) N and N m, NaN where an axis has none."""
     rows = Rows("error_classes")
     every = found.table(np.ones(len(found.steps.run), bool), found.steps.run)
-    indicated = predicted_loads(fitted.chosen, every).value
+    # less what acted beside the loads: the axis alone is meant to be loaded
+    indicated = predicted_loads(fitted.chosen, every).value - (found.load - found.steps.load)
     matrix = fitted.matrix.value
     sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, found.sigma**2))
     for axis in range(len(LOADS)):

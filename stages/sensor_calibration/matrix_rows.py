@@ -59,6 +59,9 @@ def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: L
             chosen = k == found.choice.choice.chosen
             more = {"sigma_by_case": found.by_case.sigma.ravel()} if chosen else {}
             _entries(rows, "G_B", one.fit.model.name, matrix, names, ("N/mV", "N m/mV"), chosen=chosen, **more)
+        if found.as_written is not None:
+            model = f"{found.chosen.model.name}, loads as written"
+            _entries(rows, "G_B", model, found.as_written, names, ("N/mV", "N m/mV"))
         _term_rows(rows, found)
     if legs is not None:
         _entries(rows, "G_B'", legs.model, legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)

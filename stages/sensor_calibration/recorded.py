@@ -31,11 +31,13 @@ class Recorded:
     """Steps with signals: those that calibrate, and those that verify.
 
     steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or
-    found; covariate (B, K). left_out: steps with a gross error in a signal; put_right: those whose loads were
-    exchanged.
+    found; covariate (B, K). load (B, 6): as written down, or as it acts by the diagnosis' ``causes``, in words.
+    left_out: steps with a gross error in a signal; put_right: those whose loads were exchanged.
     """
 
     steps: LoadSteps
+    load: Array
+    causes: tuple[str, ...]
     signal: Array
     sigma: Array
     load_sigma: Array
@@ -49,7 +51,7 @@ class Recorded:
         """Some steps as a table of calibration loads, with the case of every step (B,)."""
         return load_table(
             self.signal[rows],
-            self.steps.load[rows],
+            self.load[rows],
             case[rows],
             covariates=self.covariate[rows],
             signal_cov=np.diag(self.sigma**2),
@@ -78,8 +80,11 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     zero, apart = _zeros(steps, signal, sigma, covariate, good)
     kept = steps.chosen(good)
     noise = settings.noise
+    load, causes = _acting(tables, kept)
     return Recorded(
         kept,
+        load,
+        causes,
         (signal - zero[steps.run] if apart else signal)[good],
         sigma,
         np.repeat([noise.load_n, noise.load_nm], 3),
@@ -114,6 +119,25 @@ def _zeros(
     squares = float(np.sum(((weighed - explained @ by_those) / sigma) ** 2))
     freedom = (int(met.sum()) - int(rank)) * signal.shape[1]
     return mean, freedom > 0 and bool(chdtrc(freedom, squares) < _UNLIKELY)
+
+
+def _acting(tables: Mapping[str, pa.Table], steps: LoadSteps) -> tuple[Array, tuple[str, ...]]:
+    """The wrenches (B, 6) that act by the extended model, and its causes that make them differ from what is written."""
+    from truing.simulation.extended_sensor import acting_wrenches, drives
+    from truing.simulation.known_readings import ReadingConditions
+    from truing.simulation.sensor_text import read_sensor
+
+    text = tables.get("model")
+    if not isinstance(text, str):
+        return steps.load, ()
+    extended = read_sensor(text)
+    causes = tuple(f"{cause.id} of {cause.subject or 'all loads'}" for cause in drives(extended))
+    if not causes:
+        return steps.load, ()
+    known = {name: values for name, values in steps.covariates.items() if np.isfinite(values).all()}
+    runs = np.array(steps.runs)[steps.run]
+    conditions = ReadingConditions(runs, steps.step, steps.time_s, steps.load, known)
+    return acting_wrenches(extended, conditions), causes
 
 
 def _covariates(steps: LoadSteps, reference_c: float) -> tuple[Array, tuple[str, ...]]:

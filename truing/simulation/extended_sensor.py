@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause
+from truing.simulation.cause import Cause, Step
 from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
 from truing.simulation.reading_model import ReadingModel
 from truing.simulation.reading_state import CHANNELS
@@ -105,6 +105,22 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
     covariance = extended.covariance[np.ix_(places, places)]
     variance = np.einsum("bkp,pq,bkq->bk", slopes, covariance, slopes)
     return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
+
+
+def drives(extended: ExtendedSensor) -> tuple[Cause, ...]:
+    """Return the lasting effects that make of a load another wrench than was written down."""
+    return tuple(cause for cause in extended.causes if cause.step is Step.DRIVE and not goes_with_a_run(cause))
+
+
+def acting_wrenches(extended: ExtendedSensor, conditions: ReadingConditions) -> NDArray:
+    """Return the wrenches (B, 6) that act where loads were written down, N and N m."""
+    causes = drives(extended)
+    model = _model(extended, extended.compliance, conditions).with_causes(causes)
+    shared = np.zeros(model.shared_size)
+    for cause, own in zip(extended.causes, extended.values, strict=True):
+        if cause in causes:
+            shared[model.layout[cause.key]] = own / model.effect_sigma(cause)
+    return model.wrenches(shared, np.zeros((len(conditions.load), 0)))
 
 
 def _places(extended: ExtendedSensor, number: int) -> NDArray:

@@ -157,6 +157,10 @@ class ReadingModel(EffectsModel):
         """Return the predicted readings (B, K, 1), SI, at shared (G,) and local (B, H) unknowns."""
         return self._with_zeros(self._passage(shared, local).state.readings, shared)[..., None]
 
+    def wrenches(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the wrenches (B, 6) that truly act, N and N m, at shared (G,) and local (B, H) unknowns."""
+        return self._passage(shared, local).state.wrench
+
     def turns(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how readings follow shifts of them, (B, K, 1, 1): by one."""
         return np.ones((*self.conditions.load.shape[:1], len(self.known.channels), 1, 1))

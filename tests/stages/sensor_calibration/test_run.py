@@ -14,9 +14,13 @@ import pytest
 from schemas.artifacts import ARTIFACTS
 from stages import calibrate
 from tests.blind.generator.sensor.campaign import bridges
+from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.layout import Noise, Programme
 from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
+from truing.simulation.causes.load_path import LoadEccentricity as OffItsLine
+from truing.simulation.extended_sensor import ExtendedSensor
+from truing.simulation.sensor_text import write_sensor
 
 WHOLE = ("ingest", "pose", "calibrate")
 LOADS = ["fx", "fy", "fz", "mx", "my", "mz"]
@@ -171,3 +175,33 @@ def test_eight_channels_are_fitted_forward(tmp_path):
     assert np.abs((back - np.eye(6)) * scale / scale[:, None]).max() < 2e-3
     assert "either sign of the load" in made.said["calibrate"].figure
     assert not made.frame("sensor_matrix")["matrix"].eq("G_B'").any()  # nobody stated a sensitivity
+
+
+def test_loads_are_taken_as_the_diagnosis_has_them(tmp_path):
+    """A z load 12 and -8 mm off its line: to the loads as written down, G_B is wrong by far more than it says."""
+    off = (0.012, -0.008, 0.0)
+    made = bench(tmp_path / "c", layout("all", signals=6), 4, [LoadEccentricity(2, off)], stages=("ingest", "pose"))
+    found = ExtendedSensor(
+        made.compliance,
+        made.compliance,
+        (OffItsLine("fz"),),
+        (np.array(off[:2]),),
+        1e-12 * np.eye(38),
+        np.repeat([1e4, 5e3], 3),
+        632.990577e-9,
+        20.0,
+        {"campaign": "bench"},
+    )
+    outcome = calibrate.run(made.tables | {"model": write_sensor(found)}, settings_of(made.folder), lambda *_: None)
+    rows = outcome.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")
+    true = np.linalg.inv(_truth(made)).ravel()
+
+    def pull(own: pd.DataFrame) -> float:
+        return float(np.sqrt(np.mean(((own["value"] - true) / own["sigma"]) ** 2)))
+
+    assert pull(rows[rows["chosen"]]) < 1.5
+    assert pull(rows[rows["model"].str.endswith("loads as written")]) > 5.0
+    choice = outcome.artifacts["sensor_choice"].to_pandas()
+    assert choice.loc[choice["figure"] == "loads_as_diagnosed", "reason"].tolist() == ["load-eccentricity of load fz"]
+    classes = outcome.artifacts["error_classes"].to_pandas().query("load == 'fz' and error_class == 'crosstalk'")
+    assert (classes["value"] < 2.0 * classes["limit"]).all()  # what acted beside the load is no crosstalk

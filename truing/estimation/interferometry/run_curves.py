@@ -197,7 +197,7 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
         for kept in ways
     ]
     kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
-    for piece in np.flatnonzero((judged & ~kept).any(axis=1)):
+    for piece in np.flatnonzero((judged & ~kept).any(axis=1)).tolist():
         if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
             kept[piece] = judged[piece]
     left = _left(batch, kept, sigma)

@@ -35,7 +35,7 @@ def load_warning(rows: list[Judged], tables: Tables) -> str:
 
     Only where signals were calibrated: without them nothing swallows it.
     """
-    if filled(tables, "sensor_matrix") is None:
+    if filled(tables, "sensor_matrix") is None or _taken_in(tables):
         return ""
     steps = load_steps(tables)
     told = [beside for row in rows if row.verdict == FOUND for beside in _beside(row, steps)]
@@ -45,6 +45,12 @@ def load_warning(rows: list[Judged], tables: Tables) -> str:
         f"G_B is fitted to the loads as they are written down, and beside {'; beside '.join(told)} acted as well. "
         "It takes this for the load's own: centre the load, or write down what acts, before G_B is used."
     )
+
+
+def _taken_in(tables: Tables) -> bool:
+    """Whether the calibration took the loads as the diagnosis has them."""
+    choice = filled(tables, "sensor_choice")
+    return choice is not None and bool((choice["figure"] == "loads_as_diagnosed").any())
 
 
 def _beside(row: Judged, steps: pd.DataFrame) -> list[str]:

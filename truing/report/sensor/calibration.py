@@ -83,6 +83,9 @@ def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, l
         if other > 1.5 * share[worst]:
             said.append(f"Least squares without a zero, as the paper prints it, misses by {plain(other)} % there.")
     said += _verified(own)
+    if (own["figure"] == "loads_as_diagnosed").any():
+        why = own.loc[own["figure"] == "loads_as_diagnosed", "reason"].iloc[0]
+        said.append(f"Loads are taken as the diagnosis has them, with {why}; as written down they make another G_B.")
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
         said.append(f"The data cannot tell {' or '.join(equal)} from it; the simpler one is taken.")
