@@ -147,6 +147,23 @@ def calibration_table(tables: Frames) -> str:
     return table(["G_B by", *heads], rows)
 
 
+def matrix_table(tables: Frames) -> str:
+    """Return how far G_B is from the true one, in its own sigmas, by the loads of the diagnosis and as written."""
+    from tests.blind.generator.sensor.force_sensor import force_sensor_campaign
+
+    truth = force_sensor_campaign().truth
+    true = np.linalg.inv(truth.gain[:, :1] * truth.machine.tension).ravel()
+    matrix = tables["sensor_matrix"].query("matrix == 'G_B'")
+    rows = []
+    for words, own in (
+        ("as the diagnosis has them", matrix[matrix["chosen"]]),
+        ("as written down", matrix[matrix["model"].str.endswith("loads as written")]),
+    ):
+        off = (own["value"] - true) / own["sigma"]
+        rows.append([words, f"{root_mean_square(off):.1f}", f"{off.abs().max():.1f}"])
+    return table(["loads", "G_B off the truth, in its sigmas, rms", "the worst entry"], rows)
+
+
 def parts_table() -> str:
     """Return what the diagnosis says of parts of the sample."""
     from tests.stages.line import run_line
@@ -189,6 +206,7 @@ def page_tables(tables: Frames) -> dict[str, Any]:
         "missed": lambda: missed_table(tables),
         "hidden": lambda: hidden_table(tables),
         "calibration": lambda: calibration_table(tables),
+        "matrix": lambda: matrix_table(tables),
     }
 
 
