@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
-from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor
+from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from stages.sensor.exchanged_rows import exchanged_rows
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
 from truing.estimation.diagnosis.fitted_model import Poses
@@ -50,7 +50,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     steps = load_steps(tables)
     sensor = simulated_sensor(tables, settings, steps)
-    exchanged = exchanged_rows(steps, ~steps.held_out)
+    exchanged = told_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
     sigma, words = _noise(steps, settings, exchanged)
     points, seen = _points(steps, sigma)
     told = seen.any(1) & np.isfinite(steps.time_s)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.sensor.exchanged_rows import put_right
 from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
 from stages.sensor.reading_arrays import LOADS, LoadSteps
-from truing.simulation.causes.rows_exchanged import RowsExchanged
+from truing.simulation.causes.rows_exchanged import Row, RowsExchanged, SignalsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
@@ -48,6 +49,27 @@ def _uncertain(sensor: NominalSensor) -> UncertainSensor:
     own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
     elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
     return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
+
+
+def told_by_readings(
+    exchanged: tuple[RowsExchanged, ...], steps: LoadSteps, sensor: UncertainSensor
+) -> tuple[RowsExchanged, ...]:
+    """The exchanges, those of signals alone where readings at the two steps agree with the loads as written down."""
+    plain = np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)
+    compliance = sensor.at(*plain).compliance
+    return tuple(
+        one if _moved_so(one, steps, compliance) else SignalsExchanged(one.rows, one.components) for one in exchanged
+    )
+
+
+def _moved_so(one: RowsExchanged, steps: LoadSteps, compliance: Array) -> bool:
+    """Whether the platform moved under the exchanged loads; so it is taken to have where no channel tells."""
+    names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
+    rows = [names.index(row) for row in one.rows]
+    motion, other = (loads[rows] @ compliance.T for loads in (steps.load, put_right(steps, (one,)).load))
+    size = np.maximum(np.abs(motion), np.abs(other)).max(0)
+    misses = [(steps.reading[rows] - expected) / np.where(size > 0.0, size, 1.0) for expected in (motion, other)]
+    return bool(np.nansum(misses[1] ** 2) <= np.nansum(misses[0] ** 2))
 
 
 def scatter_of_signals(steps: LoadSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> Array:

@@ -21,6 +21,8 @@ _SPACE, _FRAME = 3, 6
 # Nothing is known of a pose's frame; these keep the equations scaled, and bend it by parts in 1e8.
 _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 _MAX_ITERATIONS = 25
+# A step that makes things worse, far from the optimum, is halved until it does not.
+_MOST_HALVINGS = 8
 # A fit has settled when its next step would lower the sum of squares by less than this: nothing moves by more than a
 # hundredth of its standard deviation then.
 _SETTLED = 1e-4
@@ -127,14 +129,21 @@ class PointFit:
 
 def fit_points(model: Model, measured: MeasuredPoints, frames: Frames, shared: NDArray, local: NDArray) -> PointFit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
+    problem = linearise(model, measured, frames, shared, local)
     for iteration in range(_MAX_ITERATIONS):
-        whitened = whiten(linearise(model, measured, frames, shared, local))
+        whitened = whiten(problem)
         if whitened.explained < _SETTLED:
             return PointFit(shared, local, frames, whitened, FitState.SETTLED, iteration)
-        shared_step, local_step = whitened.step()
-        shared, local = shared + shared_step, local + local_step[:, frames.size :]
-        frames = frames.moved(local_step[:, : frames.size])
-    return PointFit(shared, local, frames, whitened, FitState.NOT_SETTLED, _MAX_ITERATIONS)
+        of_shared, of_local = whitened.step()
+        for halved in range(_MOST_HALVINGS):
+            part = 0.5**halved
+            own = shared + part * of_shared, local + part * of_local[:, frames.size :]
+            moved = frames.moved(part * of_local[:, : frames.size])
+            problem = linearise(model, measured, moved, *own)
+            if problem.squares <= whitened.problem.squares:
+                break
+        (shared, local), frames = own, moved
+    return PointFit(shared, local, frames, whiten(problem), FitState.NOT_SETTLED, _MAX_ITERATIONS)
 
 
 def linearise(

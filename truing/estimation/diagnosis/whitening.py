@@ -32,6 +32,12 @@ class Linearised:
     local_known: NDArray  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
     shared_known: NDArray  # (G,)
 
+    @property
+    def squares(self) -> float:
+        """Return the sum of squares of all rows, those of priors among them."""
+        parts = (self.residual, self.local_value, self.shared_value, self.extra_residual)
+        return float(sum(np.sum(np.square(part)) for part in parts))
+
 
 @dataclass(frozen=True)
 class Whitened:

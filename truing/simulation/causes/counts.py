@@ -86,7 +86,7 @@ class FringeSlip(OfChannel):
         half, found = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
             own = np.flatnonzero(steps.code == code)
-            read = [name for name, there in zip(steps.channels, seen[own].any(0), strict=True) if there]
+            read = [steps.channels[place] for place in np.flatnonzero(seen[own].any(0))]
             lone = sum(not is_signal(name) for name in read) == 1
             for place, channel in enumerate(steps.channels):
                 rows = own[seen[own, place]]

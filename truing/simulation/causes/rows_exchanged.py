@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
-from truing.simulation.causes.of_readings import ReadingCause
+from truing.simulation.causes.of_readings import ReadingCause, is_signal
 from truing.simulation.reading_state import LoadSteps, ReadingState
 from truing.simulation.six_upur.loading import AXES
 
@@ -77,6 +77,39 @@ class RowsExchanged(ReadingCause):
         """Return the rows, as run/step, and the components, as text."""
         rows = " ".join(f"{run}/{step}" for run, step in self.rows)
         return (Told("rows", rows, None, ""), Told("components", " ".join(self.components), None, ""))
+
+
+@dataclass(frozen=True)
+class SignalsExchanged(RowsExchanged):
+    """The same of signals alone: two rows of their table bear each other's loads, those of the readings are right."""
+
+    step = Step.INSTRUMENT
+
+    @property
+    def says(self) -> str:
+        """Return what happened to the rows."""
+        return f"the signals of {self._in_words} stand in each other's row"
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return no derivative."""
+        return np.zeros((*state.readings.shape, 0))
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return by how much the signals of the two rows differ."""
+        return self._exchanged(state, state.readings) - state.readings
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the readings, those of the signals in each other's row."""
+        return self._exchanged(state, slopes)
+
+    def _exchanged(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return values (B, K, ...) with the signals of the two rows exchanged."""
+        found = np.array(values)
+        places = [_place(state.steps, row) for row in self.rows]
+        if len(places) == 2 and None not in places:
+            signal = np.array([is_signal(name) for name in state.steps.channels])
+            found[np.ix_(places, signal)] = values[np.ix_(places[::-1], signal)]  # type: ignore[arg-type]
+        return found
 
 
 def _place(steps: LoadSteps, row: Row) -> int | None:
