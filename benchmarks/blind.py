@@ -129,7 +129,7 @@ def main() -> None:
         print(_line(record), flush=True)
     from benchmarks import blind_page
 
-    print(blind_page.goals([Judged(record) for record in kept(results)]))
+    print(blind_page.goals([Judged(record) for record in kept(results)], own))
     if options.write:
         blind_page.write_page(kept(results), own)
 

@@ -1,4 +1,4 @@
-"""Figures of docs/how-well-does-it-diagnose.md as SVG: power, every campaign by cause, what was taken for what."""
+"""Figures of how well each instrument is diagnosed as SVG: power, every campaign by cause, what was taken for what."""
 
 from __future__ import annotations
 

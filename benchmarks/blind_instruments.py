@@ -29,8 +29,8 @@ class Written(Protocol):
 class Instrument:
     """Causes of its catalogue, effects of none, layouts; how two effects and a campaign are drawn.
 
-    ``obvious``: the share of single effects that are many times as large as must be found. ``told_in``: its page in
-    docs, whose name the results that are kept and the figures take.
+    ``subjects``: what effects concern, in words. ``obvious``: the share of single effects that are many times as large
+    as must be found. ``told_in``: its page in docs; ``short``: what results that are kept and figures are called.
     """
 
     catalogue: Sequence[str]
@@ -41,6 +41,7 @@ class Instrument:
     hide: Callable[[Sequence[str], str, float, int], Written]
     told_in: str
     short: str
+    subjects: str
     obvious: float = 0.0
 
     @property
@@ -68,6 +69,7 @@ INSTRUMENTS = {
         case.hide,
         "how-well-does-it-diagnose",
         "blind",
+        "legs or targets",
     ),
     "sensor": Instrument(
         tuple(sensor_hidden.CATALOGUE),
@@ -78,6 +80,7 @@ INSTRUMENTS = {
         sensor_case.hide,
         "how-well-does-it-diagnose-a-sensor",
         "blind-sensor",
+        "loads, channels, runs or signals",
         obvious=0.2,
     ),
 }

@@ -1,4 +1,4 @@
-"""The tables of docs/how-well-does-it-diagnose.md, from the results of ``benchmarks.blind``; nothing is typed."""
+"""The tables of how well each instrument is diagnosed, from the results of ``benchmarks.blind``; nothing is typed."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def kept_campaigns(own: Instrument = POINTS) -> list[Judged]:
 def tables(campaigns: Sequence[Judged], own: Instrument = POINTS) -> dict[str, Callable[[], str]]:
     """Return what makes each table of the page."""
     return {
-        "goals": lambda: goals(campaigns),
+        "goals": lambda: goals(campaigns, own),
         "causes": lambda: causes(campaigns, own),
         "layouts": lambda: layouts(campaigns, own),
         "unknown": lambda: unknown(campaigns),
@@ -71,14 +71,14 @@ def _of(count: Count) -> list[str]:
     return [f"{count.good} of {count.trials}", _percent(count.share), f"{_percent(low)} to {_percent(high)}"]
 
 
-def goals(campaigns: Sequence[Judged]) -> str:
+def goals(campaigns: Sequence[Judged], own: Instrument = POINTS) -> str:
     """Return the table of what was asked and what is reached."""
     clear = _clear(campaigns)
     rows = [
         ["nothing hidden: something found", "at most 5 %", *_of(rates.alarms(clear))],
         ["one effect: something found", "95 %", *_of(rates.detected(clear))],
         ["named, or told to look like what was found", "90 %", *_of(rates.named(clear))],
-        ["of these: the right legs or targets", "95 %", *_of(rates.placed(clear))],
+        [f"of these: the right {own.subjects}", "95 %", *_of(rates.placed(clear))],
         ["two effects: both named", "75 %", *_of(rates.both_named(clear))],
         ["more found beside all that was hidden", "", *_of(rates.invented(clear))],
         ["an effect of no catalogue: `unexplained`, with all that drives it", "80 %", *_of(rates.driven(clear))],
@@ -93,7 +93,8 @@ def goals(campaigns: Sequence[Judged]) -> str:
             *_middle(np.array([one.record["seconds"] for one in clear])),
         ],
     ]
-    return table(["", "asked", "campaigns", "reached", "95 % interval"], rows)
+    told = [row for row in rows if row[2] not in ("0", "0 of 0")]
+    return table(["", "asked", "campaigns", "reached", "95 % interval"], told)
 
 
 def _mean(shares: NDArray) -> list[str]:
@@ -140,7 +141,7 @@ def causes(campaigns: Sequence[Judged], own: Instrument) -> str:
         ]
         cells = [f"{share.good} of {share.trials}" if share.trials else "" for share in shares]
         rows.append([f"`{cause}`", *cells[:3], _percent(covered.mean()) if len(covered) else "", *cells[3:]])
-    heads = ["cause", "found", "named", "right legs or targets", "truth within 95 %", "weak: found", "weak: named"]
+    heads = ["cause", "found", "named", f"right {own.subjects}", "truth within 95 %", "weak: found", "weak: named"]
     return table(heads, rows)
 
 
@@ -152,7 +153,8 @@ def layouts(campaigns: Sequence[Judged], own: Instrument) -> str:
         judged = (rates.alarms, rates.detected, rates.named, rates.placed, rates.both_named)
         shares = [judge(there) for judge in judged]
         rows.append([kind, *(f"{share.good} of {share.trials}" if share.trials else "" for share in shares)])
-    return table(["layout", "false alarms", "found", "named", "right legs or targets", "both of two named"], rows)
+    heads = ["layout", "false alarms", "found", "named", f"right {own.subjects}", "both of two named"]
+    return table(heads, rows)
 
 
 def unknown(campaigns: Sequence[Judged]) -> str:

@@ -185,3 +185,14 @@ def test_what_a_campaign_cannot_show_is_not_tried() -> None:
     assert all(len({cause.key for cause in own}) == len(own) for own in tried.values())
     assert 500 < sum(map(len, tried.values())) < 2500
     assert {cause.subject for cause in tried["stiffness-scale"]} == {"", *(f"load {axis}" for axis in AXES)}
+
+
+def test_no_block_takes_all_readings_of_a_channel_or_of_an_axis() -> None:
+    """With one channel a run, what concerns that channel must be learned from its other runs."""
+    own = bench(lone=True)
+    blocks, load = own.model(signals=False).blocks, own.conditions.load != 0.0
+    for block in np.unique(blocks):
+        left = blocks != block
+        assert own.seen[left][:, :6].any(0).all(), "a channel is left out altogether"
+        assert load[left].any(0).all(), "an axis is left out altogether"
+    assert all(len(np.unique(blocks[own.conditions.run == run])) == 1 for run in (1, 18, 36))

@@ -104,7 +104,9 @@ class ReadingModel(EffectsModel):
         pattern = np.zeros(int(steps.code.max(initial=-1)) + 1, int)
         np.bitwise_or.at(pattern, steps.code, axes)
         alike = pattern[:, None] == pattern
-        of_run = np.tril(alike, -1).sum(1) % _BLOCKS
+        # Runs that load the same axes may each read another channel: not one channel's runs are left out all at once.
+        of_axes = np.unique(pattern, return_inverse=True)[1]
+        of_run = (np.tril(alike, -1).sum(1) + of_axes) % _BLOCKS
         length = np.bincount(steps.code)
         within = steps.rank * _BLOCKS // np.maximum(length, 1)[steps.code]
         return np.where(alike.sum(1)[steps.code] > 1, of_run[steps.code], within)
