@@ -7,7 +7,7 @@ from truing.report.calibration.requirement_section import chosen_requirements, t
 from truing.report.diagnosis.changes import change_words, has_changed
 from truing.report.diagnosis.words import diagnosis_verdicts, lower
 from truing.report.load_steps import in_channel_order, is_bench, load_steps, signal_names
-from truing.report.numbers import count, plain, quantity
+from truing.report.numbers import count, plain, printed, quantity
 from truing.report.page import Head
 from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, filled
@@ -42,9 +42,14 @@ def _quality(tables: Tables) -> list[Verdict]:
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
     if len(failed):
         rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
-        return [("fail", f"{len(failed)} of {len(qa)} quality checks failed. {failed['message'].iloc[0]}{rest}{said}")]
+        return [
+            (
+                "fail",
+                f"{len(failed)} of {len(qa)} quality checks failed. {printed(failed['message'].iloc[0])}{rest}{said}",
+            )
+        ]
     if len(warned):
-        first = warned["message"].iloc[0]
+        first = printed(warned["message"].iloc[0])
         return [("warn", f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{said}")]
     return [("pass", f"None of the {len(qa)} quality checks failed or calls for a look.{said}")]
 

@@ -77,7 +77,8 @@ def sign(unit: str) -> str:
 
 
 def printed(sentence: str) -> str:
-    """A sentence with its units as they are printed."""
+    """A sentence with its units, and its uncertainties, as they are printed."""
+    sentence = sentence.replace(" +- ", " ± ")
     return re.sub(r"(?<=/mm)[23]\b", lambda power: "²³"[int(power[0]) - 2], re.sub(r"\bu(m|rad)\b", r"µ\1", sentence))
 
 

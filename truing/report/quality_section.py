@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from truing.report.numbers import quantity
+from truing.report.numbers import printed, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, cell
@@ -42,7 +42,7 @@ def _checks(qa: Any, caption: str, more: tuple[str, ...] = (), folded: bool = Fa
             cell(r.subject),
             quantity(r.value, r.unit),
             quantity(r.limit, r.unit),
-            r.message,
+            printed(r.message),
             *([cell(r.accepted)] if more else []),
         )
         for r in qa.itertuples()

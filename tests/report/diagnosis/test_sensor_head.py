@@ -59,9 +59,9 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "hysteresis",
             "load fz",
             {"width": size(0.012, 0.001)},
-            "unloaded under z loads: 1.20 ± 0.10 % of the largest",
+            "under z loads stays behind on unloading, by 1.20 ± 0.10 %",
         ),
-        ("joint-clearance", "load fy", {"clearance": size(3.1, 0.2, "um")}, "jumps, by 3.10 ± 0.20 µm as the y load"),
+        ("joint-clearance", "load fy", {"clearance": size(3.1, 0.2, "um")}, "jumps by 3.10 ± 0.20 µm as the y load"),
         (
             "creep",
             "load fz",

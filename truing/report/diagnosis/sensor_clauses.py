@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from truing.report.diagnosis.clause_parts import by, largest, positive, told
+from truing.report.diagnosis.clause_parts import largest, positive, told
 from truing.report.diagnosis.judged import Judged, Size
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
@@ -111,14 +111,13 @@ def _nonlinear(row: Judged) -> str:
 
 def _hysteresis(row: Judged) -> str:
     size, more = _only(row, "width")
-    way = "behind" if more else "ahead"
-    return (
-        f"the sensor comes back {way} when unloaded under {_loads(row)}: {size} of the largest deflection at half load"
-    )
+    way = "stays behind" if more else "runs ahead"
+    return f"the deflection under {_loads(row)} {way} on unloading, by {size} of the largest at half load"
 
 
 def _play(row: Judged) -> str:
-    jumps = f"jumps{by(_only(row, 'clearance')[0])}"
+    size, _ = _only(row, "clearance")
+    jumps = f"jumps by {size}" if size else "jumps"
     return f"the joints have play: the platform {jumps} as {load_words(_axis(row))} changes its sign"
 
 
