@@ -97,7 +97,8 @@ def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readin
         from stages.ingestion.compensated_readings import compensated
 
         value = compensated(found, value, settings.interferometer, log)
-    sigma = np.array([_declared(settings.noise)[UNITS.get(name, "um")] for name in channel], dtype=float)
+    declared = _declared(settings.noise)
+    sigma = np.array([declared[UNITS.get(name, "um")] for name in channel], dtype=float)
     if "sigma" in found.table.column_names:
         own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS, log)
         sigma = np.where(np.isnan(own), sigma, own)

@@ -18,7 +18,7 @@ from stages.declaration import Outcome
 from stages.quality.of_quadrature import quadrature_checks
 from stages.responses.axis_positioning import positioning_rows
 from tests.tolerance import assert_between, assert_close
-from truing.formats.source import CampaignFiles
+from truing.formats.source import CampaignFiles, raw_files
 
 HEAD = "run,step,time_s,load_axis,load,channel,reading"
 AXES = "dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"
@@ -343,6 +343,8 @@ def test_a_given_compliance_is_checked_cell_by_cell(tmp_path):
     table = artifacts(tmp_path, {**files, "c.csv": ["fx,fy,fz,mx,my,mz", *lines]}, sections)["given_compliance"]
     assert_close(np.reshape(column(table, "coefficient"), (6, 6)), good, atol=0.0)
     assert column(table, "unit")[3:7] == ["m/(N m)", "m/(N m)", "m/(N m)", "m/N"]
+    document = {"mechanism": sections["mechanism"]}
+    assert tmp_path / "c.csv" in raw_files(tmp_path, document)  # so that a change of it is noticed
     wrong = [*lines[:4], lines[4].replace("2e-08", "3e-08"), lines[5]]
     assert "c.csv, row 1, column my: found '2e-08'; expected 3e-08, as in row 5, column fx" in faults(
         tmp_path, {**files, "c.csv": wrong}, sections)[0]  # fmt: skip
