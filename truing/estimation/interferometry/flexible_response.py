@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.fringes import find_jump
+from truing.estimation.interferometry.within_runs import RunFrame, fit_within_runs, run_frame
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,7 +28,6 @@ _ROUNDS, _L1_ROUNDS = 3, 15
 _SHORTEST, _LONGEST = 6, 3000  # rows of a run that a jump is looked for in: time and memory go with their square
 _JUMP, _BEYOND_ONE = 1e-4, 1.5
 _CLOSE = 0.1  # sigmas: residuals nearer than that do not gain more weight
-_OPEN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -114,38 +114,25 @@ def fit_channel(
     sigma (N,) NaN where none is declared: then that of the readings' own scatter. Single readings beyond six sigmas are
     kept out, and a run that jumps gets a step, found in what the others leave.
     """
-    own = _own_columns(run, time_s)
-    shared = _affordable(groups, len(reading) - own.shape[1], len(reading))
-    count = int(run.max(initial=-1)) + 1
-    of_loads = _of_loads(own, reading, load, load_sigma)
+    frame = run_frame(run, time_s)
+    count = len(frame.starts)
+    shared = _affordable(groups, len(reading) - 2 * count, len(reading))
+    of_loads = _of_loads(reading, frame, load, load_sigma)
     noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), 1.0)
-    design = np.column_stack([own, shared])
-    residual, scale = _robust(design, reading, noise)
+    residual, scale = _robust(frame, shared, reading, noise)
     row, size, p_value = _jumps(residual, scale * noise, run, time_s, shared)
     steps = [((np.arange(len(run)) >= row[k]) & (run == k)).astype(float) for k in range(count) if p_value[k] < _JUMP]
     if steps:
-        design = np.column_stack([design, *steps])
-        residual, scale = _robust(design, reading, noise)
+        shared = np.column_stack([shared, *steps])
+        residual, scale = _robust(frame, shared, reading, noise)
     kept = np.abs(residual) <= _GROSS * scale * noise
     for _ in range(_ROUNDS):
-        values, covariance, residual, dof = _solved(design, reading, noise, kept)
-        noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), _scale(residual, kept, dof))
-        kept = np.abs(residual) <= _GROSS * np.maximum(noise, _spread(residual, len(reading) / max(dof, 1)))
-    values, covariance, residual, dof = _solved(design, reading, noise, kept)
-    at = slice(count, 2 * count)
-    spread = np.sqrt(np.diag(covariance)[at])
-    return ChannelFit(residual, noise, kept, dof, values[at], spread, row, size, p_value)
-
-
-def _own_columns(run: Index, time_s: Array) -> Array:
-    """Zero and drift of each run (N, 2 R); the drift over the duration of the run, about its middle."""
-    count = int(run.max(initial=-1)) + 1
-    mine = (run[:, None] == np.arange(count)).astype(float)
-    way = np.zeros(len(run))
-    for rows in _runs(run):
-        length = time_s[rows[-1]] - time_s[rows[0]]
-        way[rows] = (time_s[rows] - time_s[rows[0]]) / length - 0.5 if length > 0.0 else 0.0
-    return np.column_stack([mine, mine * way[:, None]])
+        fit = fit_within_runs(frame, shared, reading, noise, kept)
+        noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), _scale(fit.residual, kept, fit.dof))
+        inflation = len(reading) / max(fit.dof, 1)
+        kept = np.abs(fit.residual) <= _GROSS * np.maximum(noise, _spread(fit.residual, inflation))
+    fit = fit_within_runs(frame, shared, reading, noise, kept)
+    return ChannelFit(fit.residual, noise, kept, fit.dof, fit.drift, fit.drift_sigma, row, size, p_value)
 
 
 def _affordable(groups: list[Array], room: int, count: int) -> Array:
@@ -159,34 +146,17 @@ def _affordable(groups: list[Array], room: int, count: int) -> Array:
     return np.column_stack(taken)
 
 
-def _robust(design: Array, reading: Array, noise: Array) -> tuple[Array, float]:
+def _robust(frame: RunFrame, shared: Array, reading: Array, noise: Array) -> tuple[Array, float]:
     """Residuals (N,) of a fit that gross errors do not bend, and their scatter over the noise, 1 at least.
 
     Least absolute deviations, by reweighting.
     """
     weight, everything = np.ones(len(reading)), np.ones(len(reading), dtype=bool)
-    inflation = len(reading) / max(len(reading) - np.linalg.matrix_rank(design), 1)
     for _ in range(_L1_ROUNDS):
-        residual = _solved(design, reading, noise / np.sqrt(weight), everything)[2]
-        scale = _spread(residual / noise, inflation)
-        weight = 1.0 / np.maximum(np.abs(residual) / noise / max(scale, _CLOSE), _CLOSE)
-    return residual, max(scale, 1.0)
-
-
-def _solved(design: Array, reading: Array, noise: Array, kept: Mask) -> tuple[Array, Array, Array, int]:
-    """Values (P,), covariance (P, P), residuals (N,) and freedom; what is open is zero with infinite variance."""
-    weight = kept / noise
-    white = design * weight[:, None]
-    length = np.linalg.norm(white, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    values, vectors = np.linalg.eigh((white / length).T @ (white / length))
-    good = values > _OPEN * max(float(values.max(initial=0.0)), 1.0)
-    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
-    theta = inverse @ ((white / length).T @ (weight * reading)) / length
-    covariance = inverse / np.outer(length, length)
-    lost = np.sum(vectors[:, ~good] ** 2, axis=1) > 1e-6
-    covariance[lost, lost] = np.inf
-    return theta, covariance, reading - design @ theta, int(kept.sum() - good.sum())
+        fit = fit_within_runs(frame, shared, reading, noise / np.sqrt(weight), everything)
+        scale = _spread(fit.residual / noise, len(reading) / max(fit.dof, 1))
+        weight = 1.0 / np.maximum(np.abs(fit.residual) / noise / max(scale, _CLOSE), _CLOSE)
+    return fit.residual, max(scale, 1.0)
 
 
 def _scale(residual: Array, kept: Mask, dof: int) -> float:
@@ -195,13 +165,14 @@ def _scale(residual: Array, kept: Mask, dof: int) -> float:
     return own if own > 0.0 else 1.0
 
 
-def _of_loads(own: Array, reading: Array, load: Array, load_sigma: Array) -> Array:
+def _of_loads(reading: Array, frame: RunFrame, load: Array, load_sigma: Array) -> Array:
     """What uncertain loads (6,) add to the noise (N,) of readings, by a linear response; none where unloaded."""
     loaded = np.ptp(load, axis=0) > 0.0
     if not loaded.any() or not load_sigma.any():
         return np.zeros(len(load))
-    design = np.column_stack([own, load[:, loaded]])
-    slope = np.linalg.lstsq(design, reading, rcond=None)[0][own.shape[1] :]
+    about = np.column_stack([reading, load[:, loaded]])
+    about = about - (frame.sums(about) / np.bincount(frame.run)[:, None])[frame.run]
+    slope = np.linalg.lstsq(about[:, 1:], about[:, 0], rcond=None)[0]
     return np.sqrt(np.sum((load[:, loaded] != 0.0) * (slope * load_sigma[loaded]) ** 2, axis=1))
 
 
