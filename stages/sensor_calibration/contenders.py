@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 AS_PRINTED = CalibrationModel()
 _RIDGE = 1.0
+_MOST_CASES = 48  # more runs are left out some at a time
 _OVER_NOISE = 2.0  # strength of a combination of signals over that of its noise, below which it is no signal
 _SIGNS = {-1: "negative", 0: "unloaded", 1: "positive"}
 WHOLE_RUNS = "whole runs"
@@ -102,7 +103,7 @@ def _by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]
     all readings of one load."""
     steps = found.steps
     sign = np.sign(steps.load[np.arange(len(steps.run)), np.abs(steps.load).argmax(axis=1)]).astype(np.int64)
-    runs = np.array([f"run {steps.runs[number]}" for number in steps.run])
+    runs = _named_runs(found)
     halves = np.array([f"{run}, {_SIGNS[way]}" for run, way in zip(runs, sign, strict=True)])
     table = found.table(rows, runs)
     _check(table)
@@ -115,6 +116,15 @@ def _by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]
             continue
         return found.table(rows, cases), words
     return found.table(rows, np.array([f"load {number}" for number in loads])), ONE_LOADS
+
+
+def _named_runs(found: Recorded) -> NDArray:
+    """The run (B,) of every step by name; where there are very many of them, some runs together."""
+    steps, met = found.steps, np.unique(found.steps.run)
+    if len(met) <= _MOST_CASES:
+        return np.array([f"run {steps.runs[number]}" for number in steps.run])
+    group = np.searchsorted(met, steps.run) % _MOST_CASES
+    return np.array([f"run {steps.runs[met[number]]} and others" for number in group])
 
 
 def _check(table: LoadTable) -> None:

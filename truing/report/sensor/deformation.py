@@ -78,7 +78,8 @@ def _against(measured: pd.DataFrame) -> list[str]:
         return ["There is no simulation to hold it against."]
     apart = measured[measured["verdict"] == "differs"]
     if not len(apart):
-        return [f"All {len(measured)} measured entries agree with the simulated ones within noise and tolerances."]
+        agree = "The one measured entry agrees" if len(measured) == 1 else f"All {len(measured)} measured entries agree"
+        return [f"{agree} with the simulated ones within noise and tolerances."]
     worst = apart.reindex(apart["pull"].abs().sort_values(ascending=False).index)
     named = ", ".join(f"{r.response} under {r.load} ({r.pull:+.1f} sigma)" for r in worst.head(6).itertuples())
     more = f" and {len(worst) - 6} more" if len(worst) > 6 else ""
