@@ -25,11 +25,11 @@ FRUGAL = {
 LONGEST = "so-lat-vstars"
 # Campaigns of seconds run in this process, as far as their figures need: the stages that are asked for by name.
 BRIEF = {
-    "fareke-file1": ("qa", "calibrate"),
+    "fareke-file1": ("qa",),
     "fareke-file2": ("qa", "calibrate"),
     "fareke-file3": ("qa",),
     "optical-ft-ur3e": ("calibrate",),
-    "sps01-stewart-force": ("report",),
+    "sps01-stewart-force": ("calibrate",),
     "sios-nmm-quadrature": ("qa",),
     "ess-slit-iso230": ("deformation",),
 }

@@ -66,6 +66,7 @@ def weights(tables: Tables) -> dict[str, Any]:
     }
     if "diagnosis" in tables:
         found["diagnosis"] = diagnosed(tables)
+    if np.all(np.ptp(_signals(tables)[1], axis=0) > 0.0):  # else nothing tells the component that was not applied
         found["residuals"] = residuals(tables)
     if "sensor_choice" in tables:
         found["models"] = calibrations(tables)
