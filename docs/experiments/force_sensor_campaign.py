@@ -23,6 +23,7 @@ from truing.report.diagnosis.effect_units import told_size
 from truing.report.diagnosis.hidden import hidden
 from truing.report.diagnosis.judged import judged
 from truing.report.diagnosis.reading_misses import reading_misses, root_mean_square
+from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.head import build_head
 from truing.report.load_steps import CHANNELS, LOADS
 from truing.report.numbers import plain, printed, with_uncertainty
@@ -164,6 +165,13 @@ def matrix_table(tables: Frames) -> str:
     return table(["loads", "G_B off the truth, in its sigmas, rms", "the worst entry"], rows)
 
 
+def acted_words(tables: Frames) -> str:
+    """Return what acted beside the loads that were written down."""
+    section = unwritten_loads(judged(tables), tables)
+    assert section is not None
+    return f"> {section.lead}"
+
+
 def parts_table() -> str:
     """Return what the diagnosis says of parts of the sample."""
     from tests.stages.line import run_line
@@ -205,6 +213,7 @@ def page_tables(tables: Frames) -> dict[str, Any]:
         "found": lambda: found_table(tables),
         "missed": lambda: missed_table(tables),
         "hidden": lambda: hidden_table(tables),
+        "acted": lambda: acted_words(tables),
         "calibration": lambda: calibration_table(tables),
         "matrix": lambda: matrix_table(tables),
     }

@@ -156,13 +156,14 @@ def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str,
     names = [_name(final, target) for target in own.driver.targets]
     whose = final.model.scene.word_of_target
     follows = own.driver.name or f"{whose} {names[0]}"
+    where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)
     said = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
     return _of_noise(own, final, shown) | {
         "subject": f"{whose} {names[0]}" if names else "",
         "follows": own.driver.column,
         "explanation": said,
-        "next_measurement": f"{shown.scatter} Repeat it where {follows} differs.",
+        "next_measurement": f"{shown.scatter} {where}.",
     }
 
 

@@ -162,6 +162,10 @@ def test_what_acts_beside_a_load_is_told_where_a_calibration_takes_it_for_the_lo
     assert len(warned) == 1
     assert "beside the z load up to 108 N·m about y and 72 N·m about x acted as well" in warned[0]
     assert unwritten_loads(judged(calibrated), calibrated).lead == warned[0]
+    choice = pd.DataFrame({"model": ["weighted"], "figure": ["loads_as_diagnosed"], "value": [1.0]})
+    told = unwritten_loads(judged(calibrated), {**calibrated, "sensor_choice": choice})
+    assert told.lead.startswith("Beside the z load up to 108 N·m about y and 72 N·m about x acted as well. The calib")
+    assert load_warning(judged(calibrated), {**calibrated, "sensor_choice": choice}) == ""
     uneven = {"force_x": size(0.002, 1e-4, "1/m"), "force_x_asymmetry": size(-0.004, 1e-4, "1/m")}
     torque = rows(row("load-imbalance", subject="load mx", parameters=uneven))
     assert "the torque about x up to 18 N along x" in load_warning(judged({"diagnosis": torque}), calibrated)

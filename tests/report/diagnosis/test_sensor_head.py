@@ -115,3 +115,26 @@ def test_every_cause_has_its_sentence(cause, subject, parameters, words):
     assert words in said
     assert said.endswith("modelling it brings held-out errors from 34 to 7.9 µm, noise floor 7.2.")
     assert len(said) < 320
+
+
+def test_components_that_are_not_sure_are_not_told():
+    unsure = {"offset_x": size(0.1, 0.2, "mm"), "offset_y": size(-0.2, 0.15, "mm")}
+    said = first_line(row("load-eccentricity", subject="load fz", parameters=unsure))[1]
+    assert said.startswith("The z load acts 0.20 ± 0.15 mm beside the origin, towards −y;")
+
+
+def test_rows_that_were_exchanged_are_told_in_their_own_words():
+    words = (
+        "The data show that the loads of steps 12 and 17 of run 2 were written down in each other's row: rows 2/12 2/17"
+    )
+    said = first_line(
+        row("rows-exchanged", subject="run 2", parameters={"rows": size("2/12 2/17")}, explanation=words)
+    )[1]
+    assert said.startswith("The loads of steps 12 and 17 of run 2 were written down in each other's row; modelling it")
+
+
+def test_a_noisy_channel_is_named():
+    noisy = row("unexplained", subject="channel dy", parameters={"noise_ratio": size(4.3, 0.8)})
+    mark, said = first_line(noisy)
+    assert mark == "warn"
+    assert said.startswith("The measurement of channel dy is 4.3 ± 0.8 times as noisy as declared")

@@ -9,6 +9,9 @@ from truing.report.diagnosis.findings import reach_of, subject_words
 from truing.report.diagnosis.judged import Judged, Size
 from truing.report.numbers import rough
 
+# A component that is smaller than this many of its standard deviations is not told.
+_SURE = 2.0
+
 
 def told(size: Size) -> str:
     """``0.210 ± 0.010 %``."""
@@ -23,6 +26,14 @@ def positive(size: Size) -> Size:
 def largest(sizes: tuple[Size, ...]) -> Size | None:
     """The size that is farthest from nothing."""
     return max(sizes, key=lambda size: abs(size.number or 0.0), default=None)
+
+
+def sure_of(sizes: tuple[Size, ...]) -> list[Size]:
+    """Sizes that are beyond two of their sigmas, the largest first; where none is, the largest alone."""
+    known = [size for size in sizes if size.number is not None]
+    sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > _SURE * size.sigma]
+    alone = largest(tuple(known))
+    return sorted(sure or ([alone] if alone else []), key=lambda size: -abs(size.number or 0.0))
 
 
 def leg_of(size: Size, subject: str) -> str:

@@ -54,7 +54,8 @@ def _noise(row: Judged) -> str:
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"
     if row.follows:
         return f"The noise follows {columns_words(row.follows)} and is up to {times} times what was declared"
-    return f"The measurement is {times} times as noisy as declared"
+    whose = f" of {subject_words(row.subject)}" if row.subject else ""
+    return f"The measurement{whose} is {times} times as noisy as declared"
 
 
 def _actuators(row: Judged) -> str:

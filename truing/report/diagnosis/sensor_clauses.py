@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from truing.report.diagnosis.clause_parts import largest, positive, told
+from truing.report.diagnosis.clause_parts import largest, positive, sure_of, told
 from truing.report.diagnosis.judged import Judged, Size
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
-# A component that is smaller than this many of its standard deviations names no direction.
-_SURE = 2.0
 
 
 def _axis(row: Judged) -> str:
@@ -43,16 +41,9 @@ def _where(row: Judged, otherwise: str) -> str:
     return f"{name} in run {parts['run']}" if name else f"run {parts['run']}"
 
 
-def _is_sure(size: Size) -> bool:
-    return size.sigma is None or abs(size.number or 0.0) > _SURE * size.sigma
-
-
 def _towards(sizes: tuple[Size, ...]) -> str:
     """``12.0 ± 0.1 mm towards +x and 8.0 ± 0.1 mm towards -y``: components that are sure, else the largest."""
-    known = [size for size in sizes if size.number is not None]
-    sure = [size for size in known if _is_sure(size)] or [size for size in (largest(tuple(known)),) if size]
-    sure.sort(key=lambda size: -abs(size.number or 0.0))
-    return " and ".join(f"{told(positive(size))} towards {_direction(size)}" for size in sure)
+    return " and ".join(f"{told(positive(size))} towards {_direction(size)}" for size in sure_of(sizes))
 
 
 def _direction(size: Size) -> str:
@@ -170,6 +161,11 @@ def _crosstalk(row: Judged) -> str:
     return f"{_where(row, 'a signal')} carries {size} of {other}{'' if more else ', with its sign turned'}"
 
 
+def _exchanged(row: Judged) -> str:
+    """Which steps, in the words of the explanation: runs and steps as they are numbered, without its parameters."""
+    return row.explanation.partition(": ")[0].removeprefix("The data show that ").rstrip(".") or row.name
+
+
 SENSOR_CLAUSES: dict[str, Callable[[Judged], str]] = {
     "load-eccentricity": _eccentric,
     "load-imbalance": _imbalance,
@@ -186,4 +182,5 @@ SENSOR_CLAUSES: dict[str, Callable[[Judged], str]] = {
     "dead-path": _dead_path,
     "fringe-slip": _slip,
     "crosstalk": _crosstalk,
+    "rows-exchanged": _exchanged,
 }

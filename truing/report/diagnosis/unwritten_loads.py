@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from truing.report.diagnosis.clause_parts import sure_of
 from truing.report.diagnosis.judged import FOUND, Judged
 from truing.report.diagnosis.sensor_clauses import load_words
 from truing.report.load_steps import load_steps
@@ -15,36 +16,38 @@ from truing.report.tables import Tables, filled
 if TYPE_CHECKING:
     import pandas as pd
 
-_TITLE = "What the calibration takes for the load's own"
+_TITLE = "What acted beside the loads that were written down"
 _MM = 1e-3
 # How much of a form's parameter acts at the largest load: half of what differs between its signs.
 _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
 
 
 def unwritten_loads(rows: list[Judged], tables: Tables) -> Section | None:
-    """How large a moment or force acted beside a load; None where every load acts as it is written down."""
-    said = load_warning(rows, tables)
-    if not said:
+    """How large a moment or force acted beside a load, and what a calibration makes of it; None where nothing did."""
+    acted = _acted(rows, tables)
+    if not acted or filled(tables, "sensor_matrix") is None:
         return None
-    see = (("calibration", "The calibration of the sensor."),)
-    return Section("swallowed", _TITLE, said, see=see)
+    said = load_warning(rows, tables) or (
+        f"Beside {acted} acted as well. The calibration of the sensor takes it into account. Whoever takes the loads "
+        "as they are written down gets another G_B, and cannot see it from errors: every run has the same in it."
+    )
+    return Section("swallowed", _TITLE, said, see=(("calibration", "The calibration of the sensor."),))
 
 
 def load_warning(rows: list[Judged], tables: Tables) -> str:
-    """That a calibration to the loads as written down holds what acted beside them; empty where nothing did.
-
-    Only where signals were calibrated: without them nothing swallows it.
-    """
-    if filled(tables, "sensor_matrix") is None or _taken_in(tables):
-        return ""
-    steps = load_steps(tables)
-    told = [beside for row in rows if row.verdict == FOUND for beside in _beside(row, steps)]
-    if not told:
+    """That a calibration to the loads as written down holds what acted beside them; empty where none does."""
+    acted = _acted(rows, tables)
+    if not acted or filled(tables, "sensor_matrix") is None or _taken_in(tables):
         return ""
     return (
-        f"G_B is fitted to the loads as they are written down, and beside {'; beside '.join(told)} acted as well. "
+        f"G_B is fitted to the loads as they are written down, and beside {acted} acted as well. "
         "It takes this for the load's own: centre the load, or write down what acts, before G_B is used."
     )
+
+
+def _acted(rows: list[Judged], tables: Tables) -> str:
+    steps = load_steps(tables)
+    return "; beside ".join(beside for row in rows if row.verdict == FOUND for beside in _beside(row, steps))
 
 
 def _taken_in(tables: Tables) -> bool:
@@ -60,7 +63,7 @@ def _beside(row: Judged, steps: pd.DataFrame) -> list[str]:
         return []
     largest = float(steps[axis[1]].abs().max()) if len(steps) else 0.0
     found: dict[str, float] = {}
-    for size in row.sizes:
+    for size in sure_of(row.sizes):
         name = re.fullmatch(r"(offset|moment|force)_([xyz])(_asymmetry|_growth)?", size.name)
         if name is None or size.number is None:
             continue

@@ -75,7 +75,8 @@ class LoadEccentricity(OfLoad):
                 f"Measure the force beside the torque {self.axis} with a load cell, or turn the torque unit half round."
             )
         what = f"the load {self.axis}" if self.axis else "the loading frame"
-        return f"Shift {what} sideways by a known millimetre and repeat the run, with rx and ry measured."
+        turns = " and ".join(f"r{c}" for c in _XYZ if c != self.axis[1:]) if self.axis else "all rotations"
+        return f"Shift {what} sideways by a known millimetre and repeat the run, with {turns} measured."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every axis that was loaded, and all forces together where there are two of them."""
