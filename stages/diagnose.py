@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from stages.diagnosis.mechanism_points import Gathered
     from stages.diagnosis.shown import Channels
     from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
-    from truing.estimation.diagnosis.fitted_model import Stand
     from truing.simulation.cause import Cause
 
 DECLARATION = Stage(
@@ -137,7 +136,7 @@ def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Out
         artifacts,
         read=_read(gathered),
         left_out=_left_out(gathered, diagnosis.gross),
-        figure=_figure(artifacts["diagnosis"], diagnosis.final, gathered.shown),
+        figure=_figure(artifacts["diagnosis"], diagnosis, gathered.shown),
     )
 
 
@@ -185,15 +184,17 @@ def _left_out(gathered: Gathered, gross: int) -> str:
     return "; ".join([*said, f"{gross} {what} as gross errors"] if gross else said) or "nothing"
 
 
-def _figure(table: pa.Table, final: Stand, channels: Channels | None) -> str:
+def _figure(table: pa.Table, diagnosis: Diagnosis, channels: Channels | None) -> str:
     from stages.diagnosis.shown import POINTS
 
     found = [row for row in table.to_pylist() if row["verdict"] == "found"]
+    final = diagnosis.final
     shown = POINTS if channels is None else channels.whole(final.error)
     left = f"{shown.rms(final.error) or 0.0:.2f} {shown.unit} rms, noise alone leaves {shown.floor(final.floor):.2f}"
     if not found:
         return f"nothing found: {left}"
-    return f"found {', '.join(row['cause'] for row in found)}: {found[0]['rms_before']:.2f} -> {left}"
+    before = shown.rms(diagnosis.plain.error) or 0.0
+    return f"found {', '.join(row['cause'] for row in found)}: {before:.2f} -> {left}"
 
 
 def _not_evaluated(why: str) -> Outcome:
