@@ -26,8 +26,10 @@ from truing.simulation.causes.of_readings import (
 )
 from truing.simulation.reading_state import AIR, MATERIAL, PRESSURE, TIME, LoadSteps, ReadingState
 
-_PER_HOUR, _PER_KELVIN = 1.0, 1.0  # plausible, in a channel's own unit
-_SIGNAL_PER_HOUR = 0.05  # mV
+# Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
+# signals.
+_PER_HOUR, _SIGNAL_PER_HOUR = 1.0, 0.05  # of signals mV
+_PER_KELVIN = {"um": 3.0, "arcsec": 1.0, "mV": 0.05}
 _PLAUSIBLE_PATH_M = 0.5
 _BOTH = (MATERIAL, AIR)
 _NAMES = {MATERIAL: "per_k_material", AIR: "per_k_air"}
@@ -198,8 +200,8 @@ class ThermalDrift(OfChannel):
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the drift per kelvin of each temperature."""
         unit, si = unit_of(self.channel or "dx")
-        scale = _PER_KELVIN * (_SIGNAL_PER_HOUR if is_signal(self.channel or "dx") else 1.0)
-        return tuple(Parameter(_NAMES[column], f"{unit}/K", scale * si, si) for column in self.columns)
+        scale = _PER_KELVIN[unit] * si
+        return tuple(Parameter(_NAMES[column], f"{unit}/K", scale, si) for column in self.columns)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d readings / d drift: by how much the temperatures have changed since the run's first step."""

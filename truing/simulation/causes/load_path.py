@@ -18,6 +18,8 @@ _PLAUSIBLE_M, _PLAUSIBLE_PER_M = 5e-3, 0.05
 _XYZ = "xyz"
 # Forms of an imbalance: what depends on the load F in proportion, on its size, and on F |F| over the largest.
 RATIO, ASYMMETRY, GROWTH = "", "_asymmetry", "_growth"
+# With a mean ratio, or without.
+_MEAN = ((RATIO,), ())
 # A force off the origin: of one axis each; all forces' common one is less likely.
 _COMMON_SHARE = 0.5
 
@@ -148,10 +150,9 @@ class LoadImbalance(OfLoad):
             own = load[:, AXES.index(axis)]
             sets = [tuple(chosen) for size in (1, 2, 3) for chosen in combinations(_XYZ, size)]
             if own.min() < 0.0 < own.max():
-                found += [LoadImbalance(axis, chosen, (RATIO, ASYMMETRY)) for chosen in sets]
-                found += [LoadImbalance(axis, (component,), (ASYMMETRY,)) for component in _XYZ]
+                found += [LoadImbalance(axis, chosen, (*more, ASYMMETRY)) for chosen in sets for more in _MEAN]
             if len(np.unique(np.abs(own))) > 2:
-                found += [LoadImbalance(axis, chosen, (RATIO, GROWTH)) for chosen in sets[:3]]
+                found += [LoadImbalance(axis, chosen, (*more, GROWTH)) for chosen in sets for more in _MEAN]
         return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
