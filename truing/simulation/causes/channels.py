@@ -119,7 +119,7 @@ class ZeroDrift(OfChannel):
         )
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
-        """Return every channel, and every channel of every run, with three readings at least."""
+        """Return every channel and signal, and every channel of every run, with three readings at least."""
         steps, seen = steps_of(scene), seen_of(scene)
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
@@ -129,7 +129,7 @@ class ZeroDrift(OfChannel):
             within = dict(zip(steps.channels, seen[steps.code == code].sum(0).tolist(), strict=True))
             read = [channel for channel, count in within.items() if count and not is_signal(channel)]
             label = steps.run[first].item()
-            known = [channel for channel, count in within.items() if count > FEWEST]
+            known = [channel for channel, count in within.items() if count > FEWEST and not is_signal(channel)]
             found += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
         return found
 
