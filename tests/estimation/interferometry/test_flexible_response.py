@@ -69,7 +69,7 @@ def test_what_follows_loads_is_no_noise_and_gross_errors_and_jumps_are_told_apar
     reading = peculiar(run, time_s, load) + NOISE * rng.normal(size=len(run)) + 0.7 * rng.normal(size=8)[run]
     reading[[20, 75]] += 30.0
     onset = 5 * len(WAY) + 6
-    reading[(run == 5) & (np.arange(len(run)) >= onset)] -= 8.0
+    reading[(run == 5) & (np.arange(len(run)) >= onset)] -= 20.0
     groups = response_columns(load, run, time_s, np.zeros((len(run), 0)))
     fit = fit_channel(reading, np.full(len(run), NOISE), groups, run, time_s, load, np.zeros(6))
     # a run of 17 steps may take a jump for one some steps later, and the readings between for gross errors

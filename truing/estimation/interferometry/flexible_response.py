@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.fringes import find_jump
 from truing.estimation.interferometry.within_runs import RunFrame, fit_within_runs, run_frame
 
 Array = NDArray[np.float64]
@@ -26,7 +26,10 @@ _GROSS = 6.0
 _NORMAL_MEDIAN = 0.6745
 _ROUNDS, _L1_ROUNDS = 3, 15
 _SHORTEST, _LONGEST = 6, 3000  # rows of a run that a jump is looked for in: time and memory go with their square
+_MOST_JUMPS = 10  # of a channel
+_FEWEST = 3  # readings on either side of a jump
 _JUMP, _BEYOND_ONE = 1e-4, 1.5
+_OPEN, _LITTLE = 1e-9, 1e-6
 _CLOSE = 0.1  # sigmas: residuals nearer than that do not gain more weight
 
 
@@ -119,12 +122,20 @@ def fit_channel(
     shared = _affordable(groups, len(reading) - 2 * count, len(reading))
     of_loads = _of_loads(reading, frame, load, load_sigma)
     noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), 1.0)
-    residual, scale = _robust(frame, shared, reading, noise)
-    row, size, p_value = _jumps(residual, scale * noise, run, time_s, shared)
-    steps = [((np.arange(len(run)) >= row[k]) & (run == k)).astype(float) for k in range(count) if p_value[k] < _JUMP]
-    if steps:
-        shared = np.column_stack([shared, *steps])
+    taken = np.zeros(count, dtype=bool)
+    jumps = _Jumps(np.full(count, -1), np.zeros(count), np.zeros(count), np.ones(count))
+    for _ in range(_MOST_JUMPS + 1):  # the clearest first: it bends what the other runs of its load leave
         residual, scale = _robust(frame, shared, reading, noise)
+        single = _single(np.abs(residual) > _GROSS * scale * noise)
+        now = _jumps(frame, shared, reading, scale * noise, ~single)
+        jumps = _Jumps(*(np.where(taken, old, new) for old, new in zip(jumps, now, strict=True)))
+        clear = np.where(~taken & (now.p_value < _JUMP), now.gain, 0.0)
+        worst = int(clear.argmax())
+        if clear[worst] == 0.0:
+            break
+        taken[worst] = True
+        step = (np.arange(len(run)) >= jumps.row[worst]) & (run == worst)
+        shared = np.column_stack([shared, step.astype(float)])
     kept = np.abs(residual) <= _GROSS * scale * noise
     for _ in range(_ROUNDS):
         fit = fit_within_runs(frame, shared, reading, noise, kept)
@@ -132,7 +143,9 @@ def fit_channel(
         inflation = len(reading) / max(fit.dof, 1)
         kept = np.abs(fit.residual) <= _GROSS * np.maximum(noise, _spread(fit.residual, inflation))
     fit = fit_within_runs(frame, shared, reading, noise, kept)
-    return ChannelFit(fit.residual, noise, kept, fit.dof, fit.drift, fit.drift_sigma, row, size, p_value)
+    return ChannelFit(
+        fit.residual, noise, kept, fit.dof, fit.drift, fit.drift_sigma, jumps.row, jumps.size, jumps.p_value
+    )
 
 
 def _affordable(groups: list[Array], room: int, count: int) -> Array:
@@ -181,32 +194,68 @@ def _spread(residual: Array, inflation: float) -> float:
     return float(np.median(np.abs(residual)) / _NORMAL_MEDIAN * np.sqrt(inflation))
 
 
-def _jumps(residual: Array, noise: Array, run: Index, time_s: Array, shared: Array) -> tuple[Index, Array, Array]:
-    """Of each run, before which row it jumps, how far, and the p-value over its rows; -1 where too short or long.
+def _single(far: Mask) -> Mask:
+    """Readings that are far off while those before and after are not: gross errors, not what follows a jump."""
+    beside = np.zeros(len(far), dtype=bool)
+    beside[1:] |= far[:-1]
+    beside[:-1] |= far[1:]
+    return far & ~beside
 
-    Beside the shared columns too: they may have taken up a part of the jump already. What a single reading explains
-    nearly as well is no jump.
+
+class _Jumps(NamedTuple):
+    """The likeliest jump of each run (R,): before which row, how far, what it takes off chi-square, and its p-value."""
+
+    row: Index
+    size: Array
+    gain: Array
+    p_value: Array
+
+
+def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: Mask) -> _Jumps:
+    """The likeliest jumps; row -1 where a run is too short or long.
+
+    A step at every row is asked what it adds to the fit of all runs together. What leaving out a single reading adds
+    nearly as much to is no jump.
     """
-    count = int(run.max(initial=-1)) + 1
-    row, size, p_value = np.full(count, -1), np.zeros(count), np.ones(count)
-    for rows in _runs(run):
+    from scipy.special import chdtrc
+
+    residual = fit_within_runs(frame, shared, reading, noise, kept).residual
+    root = kept / noise
+    runs = np.split(np.arange(len(reading)), frame.starts[1:])
+    bases = [
+        np.linalg.qr(root[rows, None] * np.column_stack([np.ones(len(rows)), frame.way[rows]]))[0] for rows in runs
+    ]
+    whites = [_less(basis, root[rows, None] * shared[rows]) for basis, rows in zip(bases, runs, strict=True)]
+    normal = sum((white.T @ white for white in whites), np.zeros((shared.shape[1], shared.shape[1])))
+    inverse = np.asarray(np.linalg.pinv(normal, rcond=_OPEN, hermitian=True), np.float64)
+    found = _Jumps(np.full(len(runs), -1), np.zeros(len(runs)), np.zeros(len(runs)), np.ones(len(runs)))
+    for here, (rows, basis, white) in enumerate(zip(runs, bases, whites, strict=True)):
         if not _SHORTEST <= len(rows) <= _LONGEST:
             continue
-        design = np.column_stack([np.ones(len(rows)), time_s[rows] - time_s[rows[0]], shared[rows]])
-        found = find_jump(residual[rows], noise[rows], design, shortest=3)
-        here = run[rows[0]]
-        row[here], size[here] = rows[found.onset[0]], found.size[0]
-        if (found.size[0] / found.sigma[0]) ** 2 > _BEYOND_ONE * _of_one(
-            residual[rows] / noise[rows], design, noise[rows]
-        ):
-            p_value[here] = found.p_value[0]
-    return row, size, p_value
+        after = np.tril(np.ones((len(rows), len(rows))))[:, 1:]  # column k: a jump before row k + 1
+        left = root[rows] * residual[rows]
+        gain, along = _added(_less(basis, root[rows, None] * after), left, white, inverse)
+        before = np.cumsum(kept[rows])[:-1]
+        gain = np.where((before >= _FEWEST) & (kept[rows].sum() - before >= _FEWEST), gain, 0.0)
+        best = int(gain.argmax())
+        found.row[here], found.gain[here] = rows[best + 1], gain[best]
+        found.size[here] = gain[best] / along[best] if gain[best] > 0.0 else 0.0
+        if gain[best] > _BEYOND_ONE * _added(_less(basis, np.eye(len(rows))), left, white, inverse)[0].max():
+            found.p_value[here] = min(1.0, np.count_nonzero(gain) * float(chdtrc(1, gain[best])))
+    return found
 
 
-def _of_one(white: Array, design: Array, noise: Array) -> float:
-    """By how much chi-square falls where the one reading is left out that makes it fall most."""
-    basis, size, _ = np.linalg.svd(design / noise[:, None], full_matrices=False)
-    basis = basis[:, size > 1e-10 * size[0]]
-    left = white - basis @ (basis.T @ white)
-    free = 1.0 - np.sum(basis**2, axis=1)
-    return float(np.max(np.where(free > 1e-6, left**2 / np.where(free > 1e-6, free, 1.0), 0.0)))
+def _less(basis: Array, columns: Array) -> Array:
+    """Columns (N, K) less what a basis (N, 2) of orthonormal columns makes of them."""
+    return columns - basis @ (basis.T @ columns)
+
+
+def _added(columns: Array, left: Array, white: Array, inverse: Array) -> tuple[Array, Array]:
+    """What each of columns (N, K) takes off the chi-square of residuals (N,), beside shared ones (N, P) whose normal
+    matrix over all runs has this inverse; and its product with the residuals."""
+    beside = white.T @ columns
+    whole = np.sum(columns**2, axis=0)
+    energy = whole - np.einsum("pk,pq,qk->k", beside, inverse, beside)
+    along = columns.T @ left
+    told = energy > _LITTLE * np.maximum(whole, np.finfo(float).tiny)
+    return np.where(told, along**2 / np.where(told, energy, 1.0), 0.0), np.where(told, along, 1.0)
