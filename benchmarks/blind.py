@@ -117,6 +117,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--instrument", choices=sorted(INSTRUMENTS), default="photogrammetry")
     parser.add_argument("--campaigns", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0, help="number of the first one: those before may have been seen")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
@@ -124,7 +125,8 @@ def main() -> None:
     options = parser.parse_args()
     own = INSTRUMENTS[options.instrument]
     results = options.results or RUNS / f"{own.short}.jsonl"
-    cases = [drawn(number, options.seed, options.instrument) for number in range(options.campaigns)]
+    numbers = range(options.first, options.first + options.campaigns)
+    cases = [drawn(number, options.seed, options.instrument) for number in numbers]
     for record in run_missing(cases, results, options.workers):
         print(_line(record), flush=True)
     from benchmarks import blind_page
