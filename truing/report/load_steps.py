@@ -14,6 +14,7 @@ LOADS = {"fx": "fx_n", "fy": "fy_n", "fz": "fz_n", "mx": "mx_nm", "my": "my_nm",
 LOAD_UNITS = {axis: "N" if axis.startswith("f") else "N·m" for axis in LOADS}
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 STEP = ["run", "step"]
+SEVERAL = "several"
 
 
 def is_bench(tables: Tables) -> bool:
@@ -40,6 +41,13 @@ def load_steps(tables: Tables) -> pd.DataFrame:
 def axes_of(steps: pd.DataFrame) -> list[str]:
     """The axes along which anything was applied."""
     return [axis for axis in LOADS if steps[axis].ne(0.0).any()]
+
+
+def loaded_by_run(steps: pd.DataFrame) -> pd.Series:
+    """What each row's run loads: an axis, ``several`` or ``none``."""
+    loaded = steps[list(LOADS)].ne(0.0).groupby(steps["run"]).transform("any")
+    number = loaded.sum(axis=1)
+    return loaded.idxmax(axis=1).mask(number > 1, SEVERAL).mask(number == 0, "none")
 
 
 def in_channel_order(names: Iterable[object]) -> list[str]:

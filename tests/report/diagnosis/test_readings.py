@@ -14,6 +14,8 @@ from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
 from tests.tolerance import assert_close
 from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.reading_figures import against_load, where_missed
+from truing.report.diagnosis.reading_misses import reading_misses
 from truing.report.diagnosis.section import diagnosis
 from truing.report.diagnosis.unwritten_loads import load_warning, unwritten_loads
 from truing.report.head import build_head
@@ -59,6 +61,17 @@ def test_the_panels_are_those_that_are_missed_most(tables, gain):
     loading, unloading = first
     assert np.abs(loading.x).max() == 9000.0
     assert np.abs(unloading.x).max() == 6000.0
+
+
+def test_loads_at_once_stand_in_one_column_and_the_panels_are_those_that_go_with_the_load(tables):
+    readings = tables["readings"].copy()
+    readings["fx_n"] += np.where(
+        readings["fz_n"] != 0.0, 500.0 * np.random.default_rng(3).choice([-1, 1], len(readings)), 0
+    )
+    misses = reading_misses({**tables, "readings": readings})
+    assert list(where_missed(misses, True).data[0].x) == ["fx", "mx", "several"]
+    titles = [note.text for note in against_load(misses, True).layout.annotations]
+    assert titles == ["ry under fz (arcsec)", "rx under fz (arcsec)"]
 
 
 def test_the_order_is_that_of_time_and_runs_are_apart(tables, gain):

@@ -54,7 +54,7 @@ def gained(rows: list[Judged], tables: Tables) -> Section:
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "How far predictions miss"
-    return Section("gain", title, _lead(missed, of), tuple(told), tuple(listings), _state(missed))
+    return Section("gain", title, _lead(missed, of, rows), tuple(told), tuple(listings), _state(missed))
 
 
 def _missed(rows: list[Judged], found: list[Judged], tables: Tables, of: Compared) -> list[_Missed]:
@@ -74,12 +74,12 @@ def _state(missed: list[_Missed]) -> str:
     return "pass" if missed[0].after <= AT_THE_FLOOR * missed[0].floor else "fail"
 
 
-def _lead(missed: list[_Missed], of: Compared) -> str:
+def _lead(missed: list[_Missed], of: Compared, rows: list[Judged]) -> str:
     """What is left on what nothing was fitted to, against the noise, and the share of the excess removed."""
     if not missed:
         return "Nothing says how far predictions miss."
     said = [_of_role(one) for one in missed]
-    if not missed[0].held_out:
+    if not any(row.held_out[0] is not None for row in rows):
         said.append(f"No {of.whole} was held out, so nothing here was predicted before it was seen.")
     return " ".join(said)
 

@@ -25,12 +25,14 @@ class Overall:
 def overall(found: list[Judged], tables: Tables, *, held_out: bool) -> Overall | None:
     """What all findings together bring; None where it was not evaluated, or in mixed units.
 
-    A finding on a bench is told over the channels that it moves. Several are told over all channels of the first one's
-    unit, beside the noise that was declared for these.
+    A finding on a bench is told over the channels that it moves. Several are told over all channels of the unit in
+    which they bring most, beside the noise that was declared for these.
     """
     effects = [row for row in found if not row.is_noise]
     if compared(tables) is READINGS and len(effects) > 1:
-        return _of_readings(effects[0].unit, tables, held_out)
+        units = dict.fromkeys(row.unit for row in effects)
+        told = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
+        return max(told, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
     pair = whole_gain(found, held_out)
     return None if pair is None else Overall(*pair, effects[-1].floor, effects[-1].unit, held_out)
 

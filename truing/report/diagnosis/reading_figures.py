@@ -8,7 +8,7 @@ import numpy as np
 
 from truing.report.diagnosis.reading_misses import channels_of, root_mean_square
 from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
-from truing.report.load_steps import LOAD_UNITS, axes_of, goes_back
+from truing.report.load_steps import LOAD_UNITS, SEVERAL, axes_of, goes_back, loaded_by_run
 from truing.report.numbers import plain, rough, sign
 
 if TYPE_CHECKING:
@@ -35,9 +35,12 @@ def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
 
     series = _series(modelled)
     figure = make_subplots(1, len(series), subplot_titles=[words for _, words, _, _ in series], shared_yaxes=True)
-    channels, axes = channels_of(misses), axes_of(misses)
+    loaded = loaded_by_run(misses)
+    channels = channels_of(misses)
+    axes = [load for load in (*axes_of(misses), SEVERAL, "none") if (loaded == load).any()]
+    parts = {(c, a): misses[(misses["channel"] == c) & (loaded == a)] for c in channels for a in axes}
     for column, (when, _, _, _) in enumerate(series, 1):
-        ratio = np.array([[_over_noise(_under(misses, c, a), when) for a in axes] for c in channels])
+        ratio = np.array([[_over_noise(parts[c, a], when) for a in axes] for c in channels])
         figure.add_trace(
             go.Heatmap(
                 z=np.log10(np.clip(ratio, 1.0, _DARKEST)),
@@ -161,11 +164,7 @@ def _unit(misses: pd.DataFrame, channel: str) -> str:
 
 def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     """Channel and load axis of what is missed most beside the noise."""
-    sizes = {
-        (channel, axis): _over_noise(_under(misses, channel, axis), "before")
-        for channel in channels_of(misses)
-        for axis in axes_of(misses)
-    }
+    sizes = {(c, a): _telling(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     telling = [key for key in known if sizes[key] > _TELLING]
     return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
@@ -191,6 +190,20 @@ def _between_runs(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
 def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
     """Rows in which a run begins."""
     return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
+
+
+def _telling(own: pd.DataFrame, axis: str) -> float:
+    """How far a channel is missed beside the noise; of loads at once what goes with this one."""
+    size = _over_noise(own, "before")
+    if not (loaded_by_run(own) == SEVERAL).any():
+        return size
+    load = own[axis].to_numpy(dtype=float)
+    shapes = np.stack([load, np.abs(load)])
+    shapes = shapes[shapes.std(axis=1) > 0.0]
+    missed = own["before"].to_numpy(dtype=float)
+    if not len(shapes) or missed.std() == 0.0:
+        return 0.0
+    return size * float(np.abs(np.corrcoef(np.vstack([missed, shapes]))[0, 1:]).max())
 
 
 def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
