@@ -26,10 +26,13 @@ _HEADS = (
 
 def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     """Where predictions miss, how that follows the load, and how it came in time."""
-    words = "The noise is that declared"
     unknown = channels_of(misses[misses["sigma"].isna()])
-    if unknown:
-        words += f"; of {', '.join(unknown)} it is what is left with the causes modelled"
+    left = "what is left with the causes modelled"
+    words = (
+        f"The noise is that declared; of {', '.join(unknown)} it is {left}" if unknown else "The noise is that declared"
+    )
+    if len(unknown) == misses["channel"].nunique():
+        words = f"The noise is {left}"
     straight = "A straight line through zero is a wrong slope; what differs between up and down depends on the past."
     found = [(reading_figures.where_missed(misses, modelled), f"{words}.")]
     if axes_of(misses):
