@@ -154,36 +154,66 @@ def _without(table: LoadTable, model: CalibrationModel, case: object) -> Calibra
         raise UndeterminedCalibrationError(f"without case {case} nothing determines it: {error}") from error
 
 
-def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> NDArray:
-    """Return the covariance (N W, N W) of predicted less applied loads."""
+@dataclass(frozen=True)
+class _Spread:
+    """Covariance of predicted less applied loads: of each row by itself (N, W, W), and what the calibration's error
+    gives all rows together, U U^T with U (N W, R)."""
+
+    own: NDArray
+    common: NDArray
+
+    def whitened(self, values: NDArray) -> tuple[NDArray, float]:
+        """Return the inverse covariance's product with columns of values (N W, K), and its log determinant.
+
+        By the matrix inversion lemma, for rows are many beside the numbers of a calibration. Raises LinAlgError where
+        a row's own covariance is not positive.
+        """
+        rows, width = self.own.shape[:2]
+        root = np.linalg.cholesky(self.own)
+        inverse = np.linalg.inv(root)
+
+        def apart(columns: NDArray) -> NDArray:
+            split = columns.reshape(rows, width, -1)
+            return np.asarray(np.swapaxes(inverse, 1, 2) @ (inverse @ split)).reshape(rows * width, -1)
+
+        by_own = apart(self.common)
+        inner = np.eye(self.common.shape[1]) + self.common.T @ by_own
+        found = apart(values)
+        found = found - by_own @ np.linalg.solve(inner, self.common.T @ found)
+        log_det = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum()) + float(np.linalg.slogdet(inner)[1])
+        return found, log_det
+
+
+def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> _Spread:
+    """Return the covariance of predicted less applied loads."""
     rows, width = found.value.shape
     noise = np.zeros((width, width)) if table.load_cov is None else table.load_cov
     own = found.own + noise
     if fit.model.direction == "direct" and (fit.model.estimator == "least squares" or table.load_cov is None):
         own = np.broadcast_to(fit.noise, (rows, width, width))  # residuals hold the signals' errors too
-    joint = found.joint.copy()
-    joint[np.arange(rows), :, np.arange(rows)] += own
-    return joint.reshape(rows * width, -1)
+    by = np.einsum("nwr,nq->nwrq", found.gain, found.columns).reshape(rows * width, -1)
+    strength, axes = np.linalg.eigh(found.coefficients)
+    return _Spread(own, by @ (axes * np.sqrt(np.maximum(strength, 0.0))))
 
 
-def _judged(miss: NDArray, spread: NDArray, own_zero: bool) -> tuple[float, float, float]:
-    """Return chi-square, freedom and log density of errors (N, W) of covariance (N W, N W), a zero being free or not.
+def _judged(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, float, float]:
+    """Return chi-square, freedom and log density of errors (N, W), a zero being free or not.
 
     A fit with too few rows left over to tell its noise holds most errors for impossible: its density is zero.
     """
     rows, width = miss.shape
+    zero = np.tile(np.eye(width), (rows, 1))
     try:
-        factor = np.linalg.cholesky(spread)
+        solved, log_det = spread.whitened(np.column_stack([miss.ravel(), zero]))
     except np.linalg.LinAlgError:
         return float("inf"), float(miss.size), -float("inf")
-    white = np.linalg.solve(factor, miss.ravel())
-    squares, freedom, log_det = float(white @ white), float(miss.size), 2.0 * float(np.log(np.diag(factor)).sum())
+    squares, freedom = float(miss.ravel() @ solved[:, 0]), float(miss.size)
     if own_zero:
-        zero = np.linalg.solve(factor, np.tile(np.eye(width), (rows, 1)))
-        Q, R = np.linalg.qr(zero)
-        squares -= float(np.sum((Q.T @ white) ** 2))
+        told = zero.T @ solved[:, 1:]
+        by_zero = zero.T @ solved[:, 0]
+        squares -= float(by_zero @ np.linalg.solve(told, by_zero))
         freedom -= width
-        log_det += 2.0 * float(np.log(np.abs(np.diag(R))).sum())
+        log_det += float(np.linalg.slogdet(told)[1])
     return squares, freedom, -0.5 * (squares + log_det + freedom * float(np.log(2 * np.pi)))
 
 
