@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -23,7 +25,7 @@ from truing.simulation.causes.stiffness import (
     StiffnessScale,
 )
 from truing.simulation.reading_model import ReadingModel
-from truing.simulation.reading_state import AIR, HUMIDITY, MATERIAL, PRESSURE
+from truing.simulation.reading_state import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
 from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.loading import AXES
 
@@ -196,3 +198,15 @@ def test_no_block_takes_all_readings_of_a_channel_or_of_an_axis() -> None:
         assert own.seen[left][:, :6].any(0).all(), "a channel is left out altogether"
         assert load[left].any(0).all(), "an axis is left out altogether"
     assert all(len(np.unique(blocks[own.conditions.run == run])) == 1 for run in (1, 18, 36))
+
+
+def test_an_angle_is_told_by_what_is_lost_where_nothing_else_tells_it() -> None:
+    own = bench(lone=True)
+    scene = own.model().scene
+    fz, dz = LOADS.index("fz_n"), CHANNELS.index("dz")
+    along = scene.loads is not None and (scene.loads.load[:, fz] != 0.0)
+    only = np.zeros_like(own.seen)
+    only[along, dz] = own.seen[along, dz]
+    alone = CosineError().candidates(replace(scene, seen=only))
+    assert CosineError("dz", along=True) in alone
+    assert CosineError("dz", along=True) not in CosineError().candidates(replace(scene, seen=own.seen))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 # Effects may be this many times as large as plausible, all equally likely beforehand.
 SIZES = (3.0, 1.0, 1 / 3, 1 / 10, 1 / 30)
+_LEAST_LEFT = 1e-12
 
 
 def log_evidence(
@@ -26,6 +27,7 @@ def log_evidence(
     power = np.square(stretch) * np.multiply.outer(strengths**2, np.square(SIZES))  # (..., r, sizes)
     before = np.asarray(total)[..., None]
     after = before - np.sum(np.square(along)[..., None] * (power / (1.0 + power)), -2)
+    after = np.maximum(after, _LEAST_LEFT * before)  # what is all but the whole residual may round to more than that
     logs = -0.5 * np.sum(np.log1p(power), -2) - freedom / 2.0 * np.log(after / before)
     largest = logs.max(-1, keepdims=True)
     return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))

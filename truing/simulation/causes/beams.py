@@ -19,6 +19,8 @@ _XYZ = "xyz"
 _ALL_SHARE = 0.5
 # Motion across a beam shows its angle where that moves the readings by so many sigmas in all.
 _SHOWS = 1.0
+_LARGEST = 3.0  # an angle that is so many times as large loses the square of that: of the loss it is plausible itself
+_STILL = 1e-30
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,20 @@ class CosineError(OfChannel):
         return f"Align the beam of {in_words(self.channel)} over a longer travel along its axis, and repeat the run."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
-        """Return every channel of the platform: by its tilts where something moves across it, by the loss else."""
-        return [CosineError(c, not self._across_shows(scene, c)) for c in seen_channels(scene) if c in CHANNELS]
+        """Return every channel of the platform: by its tilts where something moves across it, by what is lost where
+        nothing does other than in proportion to the motion along it.
+        """
+        found = []
+        for channel in (c for c in seen_channels(scene) if c in CHANNELS):
+            across, beside = self._shows(scene, channel)
+            found += [CosineError(channel)] if across else []
+            found += [] if beside else [CosineError(channel, along=True)]
+        return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the tilts, rad; or what is lost along the axis."""
         if self.along:
-            return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2),)
+            return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2 * _LARGEST),)
         return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._others)
 
     @property
@@ -104,13 +113,16 @@ class CosineError(OfChannel):
         along = values / max(angle, 1e-12)
         return (Told("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad"),)
 
-    def _across_shows(self, scene: Scene, channel: str) -> bool:
+    def _shows(self, scene: Scene, channel: str) -> tuple[bool, bool]:
+        """Return whether motion across a channel shows in it, and whether it does beside the motion along it."""
         steps, own = steps_of(scene), CHANNELS.index(channel)
         seen = seen_of(scene)[:, own]
         if seen.sum() < FEWEST:
-            return False
-        moved = steps.motion[seen][:, _others(own)] * _PLAUSIBLE_RAD / steps.sigma[own]
-        return bool(np.sum(moved**2) > _SHOWS)
+            return False, False
+        along, across = steps.motion[seen, own], steps.motion[seen][:, _others(own)]
+        beside = across - np.outer(along, along @ across) / max(float(along @ along), _STILL)
+        least = _SHOWS * (steps.sigma[own] / _PLAUSIBLE_RAD) ** 2
+        return bool(np.sum(across**2) > least), bool(np.sum(beside**2) > least)
 
 
 @dataclass(frozen=True)
