@@ -12,6 +12,7 @@ from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
 from truing.simulation import causes, installed
 from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
+from truing.simulation.causes.channels import ZeroDrift
 from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.chain import State, simulate
 from truing.simulation.legs import Change
@@ -46,6 +47,22 @@ def _installed(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
 def test_a_cause_of_another_package_joins_the_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
     _installed(monkeypatch, "legs-too-long")
     assert "legs-too-long" in causes.catalogue()
+
+
+class BeamsWarm(ZeroDrift):
+    """A laboratory's own cause of readings."""
+
+    id = "beams-warm"
+
+
+def test_a_cause_of_readings_joins_those_of_a_bench_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = EntryPoints(
+        EntryPoint(name, f"{__name__}:{name}", causes.ENTRY_POINTS) for name in ("LegsTooLong", "BeamsWarm")
+    )
+    monkeypatch.setattr(installed, "entry_points", lambda group: own.select(group=group))
+    on_bench, elsewhere = causes.catalogue_of_readings(), (causes.catalogue(), causes.catalogue_of_bodies())
+    assert ("beams-warm" in on_bench, "legs-too-long" in on_bench) == (True, False)
+    assert all("beams-warm" not in known and "legs-too-long" in known for known in elsewhere)
 
 
 def test_two_causes_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

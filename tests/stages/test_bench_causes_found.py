@@ -30,7 +30,7 @@ def _found(seed: int, cause: Cause | None = None, values: Sequence[float] = ()) 
     points = truth.points(shared, np.zeros((len(seen), 0))) + SIGMA[:6, None] * rng.normal(size=(*seen.shape, 1))
     covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*points.shape, 1)).copy()
     poses = Poses(MeasuredPoints(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
-    search = Acceptance(own.model(signals=False), poses, None, Settings(0.05, 200, seed))
+    search = Acceptance(own.model(signals=False), poses, None, Settings(0.05, 100, seed))
     return [v for v in search.run(list(catalogue_of_readings().values())).verdicts if v.verdict == FOUND]
 
 
