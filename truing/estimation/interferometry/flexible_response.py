@@ -25,7 +25,7 @@ _MOST_COLUMNS = 0.6  # of the readings
 _GROSS = 6.0
 _NORMAL_MEDIAN = 0.6745
 _ROUNDS, _L1_ROUNDS = 3, 15
-_SHORTEST, _LONGEST = 6, 3000  # rows of a run that a jump is looked for in: time and memory go with their square
+_SHORTEST = 6  # rows of a run that a jump is looked for in
 _MOST_JUMPS = 10  # of a channel
 _FEWEST = 3  # readings on either side of a jump
 _JUMP, _BEYOND_ONE = 1e-4, 1.5
@@ -212,7 +212,7 @@ class _Jumps(NamedTuple):
 
 
 def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: Mask) -> _Jumps:
-    """The likeliest jumps; row -1 where a run is too short or long.
+    """The likeliest jumps; row -1 where a run is too short.
 
     A step at every row is asked what it adds to the fit of all runs together. What leaving out a single reading adds
     nearly as much to is no jump.
@@ -230,17 +230,19 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: M
     inverse = np.asarray(np.linalg.pinv(normal, rcond=_OPEN, hermitian=True), np.float64)
     found = _Jumps(np.full(len(runs), -1), np.zeros(len(runs)), np.zeros(len(runs)), np.ones(len(runs)))
     for here, (rows, basis, white) in enumerate(zip(runs, bases, whites, strict=True)):
-        if not _SHORTEST <= len(rows) <= _LONGEST:
+        if len(rows) < _SHORTEST:
             continue
-        after = np.tril(np.ones((len(rows), len(rows))))[:, 1:]  # column k: a jump before row k + 1
-        left = root[rows] * residual[rows]
-        gain, along = _added(_less(basis, root[rows, None] * after), left, white, inverse)
+        left, steps = root[rows] * residual[rows], root[rows]
+        # a step before row k + 1, times anything, is the sum from there on
+        parts = (steps**2, left * steps, basis * steps[:, None], white * steps[:, None])
+        whole, along, own, beside = (np.cumsum(part[::-1], axis=0)[::-1][1:] for part in parts)
+        gain = _added(whole - np.sum(own**2, axis=1), along, beside, inverse)
         before = np.cumsum(kept[rows])[:-1]
         gain = np.where((before >= _FEWEST) & (kept[rows].sum() - before >= _FEWEST), gain, 0.0)
         best = int(gain.argmax())
         found.row[here], found.gain[here] = rows[best + 1], gain[best]
         found.size[here] = gain[best] / along[best] if gain[best] > 0.0 else 0.0
-        if gain[best] > _BEYOND_ONE * _added(_less(basis, np.eye(len(rows))), left, white, inverse)[0].max():
+        if gain[best] > _BEYOND_ONE * _added(1.0 - np.sum(basis**2, axis=1), left, white, inverse).max():
             found.p_value[here] = min(1.0, np.count_nonzero(gain) * float(chdtrc(1, gain[best])))
     return found
 
@@ -250,12 +252,9 @@ def _less(basis: Array, columns: Array) -> Array:
     return columns - basis @ (basis.T @ columns)
 
 
-def _added(columns: Array, left: Array, white: Array, inverse: Array) -> tuple[Array, Array]:
-    """What each of columns (N, K) takes off the chi-square of residuals (N,), beside shared ones (N, P) whose normal
-    matrix over all runs has this inverse; and its product with the residuals."""
-    beside = white.T @ columns
-    whole = np.sum(columns**2, axis=0)
-    energy = whole - np.einsum("pk,pq,qk->k", beside, inverse, beside)
-    along = columns.T @ left
+def _added(whole: Array, along: Array, beside: Array, inverse: Array) -> Array:
+    """What each of K columns takes off chi-square: by its square (K,) within its run, its product (K,) with the
+    residuals and those (K, P) with the shared columns, whose normal matrix over all runs has this inverse."""
+    energy = whole - np.einsum("kp,pq,kq->k", beside, inverse, beside, optimize=True)
     told = energy > _LITTLE * np.maximum(whole, np.finfo(float).tiny)
-    return np.where(told, along**2 / np.where(told, energy, 1.0), 0.0), np.where(told, along, 1.0)
+    return np.where(told, along**2 / np.where(told, energy, 1.0), 0.0)
