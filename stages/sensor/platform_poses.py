@@ -28,6 +28,7 @@ Mask = NDArray[np.bool_]
 
 GROSS = "gross error"
 _HOUR = 3600.0
+_FAR = 8.0  # sigmas from zero at which a run cannot have begun, were it to count from its own start
 _UNITS = ("um", "um", "um", "arcsec", "arcsec", "arcsec")
 _MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 _MOVED_UNIT = np.array([1e-3] * 3 + [1.0] * 3)
@@ -69,6 +70,8 @@ def find_poses(steps: LoadSteps) -> PlatformPoses:
     """Join readings to displacements, each channel by itself: their errors have nothing in common."""
     cases = load_cases(steps)
     curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
+    origin = _origins(steps, curves)
+    counted = replace(steps, reading=steps.reading - origin[steps.run])
     count, runs = len(cases.load), len(steps.runs)
     value, covariance = np.full((count, 6), np.nan), np.zeros((count, 6, 6))
     terms = np.full((4, runs, 6), np.nan)
@@ -77,12 +80,26 @@ def find_poses(steps: LoadSteps) -> PlatformPoses:
         covariance[:, k, k] = np.inf
         if not len(rows):
             continue
-        one, met, drifting = _of_channel(steps, cases, curves.sigma[rows, k], rows, k)
+        one, met, drifting = _of_channel(counted, cases, curves.sigma[rows, k], rows, k)
         value[: len(one.value), k], covariance[: len(one.value), k, k] = one.value[:, k], one.covariance[:, k, k]
         sigma = np.sqrt(np.diag(one.shared_covariance))
-        terms[0, met, k], terms[1, met, k] = one.shared[: len(met)], sigma[: len(met)]
+        terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
         terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
     return PlatformPoses(steps, cases, curves, value, covariance, *terms)
+
+
+def _origins(steps: LoadSteps, curves: RunCurves) -> Array:
+    """Where runs (R, 6) count from, m and rad: zero, but for what begins unloaded far from it, as coordinates do."""
+    found = np.zeros((len(steps.runs), 6))
+    for run in range(len(steps.runs)):
+        rows = np.flatnonzero(steps.run == run)
+        for k in range(6):
+            seen = rows[np.isfinite(steps.reading[rows, k])]
+            if not len(seen) or steps.load[seen[0]].any() or curves.rejected[seen[0], k]:
+                continue
+            first = steps.reading[seen[0], k]
+            found[run, k] = first if abs(first) > _FAR * curves.sigma[seen[0], k] else 0.0
+    return found
 
 
 def _of_channel(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.blind.generator.sensor.layout import CHANNELS, DataFaults, Programme
@@ -111,3 +112,16 @@ def test_several_loads_at_once_are_cases_too(tmp_path):
     made = bench(tmp_path / "c", replace(layout(), programme=Programme(together=4)), 5, stages=POSE)
     assert abs(_mean_square(case_errors(made)) - 1.0) < 0.5
     assert made.said["pose"].figure.endswith("in all six components")
+
+
+def test_coordinates_are_counted_from_the_unloaded_reading_that_a_run_begins_with(tmp_path):
+    """Another system's six components need not begin at zero, nor all runs at the same place."""
+    programme = Programme(channels="all", repeats=2)
+    made = bench(tmp_path / "c", layout(programme=programme, written_as="displacement"), 6, stages=POSE)
+    table = pd.read_csv(tmp_path / "c" / "displacement.csv")
+    shifted = table.assign(dz_mm=table["dz_mm"] + 3.0 + 0.5 * table["run"])
+    shifted.to_csv(tmp_path / "c" / "displacement.csv", index=False)
+    moved = replace(made, tables=run_line(tmp_path / "c", *POSE)[0])
+    assert abs(_mean_square(case_errors(moved)) - 1.0) < 0.5
+    zeros = moved.frame("run_terms").query("term == 'zero' and channel == 'dz'")
+    assert np.abs(zeros["value"] - 1e3 * (3.0 + 0.5 * zeros["run"])).max() < 3.0
