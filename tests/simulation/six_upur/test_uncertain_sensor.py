@@ -14,6 +14,7 @@ from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 SIGMA = np.array(TOLERANCES_UM) * 1e-6 / 6.0
+EACH = 0.05 * np.sqrt(0.5)  # half of the variance is that of all legs, half a leg's own
 
 
 @pytest.mark.parametrize("name", ["A", "N"])
@@ -25,9 +26,9 @@ def test_derivatives_are_those_of_the_sensor(name: str) -> None:
     size = np.abs(sensor.compliance).max()
     expected = (known.by_source * SIGMA[:, None, None]).reshape(-1, 6, 6)
     assert_close(by_geometry.compliance, expected, atol=1e-12 * np.abs(expected).max())
-    legs = known.by_stiffness.reshape(-1, 6, 6) * 0.05
+    legs = known.by_stiffness.reshape(-1, 6, 6) * EACH
     assert_close(by_stiffness.compliance[parts:], legs, atol=1e-12 * size)
-    assert_close(by_stiffness.compliance[:parts], known.by_stiffness.sum(0) * 0.05, atol=1e-12 * size)
+    assert_close(by_stiffness.compliance[:parts], known.by_stiffness.sum(0) * EACH, atol=1e-12 * size)
     G = influence_matrix(sensor.joints)
     turned = influence_change(sensor.joints, motion_of_sources(sensor.joints)) * np.tile(SIGMA, 6)[:, None, None]
     passive = -np.linalg.inv(G) @ turned @ np.linalg.inv(G)
@@ -40,8 +41,8 @@ def test_a_stiffer_part_is_not_linearised() -> None:
     pulls = np.zeros(own.stiffness_size)
     pulls[2], pulls[len(sensor.parts.names) * 4 + 2] = 1.0, -0.5  # the third part: in all legs, and in the fourth
     softer = sensor.parts.compliance.copy()
-    softer[:, 2] *= np.exp(-0.3)
-    softer[3, 2] *= np.exp(0.15)
+    softer[:, 2] *= np.exp(-0.3 * np.sqrt(0.5))
+    softer[3, 2] *= np.exp(0.15 * np.sqrt(0.5))
     stiffness = sensor.leg_transport @ np.linalg.inv(softer.sum(1)) @ np.swapaxes(sensor.leg_transport, -1, -2)
     compliance = np.linalg.inv(stiffness.sum(0))
     found = own.at(np.zeros(0), pulls)
@@ -54,7 +55,7 @@ def test_a_given_compliance_takes_the_place_of_the_legs() -> None:
     given = sensor_of("A").compliance * 1.1
     alone = UncertainSensor(joints_of("A"), None, given, SIGMA, 0.05)
     assert (alone.stiffness_size, alone.models) == (7, 2)
-    assert_close(alone.at(np.zeros(30), np.eye(7)[0]).compliance, given * np.exp(-0.05), atol=1e-18)
+    assert_close(alone.at(np.zeros(30), np.eye(7)[0]).compliance, given * np.exp(-EACH), atol=1e-18)
     beside = UncertainSensor(joints_of("A"), sensor_of("A"), given, SIGMA, 0.05)
     assert (beside.stiffness_size, beside.models) == (7, 2)
     assert_close(beside.at(np.zeros(30), np.zeros(7)).compliance, given, atol=1e-18)
@@ -76,7 +77,7 @@ def test_the_legs_of_a_given_compliance_are_found(name: str) -> None:
     expected = expected.reshape(6, parts, 6, 6).sum(1)  # all parts of one leg softer alike
     found = of_file.by_stiffness(np.zeros(of_file.stiffness_size)).compliance
     assert_close(found[1:], expected, atol=0.03 * np.abs(expected).max())
-    assert_close(found[:1], -0.05 * sensor.compliance[None], atol=1e-12 * size)
+    assert_close(found[:1], -EACH * sensor.compliance[None], atol=1e-12 * size)
     geometry = of_legs.by_geometry.compliance
     # To first order in what the legs' own bending adds, which a file does not tell.
     assert_close(of_file.by_geometry.compliance, geometry, atol=0.25 * np.abs(geometry).max())

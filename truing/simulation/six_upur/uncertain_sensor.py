@@ -20,6 +20,9 @@ from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.stiffness import ElasticSensor, end_transport
 
 _LEGS = 6
+# An elastic parameter is off by what all legs share and by a leg's own, each half of the variance that is declared:
+# legs of one bar are off alike, legs made one by one are not, and the declaration does not say which they are.
+_HALF = np.sqrt(0.5)
 _MIDDLE, _INSTALLED = SOURCES.index("middle_clearance"), SOURCES.index("sensor_installation")
 _TINY = 1e-30
 _RIGID = 1e-9  # of its diagonal: a compliance that gives less in some direction has no inverse
@@ -159,7 +162,7 @@ class UncertainSensor:
         count = parts.shape[-3]
         logs = np.zeros((*lead, _LEGS, count))
         if stiffness.shape[-1]:
-            each = stiffness.reshape(*lead, 1 + _LEGS, count) * self.stiffness_sigma
+            each = stiffness.reshape(*lead, 1 + _LEGS, count) * (_HALF * self.stiffness_sigma)
             logs = each[..., :1, :] + each[..., 1:, :]
         return self._response(self.joints, np.einsum("...lp,lpij->...lij", np.exp(-logs), parts))
 
@@ -168,7 +171,7 @@ class UncertainSensor:
         if self._alike is None or not stiffness.shape[-1]:
             softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
             return self._given((6, 6)) * softer[..., None, None]
-        stiffer = np.exp((stiffness[..., :1] + stiffness[..., 1:]) * self.stiffness_sigma)
+        stiffer = np.exp((stiffness[..., :1] + stiffness[..., 1:]) * (_HALF * self.stiffness_sigma))
         return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._alike)))
 
     def _lengthened(self) -> NDArray | None:
