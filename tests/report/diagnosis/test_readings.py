@@ -208,3 +208,16 @@ def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
     assert "8 signals (v1 to v8); how the platform moved was not measured" in text_of(measured(tables))
     assert "readings" not in dict(head.tiles)
     Reader(render(tables))
+
+
+def test_names_of_runs_stay_text():
+    attack = "</script><img src=x onerror=alert(1)>"
+    tables = bench_tables(signals=0)
+    for name in ("readings", "reading_errors"):
+        tables[name]["run"] = attack + tables[name]["run"].astype(str)
+    read = Reader(render(tables))
+    assert not [tag for tag, _ in read.elements if tag == "img"]
+    assert attack in read.text
+    for script in read.scripts[1:]:  # the first is the style
+        assert "<img" not in script
+        assert "</" not in script
