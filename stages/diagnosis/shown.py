@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 # A channel is concerned where an effect moves it by this share of what it moves the most, in units of the noise.
 _CONCERNED = 0.2
+# What moves displacements and rotations is told of displacements, unless rotations show it so many times as clearly.
+_RATHER = 2.0
 _SCATTER = "Hold one load and read every channel ten times over: the scatter is the true noise."
 
 
@@ -80,5 +82,7 @@ class Channels:
         units = np.array(self.units)
         total = {unit: float(np.sum(weight[units == unit] ** 2)) for unit in dict.fromkeys(self.units)}
         unit = max(total, key=lambda name: total[name])
+        if total[self.units[0]] * _RATHER**2 >= total[unit]:
+            unit = self.units[0]
         own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
         return Shown(unit, float(self.si[own[0]]), own, "the runs fitted", "held-out runs", "the loads", _SCATTER)

@@ -48,7 +48,7 @@ def test_the_sideways_z_load_is_named_and_sized_and_nothing_else_is_found(tables
     truth = json.loads(truth_path(SAMPLE).read_text(encoding="utf-8"))["effects"][0]["parameters"]
     pulls = [(told[name]["value"] - truth[name]["value"]) / told[name]["sigma"] for name in truth]
     assert float(np.sum(np.square(pulls))) < chi2.ppf(CERTAINTY, len(pulls))
-    assert found[0]["unit"] in ("um", "arcsec")
+    assert found[0]["unit"] == "um"
     assert found[0]["rms_before"] > 3 * found[0]["rms_after"]
 
 
