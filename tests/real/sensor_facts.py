@@ -15,7 +15,7 @@ from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.eccentric_load import CommonPoint, LineOfAction, common_point, line_of_action
 from truing.estimation.sensor.error_classes import creep
 from truing.estimation.sensor.exchanged_loads import exchanged_loads, with_loads_exchanged
-from truing.estimation.sensor.held_out_loads import HeldOut, choose_calibration, covariance_by_case, hold_out
+from truing.estimation.sensor.held_out_loads import HeldOut, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.estimation.sensor.loops import Loops, loops
 from truing.simulation.six_upur.geometry import joint_centres
@@ -121,44 +121,6 @@ def repeated_load(data: Path) -> dict[str, Any]:
         if not loaded[part[0]] and age[-1] > 60.0:
             zeros.append(float(np.median(reading[part][age > 30.0])) / step)
     return {"creep": creeps, "zeros": np.array(zeros), "seconds": float(time[-1])}
-
-
-OPTICAL = {
-    "linear": LINEAR,
-    "linear, ridge": CalibrationModel(zero="common", ridge=1.0),
-    "squares": CalibrationModel(zero="common", powers="squares"),
-    "products": CalibrationModel(zero="common", powers="products"),
-    "products, shrunk": CalibrationModel(zero="common", powers="products", ridge=1.0, shrink=0.1),
-}
-
-
-def optical_table(data: Path) -> tuple[LoadTable, NDArray, int]:
-    """The eight optical signals by pose (their mean), where the mass hung, and how many rows were out of bounds."""
-    raw = pd.read_parquet(data / "optical-ft-ur3e" / "ft_poses.parquet")
-    names = [f"s{i}" for i in range(8)]
-    wild = (raw[names] > 1023).any(axis=1)  # of ten bits
-    poses = raw[~wild].groupby("source_file", observed=True)
-    signals, loads = poses[names].mean().to_numpy(), poses[list(FORCES)].mean().to_numpy()
-    scaled = (signals - signals.mean(0)) / signals.std(0)  # so that powers are of like size
-    table = load_table(scaled, loads, np.arange(len(loads)), signal_names=names)
-    return table, poses["mass_position"].first().to_numpy(), int(wild.sum())
-
-
-def optical(data: Path) -> dict[str, Any]:
-    """Each model's errors: of the rows fitted, of poses left out, of whole mounting positions of the mass left out."""
-    table, position, wild = optical_table(data)
-    by_position = load_table(table.signals, table.loads, position)
-    made = choose_calibration(table, list(OPTICAL.values()))
-    facts: dict[str, Any] = {"poses": len(table.loads), "wild": wild, "models": {}}
-    for (name, model), held in zip(OPTICAL.items(), made.contenders, strict=True):
-        facts["models"][name] = {
-            "terms": held.fit.matrix.shape[1],
-            "fitted": _rms(held.fit.residuals),
-            "held_out": held.rms,
-            "mass_moved": hold_out(by_position, model).rms,
-        }
-    facts["chosen"] = list(OPTICAL)[made.choice.chosen]
-    return facts
 
 
 def _lbcb(data: Path) -> tuple[NDArray, NDArray]:
