@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 
 from tests.simulation.sensor_benches import ARCSEC, SIGMA, bench
 from truing.estimation.diagnosis.acceptance import Acceptance, Settings
@@ -15,7 +16,7 @@ from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue_of_readings
 from truing.simulation.causes.beams import CosineError
 from truing.simulation.causes.load_path import LoadEccentricity
-from truing.simulation.causes.readings_followed import SO_FAR
+from truing.simulation.causes.readings_followed import PERIOD, SO_FAR, WAY
 from truing.simulation.causes.unexplained_readings import UnexplainedReadings
 
 
@@ -56,7 +57,16 @@ def test_a_tilted_beam_is_no_stiffness() -> None:
     assert abs(float(angle.value) - 0.0224) < 3.0 * (angle.sigma or 0.0)
 
 
-def test_what_no_cause_explains_is_unexplained() -> None:
-    settles = UnexplainedReadings("ry", (SO_FAR + "mx_nm",), (0.0,), (5000.0,), scale=ARCSEC)
-    (only,) = _found(5, settles, [1.5 * ARCSEC])
-    assert (only.cause.id, only.cause.subject, only.cause.follows(6)) == ("unexplained", "channel ry", ("mx_nm",))
+SETTLES = UnexplainedReadings("ry", (SO_FAR + "mx_nm",), (0.0,), (5000.0,), scale=ARCSEC)
+RUBS = UnexplainedReadings("rx", (WAY + "mx_nm",), scale=ARCSEC)
+RIPPLES = UnexplainedReadings("dy", ("fy_n",), (0.0,), (7000.0,), PERIOD, 2, scale=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("cause", "values", "follows"),
+    [(SETTLES, [1.5 * ARCSEC], "mx_nm"), (RUBS, [0.6 * ARCSEC], "mx_nm"), (RIPPLES, [2e-6, 0.0], "fy_n")],
+)
+def test_what_no_cause_explains_is_unexplained(cause: UnexplainedReadings, values: list[float], follows: str) -> None:
+    (only,) = _found(5, cause, values)
+    assert (only.cause.id, only.cause.subject) == ("unexplained", f"channel {cause.channel}")
+    assert only.cause.follows(6) == (follows,)

@@ -111,6 +111,14 @@ class LoadSteps:
         return found
 
     @cached_property
+    def direction(self) -> NDArray:
+        """Return which way (B, 6) each load last changed in its run, -1 or 1; 0 before it ever did."""
+        found = np.sign(self.load - self.load[self.before])
+        for place in self._in_run[1:]:
+            found[place] = np.where(found[place] == 0.0, found[self.before[place]], found[place])
+        return found
+
+    @cached_property
     def largest_so_far(self) -> NDArray:
         """Return the largest size (B, 6) of each load so far in its run, N and N m."""
         found = np.abs(self.load)

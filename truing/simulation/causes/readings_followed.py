@@ -27,8 +27,9 @@ from truing.simulation.reading_state import (
     LoadSteps,
 )
 
-# Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run.
-UNLOADING, SO_FAR = "unloading ", "largest so far "
+# Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run;
+# which way it changed last.
+UNLOADING, SO_FAR, WAY = "unloading ", "largest so far ", "direction of "
 # Functions of a load, of one and of two steps before; sine and cosine of a period.
 MEMORY, PERIOD = "memory", "period"
 REMEMBERED = 2
@@ -39,6 +40,8 @@ _NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
 # Periods of time that are tried: from so many steps up to a part of the campaign, so many at most, this share of the
 # campaign's own frequency apart.
 _STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
+# Of a load: from so many levels up to the range of loads; what is slower is a polynomial.
+_LOAD_PERIODS_AT_LEAST, _FEWEST_LEVELS = 1.0, 8
 
 Follow = tuple[tuple[str, ...], str, int]
 
@@ -63,8 +66,9 @@ def followings(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[Follow
         if levels(UNLOADING + load) > 1:
             yield (UNLOADING + load,), POLYNOMIAL, 1
             yield (load,), MEMORY, REMEMBERED
-        if levels(SO_FAR + load) > 1:
-            yield (SO_FAR + load,), POLYNOMIAL, 1
+        for told in (SO_FAR, WAY):
+            if levels(told + load) > 1:
+                yield (told + load,), POLYNOMIAL, 1
     for pair in combinations(loads, 2):
         if levels(*pair) > 1:
             yield pair, POLYNOMIAL, 1
@@ -96,7 +100,7 @@ def range_of(steps: LoadSteps, column: str) -> tuple[float, float]:
     """Return the centre and half the range of a column; of a load, zero and its largest."""
     if column.removeprefix(SO_FAR) in LOADS:
         return 0.0, float(steps.largest[LOADS.index(column.removeprefix(SO_FAR))])
-    if column.startswith(UNLOADING):
+    if column.startswith((UNLOADING, WAY)):
         return 0.0, 1.0
     values = values_of(steps, column)
     return float(values.max() + values.min()) / 2, (float(np.ptp(values)) / 2) or 1.0
@@ -108,6 +112,8 @@ def values_of(steps: LoadSteps, column: str) -> NDArray:
         return steps.unloading[:, LOADS.index(column.removeprefix(UNLOADING))].astype(float)
     if column.startswith(SO_FAR):
         return steps.largest_so_far[:, LOADS.index(column.removeprefix(SO_FAR))]
+    if column.startswith(WAY):
+        return steps.direction[:, LOADS.index(column.removeprefix(WAY))]
     if column in LOADS:
         return steps.load[:, LOADS.index(column)]
     return np.asarray(steps.covariates[column], float)
@@ -124,7 +130,9 @@ def words(column: str) -> str:
         HUMIDITY: "the humidity of the air",
     }
     if column.startswith(UNLOADING):
-        return f"the direction in which {words(column.removeprefix(UNLOADING))} changes"
+        return f"whether {words(column.removeprefix(UNLOADING))} falls"
+    if column.startswith(WAY):
+        return f"the direction in which {words(column.removeprefix(WAY))} changes"
     if column.startswith(SO_FAR):
         return f"the largest size of {words(column.removeprefix(SO_FAR))} so far in a run"
     return f"the load {column.partition('_')[0]}" if column in LOADS else known.get(column, column)
@@ -137,17 +145,24 @@ def remembered(steps: LoadSteps, load: str) -> NDArray:
     return np.stack([once, np.where(steps.rank >= REMEMBERED, share[steps.before[steps.before]], 0.0)], -1)
 
 
-def periods_s(steps: LoadSteps) -> NDArray:
-    """Return the periods (S,) of time that a campaign tells apart."""
-    held, span = steps.held_s[steps.held_s > 0.0], float(np.ptp(steps.time_s))
+def periods_of(steps: LoadSteps, column: str) -> NDArray:
+    """Return the periods (S,) of time, s, or of a load, N or N m, that a campaign tells apart."""
+    values = values_of(steps, column)
+    if column == TIME:
+        held, least = steps.held_s[steps.held_s > 0.0], _PERIODS_AT_LEAST
+    else:
+        levels = np.unique(values)
+        held, least = np.diff(levels), _LOAD_PERIODS_AT_LEAST
+        if len(levels) < _FEWEST_LEVELS:
+            return np.zeros(0)
+    span = float(np.ptp(values)) if np.isfinite(values).all() else 0.0
     if not len(held) or not span > 0.0:
         return np.zeros(0)
-    lowest, highest = _PERIODS_AT_LEAST / span, 1.0 / (_STEPS_PER_PERIOD * float(np.median(held)))
-    frequencies = np.arange(lowest, highest, _APART / span)[:_MOST_PERIODS]
-    return np.asarray(1.0 / frequencies)
+    frequencies = np.arange(least / span, 1.0 / (_STEPS_PER_PERIOD * float(np.median(held))), _APART / span)
+    return np.asarray(1.0 / frequencies[:_MOST_PERIODS])
 
 
 def follows_of(columns: tuple[str, ...]) -> tuple[str, ...]:
     """Return the columns of the tables that these are made of."""
-    plain = (column.removeprefix(UNLOADING).removeprefix(SO_FAR) for column in columns)
+    plain = (column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in columns)
     return tuple(dict.fromkeys(TIME if column in (ORDER, IN_RUN) else column for column in plain))

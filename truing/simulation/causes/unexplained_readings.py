@@ -20,13 +20,13 @@ from truing.simulation.causes.readings_followed import (
     REMEMBERED,
     followings,
     follows_of,
-    periods_s,
+    periods_of,
     range_of,
     remembered,
     values_of,
     words,
 )
-from truing.simulation.reading_state import IN_RUN, ORDER, TIME, LoadSteps, ReadingState
+from truing.simulation.reading_state import IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps, ReadingState
 
 # A smooth dependence wants this many readings per function.
 _PER_FUNCTION = 4
@@ -43,7 +43,7 @@ class UnexplainedReadings(ReadingCause):
     """A channel follows columns (several: their product), brought to -1 .. 1 by centre and half range.
 
     Forms are Chebyshev polynomials of degree ``first`` .. ``degree``, so many slow waves (cosines), a load at so many
-    steps before, or sine and cosine of a period of time, s, which is the half range. ``scale`` is plausible, SI.
+    steps before, or sine and cosine of a period of time or a load, which is the half range. ``scale`` is plausible, SI.
     """
 
     channel: str = "dz"
@@ -99,7 +99,9 @@ class UnexplainedReadings(ReadingCause):
         if self.form == MEMORY:
             return f"{said[0]} of steps before"
         if self.form == PERIOD:
-            return f"{said[0]}, to and fro with a period of {self.half_ranges[0]:.0f} s"
+            return (
+                f"{said[0]}, to and fro with a period of {self.half_ranges[0]:.4g} {_unit_of_column(self.columns[0])}"
+            )
         if len(said) == 1:
             return said[0]
         return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
@@ -132,26 +134,11 @@ class UnexplainedReadings(ReadingCause):
         return found
 
     def profiles(self, scene: Scene) -> Sequence[Profiles]:
-        """Return what each channel may follow to and fro: every period of time that the campaign tells apart."""
+        """Return what each channel may follow to and fro: every period of time, and of a load, that the campaign tells
+        apart."""
         steps, seen = steps_of(scene), seen_of(scene)
-        periods = periods_s(steps) if np.isfinite(steps.time_s).all() else np.zeros(0)
-        read = np.flatnonzero(seen.sum(0) >= _PER_FUNCTION * REMEMBERED)
-        if not len(periods) or not len(read):
-            return ()
-        turns = 2.0 * np.pi * (steps.time_s - steps.time_s[0]) / periods[:, None]
-        shapes = np.stack([np.sin(turns), np.cos(turns)], -1)
-        start = float(steps.time_s[0])
-
-        def alike(places: NDArray) -> Profiles:
-            scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[places[0]])
-
-            def member(target: int, shape: int) -> Cause:
-                own, period = steps.channels[places[target]], (float(periods[shape]),)
-                return UnexplainedReadings(own, (TIME,), (start,), period, PERIOD, REMEMBERED, 1, scale)
-
-            return Profiles(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
-
-        return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
+        loads = [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
+        return [own for column in (TIME, *loads) for own in _to_and_fro(steps, seen, column)]
 
     def further(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms."""
@@ -185,6 +172,35 @@ class UnexplainedReadings(ReadingCause):
         if self.form == PERIOD:
             return np.stack([np.sin(2.0 * np.pi * x), np.cos(2.0 * np.pi * x)], -1)
         return (waves if self.form == WAVES else chebyshev)(x, self.degree)
+
+
+def _unit_of_column(column: str) -> str:
+    """Return the unit that a period of a column is told in."""
+    return "s" if column not in LOADS else "N" if LOADS.index(column) < LINEAR else "N m"
+
+
+def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[Profiles]:
+    """Return what channels, seen (B, K), may follow with the periods of a column, by their noise."""
+    periods = periods_of(steps, column)
+    values = values_of(steps, column)
+    start = float(steps.time_s[0]) if column == TIME else 0.0
+    followed = seen & (values != start)[:, None]
+    read = np.flatnonzero(followed.sum(0) >= _PER_FUNCTION * REMEMBERED)
+    if not len(periods) or not len(read):
+        return []
+    turns = 2.0 * np.pi * (values - start) / periods[:, None]
+    shapes = np.stack([np.sin(turns), np.cos(turns)], -1)
+
+    def alike(places: NDArray) -> Profiles:
+        scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[places[0]])
+
+        def member(target: int, shape: int) -> Cause:
+            own, period = steps.channels[places[target]], (float(periods[shape]),)
+            return UnexplainedReadings(own, (column,), (start,), period, PERIOD, REMEMBERED, 1, scale)
+
+        return Profiles(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
+
+    return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
 
 
 def _following(
