@@ -74,16 +74,16 @@ def told_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer
 def test_campaigns_are_counted_by_size(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.power_command.diagnosed_trial", told_at_once)
     out = tmp_path / "power.parquet"
-    code, said = call(measured, "--draws", 2, "--causes", "leg-thermal", "--out", out)
+    code, said = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", out)
     assert code == 0, said
     (size,) = pq.read_table(out).to_pylist()
-    assert (size["cause"], size["unit"]) == ("leg-thermal", "1/K")
+    assert size["cause"] == "platform-deformation-matrix"
     assert size["lower_80"] < size["expected_80"] < size["upper_80"]
     nothing, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()
     assert (nothing["cause"], nothing["campaigns"], nothing["found"]) == ("nothing", 10, 0.1)
     assert [(row["campaigns"], row["named"]) for row in rates] == [(2, 0.0), (2, 0.0), (2, 1.0), (2, 1.0), (2, 1.0)]
     assert "False alarms: something was found in 1 of 10 campaigns" in said
-    assert "leg thermal" in (tmp_path / "power.html").read_text()
+    assert "platform deformation matrix" in (tmp_path / "power.html").read_text()
 
 
 def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +93,7 @@ def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, m
         return told_at_once(plan, settings, trial)
 
     monkeypatch.setattr("pipeline.power_command.diagnosed_trial", interrupted)
-    code, said = call(measured, "--draws", 2, "--causes", "leg-thermal", "--out", tmp_path / "power.parquet")
+    code, said = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", tmp_path / "power.parquet")
     assert code == 4
     assert "interrupted (SIGTERM)" in said
     _, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()
