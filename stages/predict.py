@@ -22,7 +22,7 @@ def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Ta
     """
     import tomllib
 
-    from truing.simulation.sensor_text import is_sensor, read_sensor
+    from truing.simulation.bench.sensor_text import is_sensor, read_sensor
 
     if is_sensor(tomllib.loads(model)):
         from stages.sensor.predicted_readings import predicted_readings

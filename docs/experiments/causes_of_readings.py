@@ -17,21 +17,21 @@ from numpy.typing import NDArray
 from docs.experiments.causes import ALIKE, DOCS, LEGS, WHERE, Likeness, Seen, left, parameters
 from docs.experiments.marked_tables import renew, table
 from truing.estimation.diagnosis.point_fit import Frames, fit_points
+from truing.simulation.bench.reading_state import AIR, CHANNELS, MATERIAL
 from truing.simulation.cause import Cause
 from truing.simulation.causes import OWN_CAUSES_OF_READINGS
-from truing.simulation.causes.beams import AbbeOffset, CosineError
-from truing.simulation.causes.channels import DeadPath, ThermalDrift, ZeroDrift
-from truing.simulation.causes.counts import Crosstalk, FringeSlip
-from truing.simulation.causes.load_history import Creep
-from truing.simulation.causes.load_path import ASYMMETRY, LoadEccentricity, LoadImbalance
-from truing.simulation.causes.stiffness import (
+from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
+from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
+from truing.simulation.causes.bench.load_history import Creep
+from truing.simulation.causes.bench.load_path import ASYMMETRY, LoadEccentricity, LoadImbalance
+from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
     JointClearance,
     StiffnessAsymmetry,
     StiffnessNonlinear,
     StiffnessScale,
 )
-from truing.simulation.reading_state import AIR, CHANNELS, MATERIAL
 
 CAMPAIGN = DOCS.parent / "sample_data" / "force-sensor"
 _CONCERNS = {

@@ -13,12 +13,12 @@ from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from stages.sensor.exchanged_rows import exchanged_rows
-from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
+from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.simulation.causes.rows_exchanged import RowsExchanged
-from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
-from truing.simulation.reading_model import ReadingModel
+from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
+from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.causes.bench.rows_exchanged import RowsExchanged
 from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
@@ -76,13 +76,13 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     )
 
 
-def _loads_change(steps: LoadSteps, rows: NDArray[np.bool_]) -> bool:
+def _loads_change(steps: RecordedSteps, rows: NDArray[np.bool_]) -> bool:
     """Whether any run has steps of different loads."""
     first = {run: np.flatnonzero(steps.run == run)[0] for run in np.unique(steps.run)}
     return bool(np.any(steps.load[rows] != steps.load[[first[run] for run in steps.run[rows]]]))
 
 
-def _noise(steps: LoadSteps, settings: Campaign, exchanged: tuple[RowsExchanged, ...]) -> tuple[Array, list[str]]:
+def _noise(steps: RecordedSteps, settings: Campaign, exchanged: tuple[RowsExchanged, ...]) -> tuple[Array, list[str]]:
     """One standard deviation (B, K) of every channel, m, rad, V; NaN for signals whose noise is not declared.
 
     Where there is nothing but signals, that is taken from their scatter.
@@ -100,7 +100,7 @@ def _noise(steps: LoadSteps, settings: Campaign, exchanged: tuple[RowsExchanged,
     return np.concatenate([declared, own], 1), words
 
 
-def _points(steps: LoadSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _points(steps: RecordedSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:
     values = np.concatenate([steps.reading, steps.signal], 1)
     seen = np.isfinite(values) & np.isfinite(sigma)
     return np.where(seen, values, 0.0), seen
@@ -108,7 +108,7 @@ def _points(steps: LoadSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 def _known(
     sensor: UncertainSensor,
-    steps: LoadSteps,
+    steps: RecordedSteps,
     points: Array,
     seen: NDArray[np.bool_],
     sigma: Array,
@@ -132,7 +132,7 @@ def _known(
     )
 
 
-def largest_loads(steps: LoadSteps, settings: Campaign) -> Array:
+def largest_loads(steps: RecordedSteps, settings: Campaign) -> Array:
     """The largest load (6,) of each axis, N and N m: that of [loading], else the largest applied; 1 where none was."""
     declared = [getattr(settings.loading, name) for name in ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")]
     applied = np.abs(steps.load).max(0)
@@ -140,7 +140,7 @@ def largest_loads(steps: LoadSteps, settings: Campaign) -> Array:
 
 
 def _zeros(
-    steps: LoadSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: Array, tared_mv: float | None
+    steps: RecordedSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: Array, tared_mv: float | None
 ) -> Zeros:
     """The zeros of runs; those of signals are free, unless each run was tared."""
     found = zeros_of(_labels(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
@@ -150,7 +150,7 @@ def _zeros(
     return replace(found, sigma=np.where(signal, tared_mv * _MILLIVOLT, found.sigma), known=found.known | signal)
 
 
-def _gains(sensor: UncertainSensor, steps: LoadSteps, seen: NDArray[np.bool_], settings: Campaign) -> SignalGains:
+def _gains(sensor: UncertainSensor, steps: RecordedSteps, seen: NDArray[np.bool_], settings: Campaign) -> SignalGains:
     """What is known of the signals' gains: by leg where there is a channel for each, else by load."""
     count = seen.shape[1]
     if not seen.any():
@@ -181,19 +181,21 @@ def _slopes(columns: Array, values: Array, run: NDArray[np.int64], seen: NDArray
     return np.asarray(np.linalg.lstsq(whole, values[seen], rcond=None)[0][: columns.shape[1]])
 
 
-def _conditions(steps: LoadSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
+def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
     own = steps.chosen(rows)
     known = {name: values for name, values in own.covariates.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
     return ReadingConditions(_labels(own), own.step, own.time_s, own.load, known, span)
 
 
-def _labels(steps: LoadSteps) -> NDArray:
+def _labels(steps: RecordedSteps) -> NDArray:
     """The names of the runs (B,) of steps."""
     return np.array(steps.runs)[steps.run]
 
 
-def _poses(steps: LoadSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]) -> Poses:
+def _poses(
+    steps: RecordedSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]
+) -> Poses:
     covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
     measured = MeasuredPoints(points[rows][..., None], covariance[..., None, None], seen[rows])
     return Poses(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from stages.sensor.exchanged_rows import put_right
 from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
-from stages.sensor.reading_arrays import LOADS, LoadSteps
-from truing.simulation.causes.rows_exchanged import Row, RowsExchanged, SignalsExchanged
+from stages.sensor.reading_arrays import LOADS, RecordedSteps
+from truing.simulation.causes.bench.rows_exchanged import Row, RowsExchanged, SignalsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _NORMAL_MEDIAN = 0.6745
 
 
-def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: LoadSteps) -> UncertainSensor:
+def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: RecordedSteps) -> UncertainSensor:
     """The sensor with what is not known of it; raises ValueError where what was read of it cannot be simulated.
 
     Signals alone need no compliance, and where they are compared with loads no geometry either.
@@ -52,7 +52,7 @@ def _uncertain(sensor: NominalSensor) -> UncertainSensor:
 
 
 def told_by_readings(
-    exchanged: tuple[RowsExchanged, ...], steps: LoadSteps, sensor: UncertainSensor
+    exchanged: tuple[RowsExchanged, ...], steps: RecordedSteps, sensor: UncertainSensor
 ) -> tuple[RowsExchanged, ...]:
     """The exchanges, those of signals alone where readings at the two steps agree with the loads as written down."""
     plain = np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)
@@ -62,7 +62,7 @@ def told_by_readings(
     )
 
 
-def _moved_so(one: RowsExchanged, steps: LoadSteps, compliance: Array) -> bool:
+def _moved_so(one: RowsExchanged, steps: RecordedSteps, compliance: Array) -> bool:
     """Whether the platform moved under the exchanged loads; so it is taken to have where no channel tells."""
     names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
     rows = [names.index(row) for row in one.rows]
@@ -72,7 +72,7 @@ def _moved_so(one: RowsExchanged, steps: LoadSteps, compliance: Array) -> bool:
     return bool(np.nansum(misses[1] ** 2) <= np.nansum(misses[0] ** 2))
 
 
-def scatter_of_signals(steps: LoadSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> Array:
+def scatter_of_signals(steps: RecordedSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> Array:
     """The scatter (S,), V, of signals about a linear response to the loads with a zero in each run, not counting rows
     whose loads were exchanged; NaN where there are too few rows for it."""
     wrong = {row for one in exchanged for row in one.rows}

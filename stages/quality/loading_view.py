@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
+from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class ChannelView:
 class LoadingView:
     """The load steps of a campaign, and readings (B, 6), SI, as they are simulated (None where nothing is)."""
 
-    steps: LoadSteps
+    steps: RecordedSteps
     simulated: Array | None
     load_sigma: Array
 

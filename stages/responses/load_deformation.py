@@ -14,7 +14,7 @@ from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome
 from stages.responses.axis_curves import axis_curve_rows
 from stages.responses.tables import FALSE_ALARM, Rows, birge, entry_tests, error_rows, residual_sets
-from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOADS, READING_SI, LoadSteps, load_steps
+from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.simulated_compliance import SimulatedCompliance, simulated_compliance
 from truing.estimation.interferometry.compliance import (
     Comparison,
@@ -41,7 +41,7 @@ _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 class Loaded:
     """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many."""
 
-    steps: LoadSteps
+    steps: RecordedSteps
     reading: Array
     variance: Array
     drifts: int
@@ -86,7 +86,7 @@ def _loaded(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCo
     return Loaded(steps, reading, sigma**2 + by_loads, loaded.drifts)
 
 
-def _kept(residuals: pa.Table, steps: LoadSteps) -> tuple[NDArray[np.bool_], Array]:
+def _kept(residuals: pa.Table, steps: RecordedSteps) -> tuple[NDArray[np.bool_], Array]:
     """Which readings (B, 6) were not rejected, and their sigma (B, 6), SI."""
     place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
     columns = [residuals.column(name).to_pylist() for name in ("run", "step", "channel", "rejected", "sigma")]
@@ -98,7 +98,7 @@ def _kept(residuals: pa.Table, steps: LoadSteps) -> tuple[NDArray[np.bool_], Arr
     return kept, sigma
 
 
-def _drifts(terms: pa.Table, steps: LoadSteps) -> Array:
+def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
     """The drift (R, 6) per s of runs that show one beyond chance; zero of the others."""
     found = np.zeros((len(steps.runs), 6))
     rows = [row for row in terms.to_pylist() if row["term"] == "drift"]

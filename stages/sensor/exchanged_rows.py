@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import LOADS, LoadSteps
+from stages.sensor.reading_arrays import LOADS, RecordedSteps
 from truing.estimation.sensor.exchanged_loads import exchanged_loads
 from truing.estimation.sensor.load_table import load_table
-from truing.simulation.causes.rows_exchanged import RowsExchanged
+from truing.simulation.causes.bench.rows_exchanged import RowsExchanged
 
 # Different loads for each column that they are predicted from: fewer follow any signals.
 _LOADS_PER_COLUMN = 2
 
 
-def exchanged_rows(steps: LoadSteps, rows: NDArray[np.bool_]) -> tuple[RowsExchanged, ...]:
+def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsExchanged, ...]:
     """The exchanges among some rows (B,), as causes; none where the loads are too few to tell."""
     rows = rows & np.isfinite(steps.signal).all(1) if steps.signal.size else np.zeros(len(rows), bool)
     load, signal = steps.load[rows], steps.signal[rows]
@@ -33,7 +33,7 @@ def exchanged_rows(steps: LoadSteps, rows: NDArray[np.bool_]) -> tuple[RowsExcha
     )
 
 
-def put_right(steps: LoadSteps, exchanges: Sequence[RowsExchanged]) -> LoadSteps:
+def put_right(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> RecordedSteps:
     """The steps with the loads of exchanged rows back in their place."""
     load = steps.load.copy()
     for one in exchanges:

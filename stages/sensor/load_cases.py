@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import LoadSteps
+from stages.sensor.reading_arrays import RecordedSteps
 from truing.estimation.interferometry.load_run import branches
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ class LoadCases:
     branch_of_step: NDArray[np.int64]
 
 
-def load_cases(steps: LoadSteps) -> LoadCases:
+def load_cases(steps: RecordedSteps) -> LoadCases:
     """The load cases in order of appearance; without load there is but one, whatever came before."""
     scale = np.abs(steps.load).max(axis=0, initial=0.0)
     share = np.round(steps.load / np.where(scale > 0.0, scale, 1.0) / _SAME)

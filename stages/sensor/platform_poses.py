@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stages.declaration import Outcome
 from stages.responses.tables import Rows
 from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
-from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, LoadSteps, load_steps
+from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from truing.estimation.interferometry.platform_displacement import (
     PlatformDisplacement,
     drift_columns,
@@ -41,7 +41,7 @@ class PlatformPoses:
     zero, drift (R, 6) and their sigmas, NaN where a run did not read a channel, or did not tell its drift; drift per s.
     """
 
-    steps: LoadSteps
+    steps: RecordedSteps
     cases: LoadCases
     curves: RunCurves
     value: Array
@@ -66,7 +66,7 @@ def platform_poses(readings: pa.Table) -> Outcome:
     return Outcome(tables, read=read, left_out=_left_out(found), figure=_figure(found))
 
 
-def find_poses(steps: LoadSteps) -> PlatformPoses:
+def find_poses(steps: RecordedSteps) -> PlatformPoses:
     """Join readings to displacements, each channel by itself: their errors have nothing in common."""
     cases = load_cases(steps)
     curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
@@ -88,7 +88,7 @@ def find_poses(steps: LoadSteps) -> PlatformPoses:
     return PlatformPoses(steps, cases, curves, value, covariance, *terms)
 
 
-def _origins(steps: LoadSteps, curves: RunCurves) -> Array:
+def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
     """Where runs (R, 6) count from, m and rad: zero, but for what begins unloaded far from it, as coordinates do."""
     found = np.zeros((len(steps.runs), 6))
     for run in range(len(steps.runs)):
@@ -103,7 +103,7 @@ def _origins(steps: LoadSteps, curves: RunCurves) -> Array:
 
 
 def _of_channel(
-    steps: LoadSteps, cases: LoadCases, sigma: Array, rows: NDArray[np.int64], k: int
+    steps: RecordedSteps, cases: LoadCases, sigma: Array, rows: NDArray[np.int64], k: int
 ) -> tuple[PlatformDisplacement, NDArray[np.int64], Mask]:
     """Displacements by one channel, its runs, and which of them tell their own drift: they came back to a load.
 

@@ -11,8 +11,8 @@ from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults, Fault
 from stages.point_arrays import number_column
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI
-from truing.simulation.extended_sensor import ExtendedSensor, goes_with_a_run, predict_readings
-from truing.simulation.known_readings import ReadingConditions
+from truing.simulation.bench.extended_sensor import ExtendedSensor, goes_with_a_run, predict_readings
+from truing.simulation.bench.known_readings import ReadingConditions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -27,7 +27,7 @@ _NOT_COVARIATES = {"run", "step", "role", "channel", "reading", "unit", "sigma",
 
 
 @dataclass(frozen=True)
-class LoadSteps:
+class RecordedSteps:
     """The load steps of a campaign in the order taken: B steps of R runs.
 
     ``reading`` (B, 6) in m and rad, NaN where a channel was not read; ``sigma`` (B, 6) one standard deviation, NaN
@@ -51,14 +51,14 @@ class LoadSteps:
         """The names of the signal channels: v1, v2, .."""
         return tuple(f"v{number + 1}" for number in range(self.signal.shape[1]))
 
-    def chosen(self, rows: NDArray[np.bool_]) -> LoadSteps:
+    def chosen(self, rows: NDArray[np.bool_]) -> RecordedSteps:
         """Some of the steps; runs keep their numbers."""
         own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
         covariates = {name: values[rows] for name, values in self.covariates.items()}
         return replace(self, **{name: getattr(self, name)[rows] for name in own}, covariates=covariates)
 
 
-def load_steps(tables: Mapping[str, pa.Table]) -> LoadSteps:
+def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
     """The load steps of the tables ``readings`` and ``signals``, either of which may be absent.
 
     A step of both is one: they share run and step. Steps are in the order of time within the order of runs.
@@ -75,7 +75,7 @@ def load_steps(tables: Mapping[str, pa.Table]) -> LoadSteps:
     number = np.array([runs.index(run) for run, _ in keys])
     order = np.lexsort((arrays["time_s"], number))
     columns = {name: values[order] for name, values in arrays.items()}
-    return LoadSteps(
+    return RecordedSteps(
         runs,
         number[order],
         np.array([step for _, step in keys])[order],

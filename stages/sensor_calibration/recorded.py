@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.sensor.exchanged_rows import exchanged_rows, put_right
-from stages.sensor.reading_arrays import LOADS, LoadSteps, load_steps
+from stages.sensor.reading_arrays import LOADS, RecordedSteps, load_steps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import LoadTable, load_table
 
@@ -35,7 +35,7 @@ class Recorded:
     left_out: steps with a gross error in a signal; put_right: those whose loads were exchanged.
     """
 
-    steps: LoadSteps
+    steps: RecordedSteps
     load: Array
     causes: tuple[str, ...]
     signal: Array
@@ -97,7 +97,7 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
 
 
 def _zeros(
-    steps: LoadSteps, signal: Array, sigma: Array, covariate: Array, good: NDArray[np.bool_]
+    steps: RecordedSteps, signal: Array, sigma: Array, covariate: Array, good: NDArray[np.bool_]
 ) -> tuple[Array, bool]:
     """Mean unloaded signal (R, C) of every run, and whether runs differ in it by more than noise and temperature do.
 
@@ -121,11 +121,11 @@ def _zeros(
     return mean, freedom > 0 and bool(chdtrc(freedom, squares) < _UNLIKELY)
 
 
-def _acting(tables: Mapping[str, pa.Table], steps: LoadSteps) -> tuple[Array, tuple[str, ...]]:
+def _acting(tables: Mapping[str, pa.Table], steps: RecordedSteps) -> tuple[Array, tuple[str, ...]]:
     """The wrenches (B, 6) that act by the extended model, and its causes that make them differ from what is written."""
-    from truing.simulation.extended_sensor import acting_wrenches, drives
-    from truing.simulation.known_readings import ReadingConditions
-    from truing.simulation.sensor_text import read_sensor
+    from truing.simulation.bench.extended_sensor import acting_wrenches, drives
+    from truing.simulation.bench.known_readings import ReadingConditions
+    from truing.simulation.bench.sensor_text import read_sensor
 
     text = tables.get("model")
     if not isinstance(text, str):
@@ -140,7 +140,7 @@ def _acting(tables: Mapping[str, pa.Table], steps: LoadSteps) -> tuple[Array, tu
     return acting_wrenches(extended, conditions), causes
 
 
-def _covariates(steps: LoadSteps, reference_c: float) -> tuple[Array, tuple[str, ...]]:
+def _covariates(steps: RecordedSteps, reference_c: float) -> tuple[Array, tuple[str, ...]]:
     """The temperature less its reference (B, 1), where one was recorded and moved."""
     for name in TEMPERATURES:
         values = steps.covariates.get(name)

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.diagnosis.reading_points import reading_model
-from stages.sensor.reading_arrays import CHANNELS, READING_SI, LoadSteps, load_steps
-from truing.simulation.bench_simulation import draw_readings
+from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
+from truing.simulation.bench.bench_simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from truing.simulation.reading_model import ReadingModel
+    from truing.simulation.bench.reading_model import ReadingModel
 
 _VOLT_MV = 1e3
 
@@ -31,7 +31,7 @@ class ReadingPlan:
     """
 
     model: ReadingModel
-    steps: LoadSteps
+    steps: RecordedSteps
     tables: Mapping[str, pa.Table]
     scene: Scene
     gross: float = 0.0
@@ -73,7 +73,7 @@ def reading_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingP
     return ReadingPlan(model, steps, own, model.scene)
 
 
-def _keys(steps: LoadSteps) -> list[tuple[int | str, int]]:
+def _keys(steps: RecordedSteps) -> list[tuple[int | str, int]]:
     return [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
 
 

@@ -20,10 +20,10 @@ from tests.blind.generator.sensor.draw import BAD_WEATHER
 from tests.blind.generator.sensor.layout import CHANNELS, Layout, Noise, Programme, Tolerance
 from tests.blind.generator.sensor.schedule import COLUMNS
 from tests.blind.test_sensor_agreement import theirs
+from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Cause
 from truing.simulation.causes import beams, channels, counts, load_history, load_path, stiffness
-from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
-from truing.simulation.reading_model import ReadingModel
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 FZ, MY, DX, DZ = 2, 4, 0, 2

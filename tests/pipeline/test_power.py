@@ -93,7 +93,9 @@ def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, m
         return told_at_once(plan, settings, trial)
 
     monkeypatch.setattr("pipeline.power_command.diagnosed_trial", interrupted)
-    code, said = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", tmp_path / "power.parquet")
+    code, said = call(
+        measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", tmp_path / "power.parquet"
+    )
     assert code == 4
     assert "interrupted (SIGTERM)" in said
     _, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()

@@ -12,7 +12,7 @@ from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
 from truing.simulation import causes, installed
 from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
-from truing.simulation.causes.channels import ZeroDrift
+from truing.simulation.causes.bench.channels import ZeroDrift
 from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.chain import State, simulate
 from truing.simulation.legs import Change

@@ -8,7 +8,7 @@ import pytest
 from tests.simulation.telescope import sample_model
 from truing.simulation.cause import Scene
 from truing.simulation.causes import catalogue
-from truing.simulation.causes.beams import CosineError
+from truing.simulation.causes.bench.beams import CosineError
 from truing.simulation.hidden_effects import Sort, concerned, sorts, told_size
 
 LEGS = 6

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from tests.simulation.sensor_benches import ARCSEC, SIGMA, bench
+from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
 from truing.estimation.diagnosis.acceptance import Acceptance, Settings
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.estimation.diagnosis.verdicts import FOUND, Verdict
 from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue_of_readings
-from truing.simulation.causes.beams import CosineError
-from truing.simulation.causes.load_path import LoadEccentricity
-from truing.simulation.causes.readings_followed import PERIOD, SO_FAR, WAY
-from truing.simulation.causes.unexplained_readings import UnexplainedReadings
+from truing.simulation.causes.bench.beams import CosineError
+from truing.simulation.causes.bench.load_path import LoadEccentricity
+from truing.simulation.causes.bench.readings_followed import PERIOD, SO_FAR, WAY
+from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
 
 
 def _found(seed: int, cause: Cause | None = None, values: Sequence[float] = ()) -> list[Verdict]:

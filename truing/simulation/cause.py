@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from truing.simulation.bench.reading_state import LoadSteps
     from truing.simulation.chain import State
     from truing.simulation.legs import Change
-    from truing.simulation.reading_state import LoadSteps
     from truing.simulation.targets import Targets
 
 

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from stages.diagnosis.signal_knowledge import told_by_readings
-from stages.sensor.reading_arrays import LoadSteps
+from stages.sensor.reading_arrays import RecordedSteps
 from tests.tolerance import assert_close
-from truing.simulation.causes.rows_exchanged import RowsExchanged, SignalsExchanged
-from truing.simulation.reading_state import LoadSteps as KnownSteps
-from truing.simulation.reading_state import ReadingState
+from truing.simulation.bench.reading_state import LoadSteps
+from truing.simulation.bench.reading_state import ReadingState
+from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, SignalsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 COMPLIANCE = np.diag([2e-7, 2e-7, 3e-8, 4e-7, 4e-7, 3e-7])
 ONE = RowsExchanged(((1, 2), (1, 4)), ("fx", "fy"))
 
 
-def _steps(read_under: np.ndarray, load: np.ndarray) -> LoadSteps:
+def _steps(read_under: np.ndarray, load: np.ndarray) -> RecordedSteps:
     count = len(load)
-    return LoadSteps(
+    return RecordedSteps(
         (1,),
         np.zeros(count, int),
         np.arange(count),
@@ -50,7 +50,7 @@ def test_signals_in_each_other_s_row_are_exchanged_and_readings_stay() -> None:
     rng = np.random.default_rng(2)
     readings = rng.normal(size=(6, 8))
     channels = ("dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2")
-    steps = KnownSteps(
+    steps = LoadSteps(
         np.ones(6, int), np.arange(6), np.arange(6.0), np.zeros((6, 6)), np.ones(6), {}, channels, np.ones(8),
         np.zeros((6, 6)), 6.3e-7,
     )  # fmt: skip

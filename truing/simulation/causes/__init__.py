@@ -4,33 +4,33 @@ from __future__ import annotations
 
 from truing.simulation.cause import POINTS, READINGS, Cause
 from truing.simulation.causes.base_deformation import BaseDeformation
-from truing.simulation.causes.beams import AbbeOffset, CosineError
-from truing.simulation.causes.bodies import BodyDeformation
-from truing.simulation.causes.body_drift import BodyDrift
-from truing.simulation.causes.channels import DeadPath, ThermalDrift, ZeroDrift
-from truing.simulation.causes.counts import Crosstalk, FringeSlip
-from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
-from truing.simulation.causes.flexure_shift import FlexureShift
-from truing.simulation.causes.leg_drift import LegDrift
-from truing.simulation.causes.load_history import Creep
-from truing.simulation.causes.load_path import LoadEccentricity, LoadImbalance
-from truing.simulation.causes.measurement_scale import MeasurementScale
-from truing.simulation.causes.platform_deformation import (
-    LinearPlatformDeformation,
-    MatrixPlatformDeformation,
-    NonlinearPlatformDeformation,
-)
-from truing.simulation.causes.rows_exchanged import RowsExchanged
-from truing.simulation.causes.stiffness import (
+from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
+from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
+from truing.simulation.causes.bench.load_history import Creep
+from truing.simulation.causes.bench.load_path import LoadEccentricity, LoadImbalance
+from truing.simulation.causes.bench.rows_exchanged import RowsExchanged
+from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
     JointClearance,
     StiffnessAsymmetry,
     StiffnessNonlinear,
     StiffnessScale,
 )
+from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
+from truing.simulation.causes.bodies import BodyDeformation
+from truing.simulation.causes.body_drift import BodyDrift
+from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.causes.flexure_shift import FlexureShift
+from truing.simulation.causes.leg_drift import LegDrift
+from truing.simulation.causes.measurement_scale import MeasurementScale
+from truing.simulation.causes.platform_deformation import (
+    LinearPlatformDeformation,
+    MatrixPlatformDeformation,
+    NonlinearPlatformDeformation,
+)
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.causes.unexplained import Unexplained
-from truing.simulation.causes.unexplained_readings import UnexplainedReadings
 from truing.simulation.causes.warmth import LegThermal, ThermalExpansion
 from truing.simulation.installed import with_installed
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import ReadingState
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
-from truing.simulation.causes.channels import OfChannel
-from truing.simulation.causes.of_readings import (
+from truing.simulation.causes.bench.channels import OfChannel
+from truing.simulation.causes.bench.of_readings import (
     FEWEST,
     ReadingCause,
     in_words,
@@ -21,7 +22,6 @@ from truing.simulation.causes.of_readings import (
     steps_of,
     whose,
 )
-from truing.simulation.reading_state import ReadingState
 
 _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import TIME, LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
-from truing.simulation.causes.load_path import OfLoad
-from truing.simulation.causes.of_readings import seen_axes, steps_of
-from truing.simulation.reading_state import TIME, LoadSteps, ReadingState
+from truing.simulation.causes.bench.load_path import OfLoad
+from truing.simulation.causes.bench.of_readings import seen_axes, steps_of
 from truing.simulation.six_upur.loading import AXES
 
 _PLAUSIBLE = 0.02

@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Parameter, Scene, Step
-from truing.simulation.causes.of_readings import MM, ReadingCause, is_force, seen_axes, steps_of
-from truing.simulation.reading_state import LoadSteps, ReadingState
+from truing.simulation.causes.bench.of_readings import MM, ReadingCause, is_force, seen_axes, steps_of
 from truing.simulation.six_upur.loading import AXES
 
 _PLAUSIBLE_M, _PLAUSIBLE_PER_M = 5e-3, 0.05

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.bench.reading_state import CHANNELS, LOADS
 from truing.simulation.cause import Effect
 from truing.simulation.causes import catalogue_of_readings
 from truing.simulation.effect_text import (
@@ -23,8 +25,6 @@ from truing.simulation.effect_text import (
     toml_key,
     toml_value,
 )
-from truing.simulation.extended_sensor import ExtendedSensor
-from truing.simulation.reading_state import CHANNELS, LOADS
 
 FORMAT = 2
 MECHANISM = "6-upur"

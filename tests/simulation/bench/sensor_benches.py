@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.simulation.six_upur.sensors import TOLERANCES_UM, sensor_of
+from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
+from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.bench.reading_state import AIR, CHANNELS, HUMIDITY, MATERIAL, PRESSURE
 from truing.simulation.cause import Cause
-from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
-from truing.simulation.reading_model import ReadingModel
-from truing.simulation.reading_state import AIR, CHANNELS, HUMIDITY, MATERIAL, PRESSURE
 from truing.simulation.six_upur.stiffness import ElasticSensor
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 

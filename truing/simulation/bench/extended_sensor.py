@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.bench.reading_state import CHANNELS
 from truing.simulation.cause import Cause, Step
-from truing.simulation.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
-from truing.simulation.reading_model import ReadingModel
-from truing.simulation.reading_state import CHANNELS
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _AXES = 6

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.simulation.sensor_benches import ARCSEC, GAINS, LARGEST, SIGMA, bench
+from tests.simulation.bench.sensor_benches import ARCSEC, GAINS, LARGEST, SIGMA, bench
 from tests.tolerance import assert_close
+from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.bench.reading_state import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
 from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue_of_readings
-from truing.simulation.causes.beams import AbbeOffset, CosineError
-from truing.simulation.causes.channels import DeadPath, ThermalDrift, ZeroDrift
-from truing.simulation.causes.counts import Crosstalk, FringeSlip
-from truing.simulation.causes.load_history import Creep
-from truing.simulation.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
-from truing.simulation.causes.stiffness import (
+from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
+from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
+from truing.simulation.causes.bench.load_history import Creep
+from truing.simulation.causes.bench.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
+from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
     JointClearance,
     StiffnessAsymmetry,
     StiffnessNonlinear,
     StiffnessScale,
 )
-from truing.simulation.reading_model import ReadingModel
-from truing.simulation.reading_state import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
 from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.loading import AXES
 

@@ -13,12 +13,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
+from truing.simulation.bench.reading_passage import ReadingPassage, passed
+from truing.simulation.bench.reading_state import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.point_model import Prediction
-from truing.simulation.reading_passage import ReadingPassage, passed
-from truing.simulation.reading_state import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
 from truing.simulation.six_upur.uncertain_sensor import Response
 from truing.simulation.targets import Targets
 

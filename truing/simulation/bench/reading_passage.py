@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Effect, Step
-from truing.simulation.causes.of_readings import FIELDS, ReadingCause
-from truing.simulation.reading_state import LoadSteps, ReadingState
+from truing.simulation.causes.bench.of_readings import FIELDS, ReadingCause
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Effect
-from truing.simulation.reading_model import ReadingModel
 
 # Gross errors are so many times the noise: far beyond it, not always beyond what an effect may do.
 _GROSS = 100.0

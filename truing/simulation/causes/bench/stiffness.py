@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import CHANNELS, LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Parameter, Scene, Step
-from truing.simulation.causes.load_path import OfLoad
-from truing.simulation.causes.of_readings import is_linear, seen_axes, seen_of, steps_of, unit_of
-from truing.simulation.reading_state import CHANNELS, LoadSteps, ReadingState
+from truing.simulation.causes.bench.load_path import OfLoad
+from truing.simulation.causes.bench.of_readings import is_linear, seen_axes, seen_of, steps_of, unit_of
 from truing.simulation.six_upur.loading import AXES
 
 # The whole response under a load changes, or that along its own axis alone; all axes together are less likely.

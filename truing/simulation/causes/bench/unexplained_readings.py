@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Parameter, Profiles, Scene, Step
-from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
-from truing.simulation.causes.of_readings import ReadingCause, seen_channels, seen_of, steps_of, unit_of, whose
-from truing.simulation.causes.readings_followed import (
+from truing.simulation.causes.bench.of_readings import ReadingCause, seen_channels, seen_of, steps_of, unit_of, whose
+from truing.simulation.causes.bench.readings_followed import (
     MEMORY,
     PERIOD,
     REMEMBERED,
@@ -26,7 +26,7 @@ from truing.simulation.causes.readings_followed import (
     values_of,
     words,
 )
-from truing.simulation.reading_state import IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps, ReadingState
+from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
 
 # A smooth dependence wants this many readings per function.
 _PER_FUNCTION = 4

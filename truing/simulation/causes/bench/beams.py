@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
+from truing.simulation.bench.reading_state import CHANNELS, LINEAR, ReadingState
 from truing.simulation.cause import Cause, Parameter, Scene, Told
-from truing.simulation.causes.channels import OfChannel
-from truing.simulation.causes.of_readings import FEWEST, MM, in_words, is_linear, seen_channels, seen_of, steps_of
-from truing.simulation.reading_state import CHANNELS, LINEAR, ReadingState
+from truing.simulation.causes.bench.channels import OfChannel
+from truing.simulation.causes.bench.of_readings import FEWEST, MM, in_words, is_linear, seen_channels, seen_of, steps_of
 
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
 _XYZ = "xyz"

@@ -12,9 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.causes.following import POLYNOMIAL, WAVES
-from truing.simulation.causes.of_readings import is_signal
-from truing.simulation.reading_state import (
+from truing.simulation.bench.reading_state import (
     AIR,
     CHANNELS,
     HUMIDITY,
@@ -26,6 +24,8 @@ from truing.simulation.reading_state import (
     TIME,
     LoadSteps,
 )
+from truing.simulation.causes.bench.of_readings import is_signal
+from truing.simulation.causes.following import POLYNOMIAL, WAVES
 
 # Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run;
 # which way it changed last.

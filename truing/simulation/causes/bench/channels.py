@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import AIR, MATERIAL, PRESSURE, TIME, LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Parameter, Scene, Step
-from truing.simulation.causes.of_readings import (
+from truing.simulation.causes.bench.of_readings import (
     FEWEST,
     HOUR,
     MM,
@@ -24,7 +25,6 @@ from truing.simulation.causes.of_readings import (
     unit_of,
     whose,
 )
-from truing.simulation.reading_state import AIR, MATERIAL, PRESSURE, TIME, LoadSteps, ReadingState
 
 # Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
 # signals.

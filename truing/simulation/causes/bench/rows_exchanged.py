@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.reading_state import LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
-from truing.simulation.causes.of_readings import ReadingCause, is_signal
-from truing.simulation.reading_state import LoadSteps, ReadingState
+from truing.simulation.causes.bench.of_readings import ReadingCause, is_signal
 from truing.simulation.six_upur.loading import AXES
 
 Row = tuple[int | str, int | str]
