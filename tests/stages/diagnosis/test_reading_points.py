@@ -10,8 +10,7 @@ import pytest
 from stages.diagnosis.signal_knowledge import told_by_readings
 from stages.sensor.reading_arrays import RecordedSteps
 from tests.tolerance import assert_close
-from truing.simulation.bench.reading_state import LoadSteps
-from truing.simulation.bench.reading_state import ReadingState
+from truing.simulation.bench.reading_state import LoadSteps, ReadingState
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, SignalsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
