@@ -23,7 +23,7 @@ from tests.blind.test_sensor_agreement import theirs
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Cause
-from truing.simulation.causes import beams, channels, counts, load_history, load_path, stiffness
+from truing.simulation.causes.bench import beams, channels, counts, load_history, load_path, stiffness
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 FZ, MY, DX, DZ = 2, 4, 0, 2
