@@ -29,7 +29,7 @@ def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsE
     names = [(steps.runs[run], int(step)) for run, step in zip(steps.run[rows], steps.step[rows], strict=True)]
     return tuple(
         RowsExchanged((names[one.first], names[one.second]), tuple(LOADS[k] for k in one.components))
-        for one in exchanged_loads(load_table(signal, load))
+        for one in exchanged_loads(load_table(signal, load, steps.run[rows]))
     )
 
 

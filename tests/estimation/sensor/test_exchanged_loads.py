@@ -67,3 +67,17 @@ def test_a_component_that_was_never_applied_does_not_disturb():
     rest = table.signals - np.outer(table.loads[:, 4], np.linalg.lstsq(table.loads, table.signals, rcond=None)[0][4])
     found = exchanged_loads(_exchanged(replace(without, signals=rest), 4, 30, [5]))
     assert [(one.first, one.second, one.components) for one in found] == [(4, 30, (5,))]
+
+
+def test_signals_whose_zero_moves_between_runs_are_no_exchange() -> None:
+    """Runs along one axis each: a row that misses by the zero of its run alone could stand in another's place."""
+    share = np.concatenate([np.arange(0, 8), np.arange(6, -8, -1), np.arange(-6, 1)]) / 7.0
+    applied = np.concatenate([share[:, None] * one for one in np.diag(RANGE)])
+    run = np.repeat(np.arange(6), len(share))
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        table = sensor(rng, load=1e-4).table(rng, applied, run)
+        moved = replace(table, signals=table.signals + 1.5 * rng.normal(size=(6, 6))[run])  # mV, of 10 mV at full load
+        assert exchanged_loads(moved) == []
+    found = exchanged_loads(_exchanged(moved, 3, 40, [0, 1]))
+    assert [(one.first, one.second, one.components) for one in found] == [(3, 40, (0, 1))]

@@ -21,6 +21,7 @@ _ROUNDS = 50  # exchanges looked for, one after the other
 _SUSPECT = 2.5  # of a row's residuals in sigmas, below which it cannot be part of an exchange that is no chance
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
 _FALSE_ALARM = 1e-3  # of any exchange named in a table without one
+_ROWS_PER_COLUMN, _WITHIN = 4.0, 0.2  # a zero of each run: rows by column, and share of the loads' variance within runs
 
 
 @dataclass(frozen=True)
@@ -42,13 +43,15 @@ class RowExchange:
 def exchanged_loads(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> list[RowExchange]:
     """Return the exchanged rows of a table, the surest first; loads that the table exchanges alike are no exchange.
 
-    The noise is that of the table's own residuals, from a robust fit of loads to signals and one zero. Whole rows of
-    signals exchanged, loads being right, look the same as whole rows of loads.
+    The noise is that of the table's own residuals, from a robust fit of loads to signals and a zero: of each run where
+    loads change within runs that are long enough, for bridges drift between them. Whole rows of signals exchanged,
+    loads being right, look the same as whole rows of loads.
     """
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads, found = table.loads[:, applied], []
+    zeros = _zeros(table, loads)
     for _ in range(_ROUNDS):
-        rest, sigma = _robust_residuals(table.signals, loads)
+        rest, sigma = _robust_residuals(table.signals, loads, zeros)
         one = _best(loads, rest / sigma, sigma, false_alarm)
         if one is None:
             break
@@ -71,12 +74,22 @@ def _exchange(loads: NDArray, one: RowExchange) -> None:
     loads[np.ix_([one.first, one.second], places)] = loads[np.ix_([one.second, one.first], places)]
 
 
-def _robust_residuals(signals: NDArray, loads: NDArray) -> tuple[NDArray, NDArray]:
+def _zeros(table: LoadTable, loads: NDArray) -> NDArray:
+    """Return which rows (N, Z) share a zero: those of a run, or all of them."""
+    member = (table.case[:, None] == table.cases).astype(float)
+    rows = len(loads) / (table.signals.shape[1] + member.shape[1])
+    within = loads - member @ (member.T @ loads / member.sum(0)[:, None])
+    tell = np.sum(within**2, 0) >= _WITHIN * np.sum((loads - loads.mean(0)) ** 2, 0)
+    return member if rows >= _ROWS_PER_COLUMN and tell.all() else np.ones((len(loads), 1))
+
+
+def _robust_residuals(signals: NDArray, loads: NDArray, zeros: NDArray) -> tuple[NDArray, NDArray]:
     """Return loads less what signals tell (N, W) by a fit that gross errors do not bend, and its scatter (W,).
 
-    Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself.
+    Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself. zeros:
+    which rows (N, Z) share one.
     """
-    columns = np.column_stack([signals, np.ones(len(signals))])
+    columns = np.column_stack([signals, zeros])
     size = np.sqrt(np.mean(columns**2, 0))
     columns = columns / np.where(size > 0.0, size, 1.0)
     rest = _rest(columns, loads, np.ones_like(loads))
