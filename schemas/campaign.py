@@ -253,7 +253,7 @@ class DeadPaths(Section):
 class Interferometer(Section):
     """[interferometer]: wavelength, dead path, and whether readings are compensated for air."""
 
-    wavelength_nm: Positive = 632.990577
+    wavelength_nm: float = Field(632.990577, gt=100.0, lt=1e5, description="of the laser in vacuum")
     dead_path_mm: DeadPaths = Field(DeadPaths(), description="one number, or one per linear channel")
     compensated: bool = True
     passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")

@@ -21,6 +21,7 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_SINGULAR = 1e9  # condition of the legs' influence, lengths in m
 TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
 
 
@@ -104,14 +105,16 @@ def _check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> N
     """Elements as long as the legs, a compliance that one can have."""
     from stages.sensor.nominal_sensor import elastic_parts, given_matrix, sensor_joints
     from truing.simulation.six_upur.elements import passive
+    from truing.simulation.six_upur.influence import influence_matrix
 
     try:
-        sensor_joints(section)
+        if np.linalg.cond(influence_matrix(sensor_joints(section))) > _SINGULAR:
+            raise ValueError("legs: found legs that leave the platform free to move, expected six that hold it")
         elastic_parts(section)
         if compliance is not None:
             passive(given_matrix(compliance), "compliance_file")
     except (ValueError, np.linalg.LinAlgError) as error:
         what, _, said = str(error).partition(": ")
         found, _, expected = said.removeprefix("found ").rpartition(", expected ")
-        key = what if what == "compliance_file" else "elements" if section.elements else "legs"
+        key = what if what in ("compliance_file", "legs") else "elements" if section.elements else "legs"
         log.add(Fault("campaign.toml", expected or str(error), column=f"mechanism.{key}", value=found or None))

@@ -331,7 +331,11 @@ def test_elements_have_to_fit_the_legs(tmp_path):
     rod = {"kind": "cylinder", "length_mm": 30.0, "diameter_mm": 5.0, "youngs_gpa": 200.0, "poisson": 0.3}
     assert "column mechanism.elements: found '0.03 m in all'; expected each leg's length" in faults(
         tmp_path, files, {"mechanism": {**SENSOR, "elements": [rod]}})[0]  # fmt: skip
-    artifacts(tmp_path, files, {"mechanism": {**SENSOR, "elements": [rod, {"kind": "rigid"}]}})
+    whole = [rod, {"kind": "rigid"}]
+    artifacts(tmp_path, files, {"mechanism": {**SENSOR, "elements": whole}})
+    upright = [{"B_mm": leg["b_mm"], "b_mm": leg["b_mm"]} for leg in LEGS]
+    loose = faults(tmp_path, files, {"mechanism": {**SENSOR, "legs": upright, "elements": whole}})[0]
+    assert "column mechanism.legs: found 'legs that leave the platform free to move'" in loose
 
 
 def test_a_given_compliance_is_checked_cell_by_cell(tmp_path):
