@@ -63,11 +63,15 @@ class ChannelView:
 
 @dataclass(frozen=True)
 class LoadingView:
-    """The load steps of a campaign, and readings (B, 6), SI, as they are simulated (None where nothing is)."""
+    """The load steps of a campaign, and readings (B, 6), SI, as they are simulated (None where nothing is).
+
+    ``at_most`` (B, 6): what such loads could move at most, by the energy that they store.
+    """
 
     steps: RecordedSteps
     simulated: Array | None
     load_sigma: Array
+    at_most: Array | None = None
 
     @cached_property
     def channels(self) -> tuple[ChannelView, ...]:
@@ -118,8 +122,12 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
     steps = load_steps(tables)
     noise = settings.noise
     compliance = _compliance(tables, settings)
-    simulated = None if compliance is None else steps.load @ compliance.T
-    return LoadingView(steps, simulated, np.array([noise.load_n] * 3 + [noise.load_nm] * 3))
+    load_sigma = np.array([noise.load_n] * 3 + [noise.load_nm] * 3)
+    if compliance is None:
+        return LoadingView(steps, None, load_sigma)
+    gives = np.maximum(np.diag(compliance), 0.0)
+    at_most = np.sqrt((steps.load**2 @ gives)[:, None] * gives)
+    return LoadingView(steps, steps.load @ compliance.T, load_sigma, at_most)
 
 
 def _compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:

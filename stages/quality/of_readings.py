@@ -88,6 +88,8 @@ def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.i
         return (view.steps.load[rows, axis] if view.loaded_alone[run] else None), 6 * axis + channel.place
     answer = view.simulated[:, channel.place]
     clear = np.ptp(answer[rows]) > max(_MAIN * np.ptp(answer), _CLEAR * float(np.median(channel.fit.sigma)))
+    if view.at_most is not None:  # what a load hardly moves may well turn round as the sensor is built
+        clear &= np.abs(answer[rows]).max() > _MAIN * view.at_most[rows, channel.place].max()
     return (answer[rows] if clear else None), channel.place
 
 

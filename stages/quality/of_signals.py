@@ -46,9 +46,11 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
     loaded = np.flatnonzero(load.any(axis=0))
     yield _loads_span(load[:, loaded], [LOADS[k] for k in loaded])
     about = signal if settings.signals.zero_mv is not None else signal - signal.mean(axis=0)
-    yield _signals_independent(about, steps.signals, len(loaded), settings.noise.signal_mv)
+    independent = _signals_independent(about, steps.signals, len(loaded), settings.noise.signal_mv)
+    yield independent
     right = used[~np.isin(steps.run[used], sorted(turned))]
-    yield from _exchanged(view, right, len(loaded), share)
+    numbers = int(independent.value or 0) if independent.verdict == FAIL else len(steps.signals)
+    yield from _exchanged(view, right, len(loaded), numbers, share)
 
 
 def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
@@ -121,10 +123,12 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
     return Check("signals-independent", "", rank, float(wanted), "1", verdict, said)
 
 
-def _exchanged(view: LoadingView, rows: NDArray[np.int64], loaded: int, share: float) -> Iterator[Check]:
+def _exchanged(
+    view: LoadingView, rows: NDArray[np.int64], loaded: int, independent: int, share: float
+) -> Iterator[Check]:
     """Rows whose loads stand in each other's place, by the signals."""
     steps = view.steps
-    if loaded > len(steps.signals) or len(rows) < 3 * (len(steps.signals) + 1):
+    if loaded > independent or len(rows) < 3 * (len(steps.signals) + 1):
         yield without(
             "exchanged rows", "exchanged-rows", "", "too few signals or rows to tell the loads of each other row"
         )

@@ -24,17 +24,27 @@ _RUNS_ALIKE = 3
 
 
 def steps_there(view: LoadingView) -> Check:
-    """Numbers of steps that a run leaves out; where all runs count in twos or tens, that is how they count."""
+    """Numbers of steps that a run leaves out, or one of its tables; where all runs count in twos or tens, that is how
+    they count."""
     steps = view.steps
     paces = np.diff(steps.step)[np.diff(steps.run) == 0]
     stride = max(math.gcd(*(int(pace) for pace in paces)), 1) if len(paces) else 1
     found = steps_missing(steps.run, (steps.step - _starts(view)[steps.run]) // stride)
-    missing = int(found.size.sum())
+    lost = np.union1d(_lost(steps.run, steps.reading), _lost(steps.run, steps.signal))
+    missing = int(found.size.sum()) + len(lost)
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
+    places += [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in lost]
     said = f"{missing} steps are missing: {listed(places)}." if missing else "No step is missing."
     verdict = FAIL if share > _MOST_MISSING else WARN if missing else PASS
     return Check("steps-missing", "", share, _MOST_MISSING, "1", verdict, said)
+
+
+def _lost(run: NDArray, values: NDArray) -> NDArray:
+    """The few steps (N,) at which a table (B, K) of values says nothing, in runs (B,) of which it does."""
+    there = np.isfinite(values).any(axis=1)
+    lost = np.flatnonzero(~there & np.isin(run, np.unique(run[there])))
+    return lost if len(lost) <= _NOTED * there.sum() else lost[:0]
 
 
 def _starts(view: LoadingView) -> NDArray[np.int64]:

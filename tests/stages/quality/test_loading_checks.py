@@ -65,6 +65,10 @@ def step_lost(readings, signals):
     return readings[~at(readings, 2, step=7)], signals[~at(signals, 2, step=7)]
 
 
+def step_not_read(readings, signals):
+    return readings[~at(readings, 2, step=7)], signals
+
+
 def run_ended_early(readings, signals):
     late = [(table["run"] == 5) & (table["step"] > 12) for table in (readings, signals)]
     return readings[~late[0]], signals[~late[1]]
@@ -140,6 +144,7 @@ def moment_with_force(readings, signals):
         (in_millimetres, "fail", "units run 3 dz", "reads 0.001 times what is expected; is its unit"),
         (load_turned_round, "fail", "signs run 4 dy rx", "run 4: dy rx with the opposite sign"),
         (step_lost, "warn", "steps-missing", "1 steps are missing: run 2 near step 6"),
+        (step_not_read, "warn", "steps-missing", "1 steps are missing: run 2 step 7"),
         (run_ended_early, "warn", "runs-cut-short", "run 5"),
         (readings_lost, "fail", "completeness channel ry", "ry: 47.1 % of the readings are missing"),
         (noisy, "fail", "noise channel dx", "times the declared noise"),
