@@ -81,15 +81,20 @@ def _strength(group: str, names: Sequence[str], obvious: float, rng: np.random.G
 
 def run(cases: Sequence[Drawn]) -> list[Record]:
     """Draws, writes and diagnoses campaigns in one call of the command line."""
+    hidden, records = [], []
     with tempfile.TemporaryDirectory() as home:
-        folders = [
-            INSTRUMENTS[one.instrument]
-            .hide(one.names, one.layout, one.strength, one.seed)
-            .write(Path(home) / f"{one.group}-{one.number}")
-            for one in cases
-        ]
-        records = run_share(folders)
-    return [{"number": one.number, "group": one.group} | record for one, record in zip(cases, records, strict=True)]
+        folders = []
+        for one in cases:
+            own = {"number": one.number, "group": one.group}
+            try:
+                case = INSTRUMENTS[one.instrument].hide(one.names, one.layout, one.strength, one.seed)
+            except ValueError as why:  # what a layout does not show cannot be hidden in it
+                records.append(own | {"name": f"{one.group}-{one.number}", "failed": str(why)})
+                continue
+            folders.append(case.write(Path(home) / f"{one.group}-{one.number}"))
+            hidden.append(own)
+        records += [own | record for own, record in zip(hidden, run_share(folders), strict=True)]
+    return records
 
 
 def kept(results: Path) -> list[Record]:

@@ -42,6 +42,8 @@ _NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
 _STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
 # Of a load: from so many levels up to the range of loads; what is slower is a polynomial.
 _LOAD_PERIODS_AT_LEAST, _FEWEST_LEVELS = 1.0, 8
+# Loads nearer to each other than this share of their range are one level, applied again.
+_ONE_LEVEL = 0.01
 
 Follow = tuple[tuple[str, ...], str, int]
 
@@ -151,7 +153,8 @@ def periods_of(steps: LoadSteps, column: str) -> NDArray:
     if column == TIME:
         held, least = steps.held_s[steps.held_s > 0.0], _PERIODS_AT_LEAST
     else:
-        levels = np.unique(values)
+        apart = max(float(np.ptp(values)) * _ONE_LEVEL, 1e-300)
+        levels = np.unique(np.round(values / apart)) * apart
         held, least = np.diff(levels), _LOAD_PERIODS_AT_LEAST
         if len(levels) < _FEWEST_LEVELS:
             return np.zeros(0)
