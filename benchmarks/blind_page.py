@@ -164,8 +164,9 @@ def unknown(campaigns: Sequence[Judged]) -> str:
     for kind in sorted({one.hidden[0].kind for one in strange}):
         own = [one for one in strange if one.hidden[0].kind == kind]
         driven, misnamed = rates.driven(own), rates.misnamed(own)
-        names = Counter(name for one in own for name in set(one.misnamed))
-        told = ", ".join(f"`{name}` {count}" for name, count in names.most_common())
+        names = Counter(name for one in own for name in sorted(set(one.misnamed)))
+        ordered = sorted(names.items(), key=lambda item: (-item[1], item[0]))
+        told = ", ".join(f"`{name}` {count}" for name, count in ordered)
         rows.append([_words(kind), str(len(own)), str(driven.good), str(misnamed.good), told])
     return table(["effect", "campaigns", "told with what drives it", "given a name", "which"], rows)
 
