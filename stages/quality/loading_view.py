@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
 
 if TYPE_CHECKING:
@@ -111,10 +111,6 @@ class LoadingView:
         loaded = np.zeros((len(self.steps.runs), 6), dtype=bool)
         np.logical_or.at(loaded, self.steps.run, self.steps.load != 0.0)
         return loaded.sum(axis=1) == 1
-
-    def axis_name(self, run: int) -> str:
-        """The axis that a run loads most, by name."""
-        return LOADS[int(self.axis[run])]
 
 
 def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingView:

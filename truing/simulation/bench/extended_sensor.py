@@ -6,7 +6,7 @@ What was uncertain of geometry and elasticity matters to readings through the co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,4 +166,4 @@ def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingCon
         extended.wavelength_m,
         extended.reference_temperature_c,
     )
-    return ReadingModel(known, replace(conditions))
+    return ReadingModel(known, conditions)
