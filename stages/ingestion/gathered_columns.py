@@ -83,4 +83,5 @@ def without(found: Gathered, rows: NDArray[np.bool_], reason: str) -> Gathered:
         start += len(records)
         parts.append((file, records[~out]))
         left_out[(file.raw.name, reason)] += int(out.sum())
-    return replace(found, table=found.table.filter(pa.array(~rows)), parts=parts, left_out=+left_out)
+    faulty = {name: told[~rows] for name, told in found.faulty.items()}
+    return replace(found, table=found.table.filter(pa.array(~rows)), parts=parts, left_out=+left_out, faulty=faulty)

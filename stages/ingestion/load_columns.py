@@ -68,9 +68,11 @@ def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any
 
 def check_one_load(found: Gathered, step: NDArray[np.int64], loads: Array, log: FaultLog) -> None:
     """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
-    _, first, at = np.unique(step, return_index=True, return_inverse=True)
+    rows = np.flatnonzero(found.sound("run", "step", "load_axis", "load", *WRENCH))
+    _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
+    known, apart = loads[rows], np.zeros(len(loads), dtype=bool)
     with np.errstate(invalid="ignore"):
-        apart = np.any(np.abs(loads - loads[first[at]]) > _allowed(loads), axis=1)
+        apart[rows] = np.any(np.abs(known - known[first[at]]) > _allowed(known), axis=1)
     found.fault(log, apart, _load_column(found), "one load per step, on the same axis in all of its rows")
 
 
@@ -78,6 +80,7 @@ def check_same_loads(found: Gathered, loads: Array, other: Array, log: FaultLog)
     """A fault at every row whose loads (N, 6) are not those (N, 6) that the readings have for this step; NaN: none."""
     with np.errstate(invalid="ignore"):
         apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
+    apart &= found.sound("run", "step", "load_axis", "load", *WRENCH)
     found.fault(log, apart, _load_column(found), "the load that the readings of this run and step have")
 
 

@@ -14,9 +14,10 @@ Array = NDArray[np.float64]
 
 def check_once(found: Gathered, log: FaultLog, *key: str) -> None:
     """A fault at every row whose key stood in a row before."""
-    _, first = np.unique(numbered(found, *key), return_index=True)
-    again = np.ones(len(found.table), dtype=bool)
-    again[first] = False
+    rows = np.flatnonzero(found.sound(*key))
+    _, first = np.unique(numbered(found, *key)[rows], return_index=True)
+    again = found.sound(*key)
+    again[rows[first]] = False
     found.fault(log, again, key[-1], f"every {', '.join(key)} once")
 
 
@@ -27,6 +28,7 @@ def check_times(found: Gathered, log: FaultLog) -> None:
     run, step, time = numbered(found, "run"), numbers(found, "step"), numbers(found, "time_s")
     wrong = np.zeros(len(run), dtype=bool)
     order = np.lexsort((time, step, run))
+    order = order[found.sound("run", "step", "time_s")[order]]
     for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
         latest = np.maximum.accumulate(np.where(np.isfinite(time[rows]), time[rows], -np.inf))
         before = np.searchsorted(step[rows], step[rows])  # the first row of the same step
@@ -38,9 +40,12 @@ def check_roles(found: Gathered, log: FaultLog) -> None:
     """A fault at every row whose role is not that of its run's first row."""
     if "role" not in found.table.column_names:
         return
-    role = numbered(found, "role")
-    _, first, at = np.unique(numbered(found, "run"), return_index=True, return_inverse=True)
-    found.fault(log, role != role[first[at]], "role", "one role for all of a run: it is held out as a whole, or not")
+    rows = np.flatnonzero(found.sound("run", "role"))
+    role = numbered(found, "role")[rows]
+    _, first, at = np.unique(numbered(found, "run")[rows], return_index=True, return_inverse=True)
+    other = np.zeros(len(found.table), dtype=bool)
+    other[rows] = role != role[first[at]]
+    found.fault(log, other, "role", "one role for all of a run: it is held out as a whole, or not")
 
 
 def times_from_order(run: NDArray[np.int64], step: Array, known: Array) -> Array:

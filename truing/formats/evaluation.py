@@ -39,12 +39,16 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TableBatch:
-    """Rows of a table: columns by name in the units of their names, and the record each row stands in."""
+    """Rows of a table: columns by name in the units of their names, and the record each row stands in.
+
+    ``faulty``: by column, the rows whose cell has been told of; columns without any are absent.
+    """
 
     columns: dict[str, pa.Array]
     records: Records
     faults: tuple[CellFaults, ...] = ()
     left_out: Counter[str] = field(default_factory=Counter)
+    faulty: dict[str, Mask] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -60,11 +64,11 @@ def evaluate(plan: Plan, batch: RawBatch) -> TableBatch:
     work = _Work(plan, _filtered(batch, chosen))
     wanted = {name: column for name, column in plan.columns.items() if work.is_of_use(name)}
     columns = {name: work.column(name, column) for name, column in wanted.items()}
-    records, keep = work.batch.records, work.present()
+    records, keep, faulty = work.batch.records, work.present(), work.told
     if not keep.all():
         columns = {name: _rows(values, keep) for name, values in columns.items()}
-        records = records[keep]
-    return TableBatch(columns, records, (*batch.faults, *work.faults), selection.left_out + work.left_out)
+        records, faulty = records[keep], {name: told[keep] for name, told in faulty.items()}
+    return TableBatch(columns, records, (*batch.faults, *work.faults), selection.left_out + work.left_out, faulty)
 
 
 def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
@@ -98,6 +102,7 @@ class _Work:
     left_out: Counter[str] = field(default_factory=Counter)
     missing: list[Mask] = field(default_factory=list)
     broken: list[Mask] = field(default_factory=list)
+    told: dict[str, Mask] = field(default_factory=dict)
 
     @cached_property
     def notation(self) -> Notation:
@@ -306,7 +311,8 @@ class _Work:
 
         plain = np.asarray(values.fill_null(0.0))
         self._outside(plain != np.round(plain), values, name, "a whole number")
-        return pa.array(np.round(plain).astype(np.int64), mask=np.asarray(values.is_null()))
+        whole = np.where(self.told.get(name, False), 0.0, np.round(plain))
+        return pa.array(whole.astype(np.int64), mask=np.asarray(values.is_null()))
 
     def _times(self, name: str) -> pa.Array:
         import pyarrow as pa
@@ -363,6 +369,10 @@ class _Work:
             self.left_out[reason] += count
 
     def _fault(self, wrong: Mask, values: pa.Array | None, name: str, expected: str, value: str | None = None) -> None:
+        wrong = wrong & ~self.told.get(name, np.zeros(len(wrong), dtype=bool))  # one cell, one fault: the first
+        if not wrong.any():
+            return
+        self.told[name] = self.told.get(name, wrong) | wrong
         found = CellFaults.where(wrong, self.batch.records, values, self.plan.raw_name(name), expected)
         if value is not None:
             found = CellFaults(expected, found.column, tuple((row, value) for row, _ in found.cells), found.count)

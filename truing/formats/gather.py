@@ -21,11 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass
 class Gathered:
-    """The rows of a table in the order in which they came; ``left_out`` counts by (file, reason)."""
+    """The rows of a table in the order in which they came; ``left_out`` counts by (file, reason).
+
+    ``faulty``: by column, the rows (N,) whose cell was faulty as it was read; columns without any are absent.
+    """
 
     table: pa.Table
     parts: list[tuple[FileRows, Records]]
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
+    faulty: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
 
     @property
     def first_file(self) -> str:
@@ -39,10 +43,15 @@ class Gathered:
             row -= len(records)
         raise IndexError(row)
 
+    def sound(self, *columns: str) -> NDArray[np.bool_]:
+        """Rows (N,) of which none of these cells was faulty as it was read: what others can be held against."""
+        told = [self.faulty[name] for name in columns if name in self.faulty]
+        return ~np.logical_or.reduce(told) if told else np.ones(len(self.table), dtype=bool)
+
     def fault(self, log: FaultLog, wrong: NDArray[np.bool_], column: str, expected: str) -> None:
-        """Note a fault in every row of a mask."""
+        """Note a fault in every row of a mask, but for cells that were faulty as they were read: one fault each."""
         values = self.table.column(column).combine_chunks() if column in self.table.column_names else None
-        for row in np.flatnonzero(wrong):
+        for row in np.flatnonzero(wrong & self.sound(column)):
             file, record = self._origin(int(row))
             value = None if values is None else values[int(row)].as_py()
             cell = (record, None if values is None else "" if value is None else str(value))
@@ -66,7 +75,16 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
     for file, batch in batches:
         left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
     parts = [(file, batch.records) for file, batch in batches]
-    return Gathered(_concatenated([batch for _, batch in batches]), parts, left_out)
+    tables = [batch for _, batch in batches]
+    return Gathered(_concatenated(tables), parts, left_out, _faulty(tables))
+
+
+def _faulty(batches: list[TableBatch]) -> dict[str, NDArray[np.bool_]]:
+    names = {name for batch in batches for name in batch.faulty}
+    return {
+        name: np.concatenate([batch.faulty.get(name, np.zeros(batch.rows, dtype=bool)) for batch in batches])
+        for name in names
+    }
 
 
 def _read(source: CampaignFiles, shape: Shape, *, as_text: bool) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:

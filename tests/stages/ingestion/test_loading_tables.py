@@ -299,6 +299,28 @@ def test_every_fault_of_bad_tables_is_told_at_once(tmp_path):
     assert len(said) == 10
 
 
+FOUR_STEPS = {
+    "interferometer.csv": (f"{HEAD},role", "{run},{step},{time},fz,{load},dz,1,calibration"),
+    "displacement.csv": (f"run,step,time_s,{SIX},{AXES}", "{run},{step},{time},0,0,{load},0,0,0,.1,.1,.1,0,0,0"),
+    "signals.csv": ("run,step,time_s,load_axis,load,v1_mv,v2_mv", "{run},{step},{time},fz,{load},1,2"),
+}
+
+
+@pytest.mark.parametrize("table", FOUR_STEPS)
+@pytest.mark.parametrize("word", ["oops", "inf"])
+def test_a_cell_that_holds_no_number_is_told_once_and_nothing_that_follows_from_it(tmp_path, table, word):
+    head, row = FOUR_STEPS[table]
+    steps = [(run, step) for run in (1, 2) for step in range(4)]
+    good = [row.format(run=run, step=step, time=10 * step, load=3 * step) for run, step in steps]
+    names = head.split(",")
+    for at, name in enumerate(names[1:], 1):
+        cells = good[2].split(",")
+        cells[at] = word
+        said = faults(tmp_path, {table: [head, *good[:2], ",".join(cells), *good[3:]]})
+        assert len(said) == 1, said
+        assert said[0].startswith(f"{table}, row 4, column {name}: found '{word}'"), said
+
+
 def test_faults_across_tables(tmp_path):
     files = {
         "interferometer.csv": [f"{HEAD},role", "1,0,0,fz,0,dz,0,calibration", "1,1,60,fz,5,dz,1,verification"],
