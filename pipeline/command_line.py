@@ -238,8 +238,9 @@ def power(
 ) -> None:
     """Hide effects in a campaign of this one's layout, diagnose it, and tell from which size on they are found.
 
-    Needs no measurement yet: campaign.toml, targets.csv and configurations.csv are enough. Leaves the sizes, the rates
-    (FILE-rates) and a page (FILE.html). Exit codes as of `truing run`.
+    Needs no measurement yet: campaign.toml, targets.csv and configurations.csv are enough; of a bench, campaign.toml
+    and an interferometer.csv without readings. Leaves the sizes, the rates (FILE-rates) and a page (FILE.html). Exit
+    codes as of `truing run`.
 
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -52,7 +52,7 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
         progress(0, 2, "steps: the campaign's layout")
         plan = _plan(campaign, settings, wish)
         progress(1, 2, "steps: what theory expects")
-        asked = _questions(plan, settings, wish)
+        asked = _questions(campaign, plan, settings, wish)
     answers: list[Answer] = []
     try:
         for given in _answers(plan, settings, asked, wish, workforce, voice):
@@ -85,15 +85,22 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish) -> Plan
     from stages.simulated_campaigns.reading_plan import reading_plan
 
     tables = _tables(campaign, settings)
-    try:
+    with _to_be_drawn(campaign):
         if settings.campaign.kind == "interferometer":
             return reading_plan(tables, settings).with_gross(wish.gross)
         bare = bare_plan(tables, settings)
         drawn = {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(wish.seed)), settings)
         plan = full_plan(bare, gathered_of(drawn, settings), drawn["poses"])
+    return plan.with_gross(wish.gross)
+
+
+@contextmanager
+def _to_be_drawn(campaign: CampaignFolder) -> Iterator[None]:
+    """Whatever prevents drawing or diagnosing a campaign of this layout as a fault of the campaign."""
+    try:
+        yield
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be drawn again: {why}")]) from None
-    return plan.with_gross(wish.gross)
 
 
 def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
@@ -101,7 +108,11 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     from truing.formats.source import CampaignFiles
 
     if settings.campaign.kind == "interferometer":
-        return _run("ingest", {}, settings, CampaignFiles(campaign.folder, settings))
+        from stages.ingestion.planned_loads import planned_loads
+
+        source = CampaignFiles(campaign.folder, settings)
+        planned = planned_loads(source, settings)
+        return _run("ingest", {}, settings, source) if planned is None else planned
     if not settings.mechanism.is_legged:
         expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
@@ -159,13 +170,18 @@ def _plain(table: pa.Table) -> pa.Table:
     return table.cast(pa.schema(kinds))
 
 
-def _questions(plan: Plan, settings: Campaign, wish: PowerWish) -> list[Question]:
-    """What is asked, with what theory expects of it, from a campaign that is drawn without any effect."""
+def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerWish) -> list[Question]:
+    """What is asked, with what theory expects of it, from a campaign that is drawn without any effect.
+
+    Raises CampaignFaults where such a campaign could not be diagnosed.
+    """
     from stages.diagnose import gathered_of, kinds_of
     from stages.power import expected_sights, questions
 
     drawn = _drawn(plan, (), wish.seed, settings)
-    seen = expected_sights(gathered_of(drawn, settings), settings)
+    with _to_be_drawn(campaign):
+        gathered = gathered_of(drawn, settings)
+    seen = expected_sights(gathered, settings)
     return questions(plan, seen, wish.causes, kinds_of(settings).values())
 
 

@@ -97,11 +97,11 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
     positions = read_positions(source, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
-        _check_sensor(settings.mechanism, compliance, log)
+        check_sensor(settings.mechanism, compliance, log)
     return LoadingTables(readings, signals, compliance, positions)
 
 
-def _check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> None:
+def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> None:
     """Elements as long as the legs, a compliance that one can have."""
     from stages.sensor.nominal_sensor import elastic_parts, given_matrix, sensor_joints
     from truing.simulation.six_upur.elements import passive

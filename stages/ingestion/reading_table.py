@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,23 +66,28 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
         if made is None:
             return None
         own, found, channels = raw, made.readings, made.channels
+    table = reading_table(found, settings, log, by_channel=bool(own))
+    if table is None:
+        return None
+    if any(entry.time_format for entry in source.entries(shape.name)):
+        table.table = since_first(table.table)
+    return replace(table, channels=channels)
+
+
+def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
+    """The readings of a gathered table, a row per step and channel or a row per step; None where faults were noted."""
     found = with_known_loads(found)
-    key = ("run", "step", "channel") if own else ("run", "step")
+    key = ("run", "step", "channel") if by_channel else ("run", "step")
     check_once(found, log, *key)
     check_times(found, log)
     check_roles(found, log)
     loads = six_loads(found, settings.loading, log)
     check_one_load(found, numbered(found, "run", "step"), loads, log)
-    readings = (_of_interferometer if own else _of_displacement)(found, settings, log)
+    readings = (_of_interferometer if by_channel else _of_displacement)(found, settings, log)
     left_out = dict(found.left_out)
     if gone := len(found.table) - len(np.unique(readings.row)):
         left_out[(found.first_file, "rows without any reading")] = gone
-    if log:
-        return None
-    table = _table(found, loads, readings)
-    if any(entry.time_format for entry in source.entries(shape.name)):
-        table = since_first(table)
-    return ReadingTable(as_artifact("readings", table), left_out, channels)
+    return None if log else ReadingTable(as_artifact("readings", _table(found, loads, readings)), left_out)
 
 
 def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readings:

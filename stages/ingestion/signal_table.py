@@ -24,14 +24,20 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
-_SIGNAL = re.compile(r"v\d+_mv")
+SIGNAL = re.compile(r"v\d+_mv")
 
 
 def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The signals; None where the campaign has none. Steps that the readings have too were taken when those were."""
     found = gather(source, SIGNALS, log, "run")
-    if found is None:
-        return None
+    table = None if found is None else signal_table(found, settings, readings, log)
+    if table is not None and any(entry.time_format for entry in source.entries("signals")):
+        table.table = since_first(table.table)
+    return table
+
+
+def signal_table(found: Gathered, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
+    """The signals of a gathered table, a row per step; None where faults were noted."""
     found = with_known_loads(found)
     check_once(found, log, "run", "step")
     check_times(found, log)
@@ -53,10 +59,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
     table = found.table.select([name for name in found.table.column_names if name not in own])
     table = _with_numbers(table, {"time_s": time, **{name: loads[:, k] for k, name in enumerate(WRENCH)}})
     order = np.lexsort((numbers(found, "step"), numbered(found, "run")))
-    table = table.take(order)
-    if any(entry.time_format for entry in source.entries("signals")):
-        table = since_first(table)
-    return SmallTable(as_artifact("signals", table), dict(found.left_out))
+    return SmallTable(as_artifact("signals", table.take(order)), dict(found.left_out))
 
 
 def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
@@ -68,7 +71,7 @@ def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
 
 
 def _check_channels(found: Gathered, sensitivity: Any, log: FaultLog) -> None:
-    names = [name for name in found.table.column_names if _SIGNAL.fullmatch(name)]
+    names = [name for name in found.table.column_names if SIGNAL.fullmatch(name)]
     wanted = [f"v{number + 1}_mv" for number in range(max(len(names), 1))]
     if sorted(names) != sorted(wanted) or not all(COLUMNS["signal"].matches(name) for name in wanted):
         expected = "signals in columns v1_mv, v2_mv, .. without a gap, up to v8_mv"

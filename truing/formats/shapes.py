@@ -90,6 +90,10 @@ INTERFEROMETER = Shape(
     ("sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
+# What is planned has no readings yet; without a channel, all of them will be read.
+PLANNED = Shape(
+    "interferometer", ("run", "step", "time_s"), ("channel", "reading", *INTERFEROMETER.optional), covariates=True
+)
 SIGNALS = Shape(
     "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
 )

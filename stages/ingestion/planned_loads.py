@@ -1,0 +1,119 @@
+"""Load steps that are planned and not measured yet, as the tables of a run: what is not known yet is 0 there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.faults import Fault
+from stages.ingestion.compliance_file import read_compliance
+from stages.ingestion.gathered_columns import numbers
+from stages.ingestion.loading_tables import check_sensor
+from stages.ingestion.reading_table import reading_table
+from stages.ingestion.signal_table import SIGNAL, signal_table
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+_LEGS = 6
+_NOISE = {
+    "interferometer": {"d": "linear_um", "r": "angular_arcsec"},
+    "displacement": {"d": "displacement_mm", "r": "rotation_rad"},
+}
+
+
+def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Table] | None:
+    """The tables ``readings``, ``signals`` and ``given_compliance`` of a campaign of which nothing was measured yet.
+
+    None where anything was, or where there is no table of load steps. Raises CampaignFaults with everything that is
+    wrong with a plan.
+    """
+    log = FaultLog()
+    if source.entries("quadrature") or source.entries("positioning"):
+        return None
+    shape = PLANNED if source.entries("interferometer") else DISPLACEMENT
+    steps, signals = gather(source, shape, log, "run"), gather(source, SIGNALS, log, "run")
+    values = {"interferometer": ("reading",), "displacement": MOTION}[shape.name]
+    absent = steps is None and signals is None and not log
+    if absent or _measured(steps, values) or _measured(signals, _signals(signals)):
+        return None
+    log.throw()
+    readings = None if steps is None else _readings(steps, shape.name, settings, log)
+    planned = None if signals is None else _planned_signals(signals, settings, readings, log)
+    compliance = read_compliance(source, log)
+    if settings.mechanism.type == "6-upur":
+        check_sensor(settings.mechanism, compliance, log)
+    log.throw()
+    found = {"readings": readings, "signals": planned, "given_compliance": compliance}
+    return {name: table for name, table in found.items() if table is not None}
+
+
+def _measured(found: Gathered | None, names: Sequence[str]) -> bool:
+    """Whether any of these columns has a value."""
+    if found is None:
+        return False
+    return any(bool(np.isfinite(numbers(found, name)).any()) for name in names if name in found.table.column_names)
+
+
+def _signals(found: Gathered | None) -> list[str]:
+    return [] if found is None else [name for name in found.table.column_names if SIGNAL.fullmatch(name)]
+
+
+def _with_zeros(found: Gathered, names: Sequence[str]) -> Gathered:
+    import pyarrow as pa
+
+    table = found.table.drop_columns([name for name in names if name in found.table.column_names])
+    for name in names:
+        table = table.append_column(name, pa.array(np.zeros(len(table))))
+    return replace(found, table=table)
+
+
+def _readings(found: Gathered, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
+    by_channel = "channel" in found.table.column_names  # without, all are read at every step
+    named = [name for name in MOTION if name in found.table.column_names] or list(MOTION)
+    air = settings.interferometer.model_copy(update={"compensated": True})  # what is drawn is as compensated
+    table = reading_table(
+        _with_zeros(found, ["reading"] if by_channel else named),
+        settings.model_copy(update={"interferometer": air}),
+        log,
+        by_channel=by_channel,
+    )
+    if table is None:
+        return None
+    _check_noise(table.table, _NOISE[shape], log)
+    return table.table
+
+
+def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> None:
+    import pyarrow.compute as pc
+
+    unknown = set(readings.filter(pc.is_null(readings.column("sigma"))).column("channel").to_pylist())
+    for kind, key in keys.items():
+        if own := sorted(channel for channel in unknown if channel.startswith(kind)):
+            expected = f"one standard deviation of what {', '.join(own)} will read, to draw it with"
+            log.add(Fault("campaign.toml", expected, column=f"noise.{key}"))
+
+
+def _planned_signals(found: Gathered, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
+    names = _signals(found) or [f"v{leg}_mv" for leg in range(1, _LEGS + 1)]
+    needed = {
+        "signals.sensitivity_mv_per_n": settings.signals.sensitivity_mv_per_n,
+        "noise.signal_mv": settings.noise.signal_mv,
+    }
+    for key, value in needed.items():
+        if value is None:
+            log.add(Fault("campaign.toml", f"a number, to draw the signals that {found.first_file} plans", column=key))
+    if len(names) != _LEGS or settings.mechanism.type != "6-upur":
+        expected = "six signals, of the legs of a 6-upur: of others nothing says what to expect"
+        log.add(Fault(found.first_file, expected, value=", ".join(names)))
+    table = signal_table(_with_zeros(found, names), settings, readings, log)
+    return None if table is None else table.table
