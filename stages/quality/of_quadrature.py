@@ -10,7 +10,7 @@ from stages.quality.check import FAIL, PASS, Check
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ROUND = 0.01  # of the mean radius
+ROUND = 0.01  # of the mean radius
 _RISK = 1e-3
 
 
@@ -28,7 +28,7 @@ def _round(row: dict[str, Any]) -> Check:
     if row["cut_share"] > 0.0:
         said += f" {100.0 * row['cut_share']:.2g} % of the samples stand at an end of the converter's range;"
         said += f" the others scatter by {100.0 * uncut:.2g} % about an ellipse of their own."
-    return Check("signals-round", f"channel {name}", share, _ROUND, "1", FAIL if share > _ROUND else PASS, said)
+    return Check("signals-round", f"channel {name}", share, ROUND, "1", FAIL if share > ROUND else PASS, said)
 
 
 def _counted(row: dict[str, Any]) -> Check:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome
 from stages.responses.axis_curves import axis_curve_rows
+from stages.responses.branch_gaps import branch_gap_rows
 from stages.responses.tables import FALSE_ALARM, Rows, birge, entry_tests, error_rows, residual_sets
 from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.simulated_compliance import SimulatedCompliance, simulated_compliance
@@ -207,6 +208,7 @@ def _error_rows(
         rows.add(model=name, figure="agreement_p_value", value=one.p_value, unit="1")
         rows.add(model=name, figure="agreement_chi_square", value=one.chi_square, unit="1")
         rows.add(model=name, figure="entries_compared", value=float(one.dof), unit="1")
+    branch_gap_rows(rows, load, run, loaded.reading, np.sqrt(loaded.variance))
     return rows
 
 

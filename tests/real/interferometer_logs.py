@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.quality.of_quadrature import ROUND
 from truing.estimation.interferometry.iso230 import FORWARD, Positioning, positioning, positioning_uncertainty
-from truing.estimation.interferometry.log_quality import saturated, signals_not_round, surroundings
+from truing.estimation.interferometry.log_quality import saturated, surroundings
 from truing.estimation.interferometry.quadrature import (
     EllipseFit,
     fit_ellipse,
@@ -81,7 +82,7 @@ def quadrature_facts(signals: NDArray[np.float64]) -> QuadratureFacts:
         unclipped=residual_radius(signals, kept_fit.values, kept),
         mean_radius=radius.mean(1),
         clipped_share=1.0 - kept.mean(1),
-        flagged=np.isin(np.arange(len(AXES)), signals_not_round(left, radius.mean(1)).where),
+        flagged=left > ROUND * radius.mean(1),
         periodic_nm=np.abs(uncorrected_error(kept_fit.values, turn)).max(1) / (2 * np.pi) * LENGTH_PER_TURN_NM,
         fourth_wave=radius_waves(signals, kept_fit.values, 4, kept)[:, 3],
         fit=fit,

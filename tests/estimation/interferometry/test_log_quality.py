@@ -140,12 +140,6 @@ def test_a_load_held_or_repeated_is_no_wall_and_a_signal_that_stops_following_it
     assert wrong == 0
 
 
-def test_signals_that_stay_no_circle() -> None:
-    found = quality.signals_not_round([2.0, 12.0, np.nan], [500.0, 533.0, 498.0])
-    assert list(found.where) == [1, 2]
-    assert_close(found.size[0], 12.0 / 533.0, atol=1e-15)
-
-
 def test_jumps_in_runs_are_found_and_good_runs_have_none() -> None:
     rng = np.random.default_rng(4)
     clean = 2e-10 * LEVELS + SIGMA * rng.standard_normal((300, len(LEVELS)))

@@ -10,11 +10,8 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.readings import (
     angular_rows,
     at_reference_temperature,
-    cosine_error,
-    covariance_of_run,
     displacement_in_air,
     displacement_sigma,
-    from_zero,
     less_growth,
     linear_rows,
 )
@@ -69,19 +66,3 @@ def test_rows_take_batches_and_abbe_is_its_arm() -> None:
     rows = linear_rows(np.eye(3), np.array([0.0, 0.1, 0.0]))
     assert rows.shape == (3, 6)
     assert_close(rows @ np.array([0, 0, 0, 0, 0, 1e-5]), [-1e-6, 0.0, 0.0], atol=1e-18)
-    assert_close(cosine_error(1e-3, 1e-3), 1e-3 * (1.0 - np.cos(1e-3)), atol=1e-18)
-
-
-def test_each_run_counts_from_its_own_zero() -> None:
-    reading = np.array([1.0, 3.0, 2.0, 7.0, 8.0, 5.0])
-    run = np.array([0, 0, 0, 4, 4, 9])
-    zero = np.array([True, False, True, True, False, False])
-    assert_close(from_zero(reading, run, zero)[:5], [-0.5, 1.5, 0.5, 0.0, 1.0], atol=1e-15)
-    assert np.isnan(from_zero(reading, run, zero)[5])
-
-
-def test_readings_of_a_run_share_their_zero() -> None:
-    rng = np.random.default_rng(2)
-    drawn = 0.5 * rng.standard_normal((20000, 1)) + np.array([1.0, 2.0]) * rng.standard_normal((20000, 2))
-    expected = covariance_of_run([1.0, 2.0], 0.5)
-    assert_close(np.cov(drawn.T), expected, atol=4 * 4.25 * np.sqrt(2 / 20000))

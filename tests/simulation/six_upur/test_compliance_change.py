@@ -27,7 +27,6 @@ from truing.simulation.six_upur.compliance_change import (
     common_to_legs,
     compliance_change,
     compliance_covariance,
-    displacement_change,
     influence_change,
     motion_of_sources,
 )
@@ -149,7 +148,7 @@ def test_covariances_are_those_of_sampled_sensors() -> None:
 def test_displacements_follow_as_the_compliance_does() -> None:
     sensor, load = sensor_of("A"), np.array([9e3, 0, 0, 0, 1e2, 0])
     change = compliance_change(sensor).by_stiffness
-    found = displacement_change(change, load)
+    found = change @ load
     assert found.shape == (6, len(sensor.parts.names), 6)
     assert_close(found.sum((0, 1)), -sensor.displacement(load), atol=1e-12, what="all parts together")
 

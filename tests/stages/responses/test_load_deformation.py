@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.blind.generator.sensor.effects import LoadEccentricity
+from tests.blind.generator.sensor.effects import Hysteresis, LoadEccentricity
 from tests.blind.generator.sensor.layout import Noise, Programme
 from tests.stages.benches import Bench, bench, entry_errors, layout
 
@@ -87,3 +87,14 @@ def test_a_table_of_six_components_is_the_same_measurement(tmp_path):
     rows, others = (one.frame("compliance").query("model == 'matrix'") for one in (made, again))
     off = (rows["coefficient"].to_numpy() - others["coefficient"].to_numpy()) / rows["sigma"].to_numpy()
     assert np.abs(off).max() < 0.1  # files are rounded differently
+
+
+def test_the_way_back_lies_apart_where_there_is_hysteresis_and_nowhere_else(tmp_path):
+    made = bench(tmp_path / "c", layout("own"), 3, [Hysteresis(2, 0.03)])
+    found = _figures(made, "measured")
+    largest = made.compliance[2, 2] * made.frame("axis_curves").query("load == 'fz'")["applied"].max() * 1e6
+    assert abs(found["branch_gap", "dz under fz"] / (0.03 * largest) - 1.0) < 0.2
+    chance = {subject: value for (figure, subject), value in found.items() if figure == "branch_gap_p_value"}
+    assert len(chance) == 6
+    assert chance.pop("dz under fz") < 1e-9
+    assert min(chance.values()) > 1e-3

@@ -166,13 +166,6 @@ def compare(measured: Compliance, simulated: ArrayLike, simulated_covariance: Ar
     return Comparison(difference, z, ratio, chi_square, rank, float(chdtrc(rank, chi_square)) if rank else float("nan"))
 
 
-def scaled_uncertainty(simulated: ArrayLike, relative: float) -> Array:
-    """Return the covariance (36, 36) of a simulated compliance whose elastic parameters are known to ``relative``,
-    one sigma, all together: its size is uncertain and its pattern is not."""
-    entries = np.asarray(simulated, float).ravel()
-    return relative**2 * np.outer(entries, entries)
-
-
 @dataclass(frozen=True)
 class AxisCurve:
     """What a figure of load against displacement along the same axis needs, step by step (M,).

@@ -166,13 +166,6 @@ def _differ(drive: ArrayLike, there: Mask) -> bool:
     return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
 
 
-def signals_not_round(residual_radius: ArrayLike, radius: ArrayLike, limit: float = 0.01) -> Found:
-    """Return channels (C,) whose corrected signals still leave more than ``limit`` of their mean radius (C,) in the
-    standard deviation of the radius (C,): what is left is no noise of the signals; size: that share."""
-    share = np.asarray(residual_radius, float) / np.asarray(radius, float)
-    return _found(~(share <= limit), share, limit)
-
-
 @dataclass(frozen=True)
 class JumpFound:
     """Runs (F,) with a jump, the step before which it is, its size and sigma, and its p-value."""

@@ -100,25 +100,3 @@ def angular_rows(axis: ArrayLike) -> Array:
     direction = np.asarray(axis, float)
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     return np.concatenate([np.zeros_like(direction), direction], axis=-1)
-
-
-def cosine_error(displacement: ArrayLike, angle: ArrayLike) -> Array:
-    """Return what a beam at an angle (rad) to the motion reads too little, m."""
-    return np.asarray(displacement, float) * 2.0 * np.sin(0.5 * np.asarray(angle, float)) ** 2
-
-
-def from_zero(reading: ArrayLike, run: NDArray[np.int64], zero: NDArray[np.bool_]) -> Array:
-    """Return readings (N,) less the mean of the zero readings (N,) of their own run (N,); NaN in a run without any."""
-    reading = np.asarray(reading, float)
-    group = np.unique(run, return_inverse=True)[1]
-    seen = zero & np.isfinite(reading)
-    count = np.bincount(group, seen)
-    total = np.bincount(group, np.where(seen, reading, 0.0))
-    with np.errstate(invalid="ignore"):
-        return reading - (total / np.where(count > 0.0, count, np.nan))[group]
-
-
-def covariance_of_run(sigma: ArrayLike, zero_sigma: float) -> Array:
-    """Return the covariance (N, N) of a run's readings: own noise (N,), and that of the one zero they count from."""
-    sigma = np.asarray(sigma, float)
-    return np.diag(sigma**2) + zero_sigma**2

@@ -91,11 +91,6 @@ def compliance_covariance(change: NDArray, sigma: ArrayLike) -> NDArray:
     return flat.T @ flat
 
 
-def displacement_change(change: NDArray, wrench: NDArray) -> NDArray:
-    """Return derivatives (..., 6), m and rad, of the displacement under a wrench (6,)."""
-    return change @ wrench
-
-
 def _by_motion(sensor: ElasticSensor, motion: JointMotion) -> NDArray:
     """Return the derivative (P, 6, 6) by motions of the joints, the legs' own compliance as it is.
 
