@@ -66,30 +66,15 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Render the page."""
-    from stages.measured_shape import target_places
-    from truing.report.head import build_head
     from truing.report.page import all_of
     from truing.report.rendering.render import render_page
-    from truing.report.sections import build_sections
-    from truing.report.tables import SAID
+    from truing.runs.page_parts import page_parts
 
-    frames = {name: table.to_pandas() for name, table in tables.items()}
-    for name, table in tables.items():
-        frames[name].attrs[SAID] = _provenance(table).get("said", "")
-    places = target_places(frames)
-    if places is not None:
-        frames["shape"] = places
-    sections = build_sections(frames, {name: _provenance(table) for name, table in tables.items()})
+    head, sections = page_parts(settings.campaign.name, tables)
     progress(1, 2, "figures")
-    page = render_page(build_head(settings.campaign.name, frames), sections)
+    page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
     read = f"{len(tables)} artifacts"
     return Outcome(
         {"report": page}, read, "nothing", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
     )
-
-
-def _provenance(table: pa.Table) -> dict[str, str]:
-    metadata = table.schema.metadata or {}
-    prefix = b"truing."
-    return {k[len(prefix) :].decode(): v.decode() for k, v in metadata.items() if k.startswith(prefix)}

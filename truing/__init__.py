@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from truing.estimation.sensor.calibration import Calibration, CalibrationModel
     from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
     from truing.estimation.sensor.load_table import LoadTable, load_table
+    from truing.runs.recorded_run import Run, load
     from truing.simulation.air import ciddor_index, edlen_index
     from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
     from truing.simulation.bench.sensor_text import read_sensor
@@ -83,6 +84,7 @@ __all__ = [
     "ProcrustesFit",
     "ResponseFit",
     "RigidFit",
+    "Run",
     "ScanFit",
     "ScanStatus",
     "Solution",
@@ -116,6 +118,7 @@ __all__ = [
     "label_points",
     "least_squares",
     "length_from_phase",
+    "load",
     "load_table",
     "log_so3",
     "maximum_likelihood",
@@ -165,6 +168,7 @@ _ROOMS = {
     "truing.estimation.sensor.calibration": ("Calibration", "CalibrationModel"),
     "truing.estimation.sensor.calibration_matrix": ("calibration_matrix", "wrenches"),
     "truing.estimation.sensor.load_table": ("LoadTable", "load_table"),
+    "truing.runs.recorded_run": ("Run", "load"),
     "truing.simulation.air": ("ciddor_index", "edlen_index"),
     "truing.simulation.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),

@@ -13,10 +13,11 @@ FORBIDDEN = {
     "schemas": ("truing", "stages", "pipeline"),
     "truing": ("stages", "pipeline"),
     "stages": ("pipeline",),
-    "truing/estimation": ("truing.simulation", "truing.formats", "truing.report"),
-    "truing/simulation": ("truing.formats", "truing.report"),
-    "truing/formats": ("truing.estimation", "truing.simulation", "truing.report"),
-    "truing/report": ("truing.estimation", "truing.simulation", "truing.formats"),
+    "truing/estimation": ("truing.simulation", "truing.formats", "truing.report", "truing.runs"),
+    "truing/simulation": ("truing.formats", "truing.report", "truing.runs"),
+    "truing/formats": ("truing.estimation", "truing.simulation", "truing.report", "truing.runs"),
+    "truing/report": ("truing.estimation", "truing.simulation", "truing.formats", "truing.runs"),
+    "truing/runs": ("truing.formats",),
     "tests/blind/generator": ("truing", "stages", "pipeline", "schemas"),
 }
 NOT_A_STAGES_BUSINESS = ("argparse", "os", "pathlib", "rich", "shutil", "subprocess", "tempfile", "typer")

@@ -19,9 +19,7 @@ from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 
 SIGNALS = [f"v{leg}_mv" for leg in range(1, 7)]
-LAYOUT = Layout(
-    "planned", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6
-)
+LAYOUT = Layout("planned", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
 
 
 @pytest.fixture(scope="module")

@@ -27,10 +27,10 @@ from pipeline.settings_view import SettingsView
 from pipeline.stage_order import ORDER, makers, stage_module
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
+from tests.cut_telescope import cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.tolerance import assert_close
 
-SAMPLE = PROJECT / "sample_data" / "telescope"
 
 BODIES = """[campaign]
 name = "bodies"
@@ -49,16 +49,6 @@ kind = "interferometer"
 displacement_mm = 0.001
 rotation_rad = 1e-6
 """
-
-
-def cut_sample(folder: Path) -> None:
-    """The sample campaign with few poses and without the targets on the legs, to be quick."""
-    shutil.copytree(SAMPLE, folder)
-    kept = {*map(str, range(7)), "41", "42"}
-    for name, column in (("points.csv", 0), ("configurations.csv", 0), ("points.csv", 1), ("targets.csv", 0)):
-        header, *rows = (folder / name).read_text().splitlines()
-        wanted = (row for row in rows if row.split(",")[column] in {*kept, "base", "platform"})
-        (folder / name).write_text("\n".join([header, *wanted]) + "\n")
 
 
 def bodies_campaign(folder: Path) -> None:
@@ -100,7 +90,7 @@ def displacement_campaign(folder: Path) -> None:
 def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, CampaignRun], dict[str, set[str]]]:
     """Runs of the sample campaign and two small ones of other kinds, and which sections each stage read in them."""
     folder = tmp_path_factory.mktemp("sample")
-    cut_sample(folder / "telescope")
+    cut_telescope(folder / "telescope")
     bodies_campaign(folder / "bodies")
     displacement_campaign(folder / "bench")
     write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.measured_shape import target_places
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import MatrixDeformation
 from tests.blind.generator.folder import write_campaign
@@ -13,6 +12,7 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
+from truing.runs.target_places import target_places
 
 LAYOUT = Layout(name="a campaign & ours", targets=Targets(per_leg=0))
 

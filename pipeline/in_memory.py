@@ -1,0 +1,69 @@
+"""Stages called in this process, tables handed from one to the next and nothing written: for notebooks and draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.campaign_folder import open_campaign
+from pipeline.settings_view import SettingsView
+from pipeline.stage_order import ORDER, RAW_READER, bare, stage_module
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.declaration import Outcome
+    from truing.formats.source import CampaignFiles
+
+
+@dataclass
+class StageLine:
+    """A campaign's settings and files, the tables that its stages have left so far, and what each stage said."""
+
+    settings: Campaign
+    source: CampaignFiles
+    tables: dict[str, pa.Table | str] = field(default_factory=dict)
+    said: dict[str, Outcome] = field(default_factory=dict)
+
+    def call(self, *names: str) -> StageLine:
+        """Call stages by name, in this order; absent: every stage of this kind of campaign. Returns the line itself.
+
+        A table put into ``tables`` before takes the place of what a stage had left there.
+        """
+        for name in names or ORDER[self.settings.campaign.kind]:
+            more = (self.source,) if name == RAW_READER else ()
+            self.said[name] = call_stage(name, self.tables, self.settings, *more)
+            self.tables |= self.said[name].artifacts  # type: ignore[arg-type]  # read whole by then
+        return self
+
+
+def stage_line(campaign: str | Path) -> StageLine:
+    """A line for a campaign's folder, no stage called yet; raises CampaignFaults with every fault of its toml."""
+    from truing.formats.source import CampaignFiles
+
+    opened = open_campaign(Path(campaign))
+    settings = opened.validated()
+    return StageLine(settings, CampaignFiles(opened.folder, settings))
+
+
+def call_stage(name: str, tables: Mapping[str, pa.Table | str], settings: Campaign, *more: Any) -> Outcome:
+    """What a stage makes of those of the tables that it declares, each artifact whole and as its file gives it back."""
+    stage = stage_module(name)
+    wanted = {bare(read) for read in stage.DECLARATION.reads}
+    given = {key: table for key, table in tables.items() if key in wanted}
+    outcome: Outcome = stage.run(given, SettingsView(settings, stage.DECLARATION.settings), lambda *_: None, *more)
+    return replace(outcome, artifacts={key: _as_read(left) for key, left in outcome.artifacts.items()})
+
+
+def _as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
+    """A stream read to its end, and text without its dictionary."""
+    if isinstance(left, str):
+        return left
+    import pyarrow as pa
+
+    table = left.read_all() if isinstance(left, pa.RecordBatchReader) else left
+    kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
+    return table.cast(pa.schema(kinds))
