@@ -31,7 +31,6 @@ from tests.cut_telescope import cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.tolerance import assert_close
 
-
 BODIES = """[campaign]
 name = "bodies"
 kind = "photogrammetry"
