@@ -254,6 +254,27 @@ def power(
     _end(tell)
 
 
+@app.command()
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, as runs/telescope.")],
+    to: Annotated[
+        str, typer.Option("--to", metavar="FORMS", help="Of csv, xlsx, json, controller, by commas; default: all.")
+    ] = "",
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where to; default: RUN/exports.")] = None,
+) -> None:
+    """Write a run's results in the forms that others read.
+
+    csv: every table. xlsx: every table as a sheet of one workbook. json: a summary for a database. controller: the
+    extended model's numbers with their sigmas, as TOML and as a plain table.
+
+    Example: truing export runs/telescope --to xlsx,controller
+    """
+    from pipeline.export_command import export_run
+
+    forms = tuple(form.strip() for form in to.split(",") if form.strip())
+    _end(lambda: export_run(run, forms, out))
+
+
 def _workforce(workers: int | None, scheduler: str | None) -> Workforce:
     from pipeline.executor import LOCAL, Workforce
 

@@ -1,0 +1,68 @@
+"""`truing export`: a run's results in the forms that others read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.problems import ExitCode, environment
+from pipeline.voice import Voice
+from pipeline.whole_file import write_whole
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    from truing.runs.recorded_run import Run
+
+FORMS = ("csv", "xlsx", "json", "controller")
+FOLDER = "exports"
+
+
+def export_run(folder: Path, forms: tuple[str, ...], out: Path | None) -> ExitCode:
+    """Write the forms into a folder, one file after the other, each whole; raises CampaignFaults."""
+    unknown = [form for form in forms if form not in FORMS]
+    if unknown:
+        raise CampaignFaults(Fault("--to", f"one of {', '.join(FORMS)}", value=form) for form in unknown)
+    run, place = _opened(folder), out or folder / FOLDER
+    with environment(f"the folder {place} cannot be made"):
+        place.mkdir(parents=True, exist_ok=True)
+    voice = Voice(quiet=False)
+    for form in forms or FORMS:
+        written = [_write(place, name, content) for name, content in _files(form, run)]
+        voice.say(f"{form}: {_said(place, written)}")
+    return ExitCode.DONE
+
+
+def _opened(folder: Path) -> Run:
+    from truing.runs.recorded_run import load
+
+    try:
+        return load(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
+
+
+def _files(form: str, run: Run) -> Iterable[tuple[str, bytes]]:
+    from truing.runs.exports.controller import controller
+    from truing.runs.exports.summary import summary
+    from truing.runs.exports.text_tables import text_tables
+    from truing.runs.exports.workbook import workbook
+
+    makers = {"csv": text_tables, "xlsx": workbook, "json": summary, "controller": controller}
+    try:
+        yield from makers[form](run)
+    except ValueError as broken:  # a file of the run is not what its schema says
+        raise CampaignFaults(
+            Fault(str(run.folder), f"a run that is whole ({line})") for line in str(broken).split("\n")
+        ) from None
+
+
+def _write(place: Path, name: str, content: bytes) -> str:
+    write_whole(place / name, content)
+    return name
+
+
+def _said(place: Path, written: list[str]) -> str:
+    if not written:
+        return "nothing, for the run has left no extended model"
+    return f"{place / written[0]}" if len(written) == 1 else f"{len(written)} files in {place}"
