@@ -239,8 +239,10 @@ _EXTENSION = (
         for when in ("before", "after")
     ),
     Column("purpose", "text", "what a measurement is for: the cause to confirm, or the two to tell apart"),
-    Column("expected", "text", "what is expected once this pose and those before it are measured", nullable=True),
-    Column("conditions", "text", "what else to see to at the pose: approach, pause, surroundings", nullable=True),
+    Column("expected", "text", "what is expected once this and those before it are measured", nullable=True),
+    Column("conditions", "text", "what else to see to: approach, pause, pace, surroundings", nullable=True),
+    Column("channels", "text", "what is read, separated by blanks"),
+    Column("times", "integer", "how often all of them are needed; empty: no number is enough", nullable=True),
     _real("before", "", "the parameter as the earlier campaign left it, in the unit of its row", nullable=True),
     _real("sigma_before", "", "one standard deviation of it then", minimum=0.0, nullable=True),
     _real("now", "", "the parameter as this campaign alone has it", nullable=True),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from schemas.artifact import Artifact
 
+_WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+
 DIAGNOSIS = (
     Artifact(
         "diagnosis",
@@ -71,10 +73,17 @@ DIAGNOSIS = (
         "next_poses.parquet",
         "what to measure next: configurations, and what they are for",
         ("purpose", "pose", "expected"),
-        optional=("conditions", "temperature_c"),
+        optional=("times", "conditions", "temperature_c"),
         families=("rho",),
         covariates=True,
         key=("purpose", "pose"),
+    ),
+    Artifact(
+        "next_loads",
+        "next_loads.parquet",
+        "what to measure next on a bench: load steps, run by run, and what they are for",
+        ("purpose", "run", "step", "time_s", *_WRENCH, "branch", "channels", "conditions", "times", "expected"),
+        key=("purpose", "run", "step"),
     ),
     Artifact("start", "start.toml", "the model of an earlier campaign that this one starts from"),
     Artifact(

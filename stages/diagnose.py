@@ -39,6 +39,7 @@ DECLARATION = Stage(
         "prediction?",
         "reading_errors?",
         "next_poses?",
+        "next_loads?",
         "changes?",
     ),
     settings=(

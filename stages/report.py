@@ -56,6 +56,7 @@ DECLARATION = Stage(
         "prediction?",
         "reading_errors?",
         "next_poses?",
+        "next_loads?",
         "changes?",
     ),
     leaves=("report",),

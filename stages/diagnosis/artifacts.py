@@ -28,6 +28,7 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     sentences: dict[str, str] = {}
     if gathered.shown is not None:
         found |= of_readings(diagnosis, gathered.shown, settings)
+        sentences = _next_loads(found, diagnosis, settings)
     else:
         found["prediction"] = _prediction_table(diagnosis, gathered)
     if settings.mechanism.is_legged:
@@ -59,6 +60,15 @@ def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> di
 
     following = next_of(diagnosis, settings)
     found["next_poses"] = following.table
+    return following.sentences
+
+
+def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, str]:
+    """The same of a bench."""
+    from stages.diagnosis.next_measurement import next_loads_of
+
+    following = next_loads_of(diagnosis, settings)
+    found["next_loads"] = following.table
     return following.sentences
 
 

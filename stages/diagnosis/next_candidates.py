@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.rival_design import Fitted, Instrument, candidates
+from truing.estimation.design.rival_design import Candidates, Fitted, Instrument, candidates
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -39,19 +39,42 @@ class Level:
 class Possible:
     """Candidates: their conditions (readings (C, L), covariates by column), words on surroundings, columns that matter.
 
-    ``repeated``: whether they are configurations that were measured, for want of a range.
+    ``repeated``: whether they are configurations that were measured, for want of a range; ``instrument`` is how they
+    would be measured.
     """
 
     conditions: Any
     words: tuple[str, ...]
     matters: tuple[str, ...]
     repeated: bool
+    instrument: Instrument
+
+    what: ClassVar[tuple[str, str]] = ("configuration", "configurations")
+    unit: ClassVar[str] = "pose"
+    do: ClassVar[str] = "measure"
+    between: ClassVar[str] = ", "
 
     @property
     def settable(self) -> tuple[str, ...]:
         """Return the covariates that matter and have one number per pose to be set; time passes by itself."""
         named = [name for name in self.matters if name not in (TIME, ORDER) and not name.startswith(APPROACH)]
         return tuple(name for name in named if self.conditions.covariates[name].ndim == 1)
+
+    def seen(self, fitted: Fitted) -> Candidates:
+        """Return the candidates as a fitted model sees them."""
+        return candidates(fitted, self.conditions, self.instrument)
+
+    def named(self, k: int) -> str:
+        """Return a candidate in words: its readings, and what else to see to."""
+        readings = " ".join(f"{value * 1e3:.3f}" for value in self.conditions.readings[k])
+        return " ".join(filter(None, (f"rho {readings} mm" if readings else "", self.words[k]))) or "as before"
+
+    def rows(self, k: int) -> list[dict[str, Any]]:
+        """Return the row of a candidate; of covariates those that matter, and time only in words, for it will be what
+        it is."""
+        readings = {f"rho{leg}_mm": round(float(v * 1e3), 6) for leg, v in enumerate(self.conditions.readings[k], 1)}
+        set_to = {name: float(self.conditions.covariates[name][k]) for name in self.settable}
+        return [{**readings, **set_to, "conditions": self.words[k] or None}]
 
 
 def possible(settings: Campaign, models: Sequence[Fitted], instrument: Instrument) -> Possible:
@@ -65,7 +88,7 @@ def possible(settings: Campaign, models: Sequence[Fitted], instrument: Instrumen
     drawn = _drawn(levels, matters, len(readings), rng)
     covariates = {name: np.array([level.value for level in column]) for name, column in drawn.items()}
     said = [", ".join(filter(None, (column[c].words for column in drawn.values()))) for c in range(len(readings))]
-    return Possible(conditions_at(measured, readings, covariates), tuple(said), matters, repeated)
+    return Possible(conditions_at(measured, readings, covariates), tuple(said), matters, repeated, instrument)
 
 
 def conditions_at(measured: Any, readings: NDArray, covariates: Mapping[str, NDArray]) -> Any:

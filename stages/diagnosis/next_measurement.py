@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.diagnosis.next_candidates import Possible, possible
-from truing.estimation.design.rival_design import Choice, Fitted, Instrument, candidates, narrowed, told_apart
+from stages.diagnosis.next_candidates import possible
+from stages.diagnosis.next_plan import Plan, Reach, plan_table
+from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 
 if TYPE_CHECKING:
@@ -23,8 +24,7 @@ if TYPE_CHECKING:
 
 ODDS = 20.0
 _HALF = 0.5
-# As many configurations as a person sets up in one go, and as many as a sentence holds.
-_MOST, _TOLD = 8, 4
+_MOST = 8  # as many configurations or runs as a person sets up in one go
 # Of a parameter's uncertainty: how far it is moved to see what follows.
 _STEP = 1e-3
 # Odds that are worth no measurement.
@@ -68,62 +68,41 @@ class Rivals:
 
 @dataclass(frozen=True)
 class Next:
-    """What to measure next: next_poses.parquet, and by a cause's key the sentence on it."""
+    """What to measure next: next_poses.parquet or next_loads.parquet, and by a cause's key the sentence on it."""
 
     table: pa.Table
     sentences: dict[str, str]
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Configurations chosen for a purpose, what each adds, and what all of them give, in words."""
-
-    purpose: str
-    what: Possible
-    choice: Choice
-    expected: tuple[str, ...]
-    given: str
-    least: float = 0.0  # of the choice's value, to be worth measuring
-
-    @property
-    def leads(self) -> bool:
-        """Return whether the configurations lead to anything at all."""
-        return self.choice.times is not None or self.choice.final >= self.least
-
-    @property
-    def effort(self) -> float:
-        """Return the number of poses to measure; infinite where no number gives what is wanted."""
-        return np.inf if self.choice.times is None else float(self.choice.times * len(self.choice.chosen))
-
-    def sentence(self, aim: str) -> str:
-        """Return what to measure for an aim ("To ..."), and what it gives."""
-        return f"{aim}, measure {self._poses}: {self.given}."
-
-    @property
-    def _poses(self) -> str:
-        count, places = len(self.choice.chosen), dict.fromkeys(self.choice.chosen)
-        again = "" if self.choice.times in (1, None) else f", {self.choice.times} times each"
-        named = ", ".join(self._configuration(k) for k in list(places)[:_TOLD])
-        more = ", .." if len(places) > _TOLD else ""
-        what = "this configuration" if count == 1 else f"these {count} configurations"
-        return f"{what}{again} ({named}{more})"
-
-    def _configuration(self, k: int) -> str:
-        readings = " ".join(f"{value * 1e3:.3f}" for value in self.what.conditions.readings[k])
-        return " ".join(filter(None, (f"rho {readings} mm" if readings else "", self.what.words[k]))) or "as before"
-
-
 def next_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
-    """Return what to measure after a diagnosis."""
+    """Return what to measure after a diagnosis of poses."""
     final = diagnosis.final
+    return next_measurements(settings, Measured(final.measured, final.fit.frames), *asked(diagnosis, _fitted))
+
+
+def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
+    """Return which loads to apply after a diagnosis of a bench.
+
+    What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
+    """
+    from stages.diagnosis.next_loads import next_run, possible_runs
+
+    found, rivals = asked(diagnosis, next_run)
+    plans, sentences = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
+    told = {cause.key for pair in rivals for cause in (pair.cause, pair.other)}
+    return Next(plan_table("next_loads", plans), {key: said for key, said in sentences.items() if key in told})
+
+
+def asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
+    """Return the found causes with the final fit, and those that cannot be told from their rivals."""
     found = {verdict.cause.key: verdict for verdict in diagnosis.verdicts if verdict.verdict == "found"}
     rivals = [
-        Rivals(own.cause, _fitted(own.own), other.cause, _fitted(other.own), own.log_odds - other.log_odds)
+        Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
         for other in diagnosis.verdicts
         if other.verdict == "indistinguishable" and (own := found.get(other.reason)) and own.own and other.own
     ]
-    measured = Measured(final.measured, final.fit.frames)
-    return next_measurements(settings, measured, [(own.cause, _fitted(final)) for own in found.values()], rivals)
+    final = fitted(diagnosis.final)
+    return [(own.cause, final) for own in found.values()], rivals
 
 
 def _fitted(stand: Stand) -> Fitted:
@@ -133,14 +112,23 @@ def _fitted(stand: Stand) -> Fitted:
 def next_measurements(
     settings: Campaign, measured: Measured, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
 ) -> Next:
-    """Return what to measure next: for each found cause without rivals, and for each pair of rivals.
+    """Return which configurations to measure next; as `planned`."""
+    instrument = measured.instrument()
+    plans, sentences = planned(lambda models: possible(settings, models, instrument), found, rivals)
+    return Next(plan_table("next_poses", plans), sentences)
+
+
+def planned(
+    reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
+) -> tuple[list[Plan], dict[str, str]]:
+    """Return what to measure next, and the sentence on it by a cause's key: for each found cause without rivals, and
+    for each pair of rivals.
 
     ``found`` are causes with the model that holds them. A cause with several rivals is told the hardest of them.
     """
-    instrument = measured.instrument()
-    plans: list[_Plan] = []
+    plans: list[Plan] = []
     sentences: dict[str, str] = {}
-    judged = [(_apart(settings, pair, instrument), pair) for pair in rivals]
+    judged = [(_apart(reach, pair), pair) for pair in rivals]
     for plan, pair in sorted(judged, key=lambda found: found[0].effort):
         plans.append(plan)
         for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
@@ -151,25 +139,26 @@ def next_measurements(
             if largest is None:
                 sentences[cause.key] = cause.confirm
                 continue
-            plan, sentences[cause.key] = _sharper(settings, largest, fitted, instrument)
+            plan, sentences[cause.key] = _sharper(reach, largest, fitted)
             plans.append(plan)
-    return Next(next_poses(plans), sentences)
+    return plans, sentences
 
 
-def _apart(settings: Campaign, pair: Rivals, instrument: Instrument) -> _Plan:
-    what = possible(settings, (pair.fitted, pair.other_fitted), instrument)
+def _apart(reach: Reach, pair: Rivals) -> Plan:
     both = pair.fitted, pair.other_fitted
-    rivals = candidates(both[0], what.conditions, instrument), candidates(both[1], what.conditions, instrument)
+    options = reach(both)
+    rivals = options.seen(both[0]), options.seen(both[1])
     choice = told_apart(rivals, (_own(*both), _own(*both[::-1])), ODDS, _MOST, pair.log_odds)
     count = len(choice.chosen) * (choice.times or 0)
     given = (
-        f"odds of {_odds(ODDS)} are expected after {count} pose{'s' * (count > 1)}, whichever of the two is right"
+        f"odds of {_odds(ODDS)} are expected after {count} {options.unit}{'s' * (count > 1)}, whichever of the two is "
+        "right"
         if choice.times
         else f"but odds of no more than {_odds(choice.final)} are expected, however often they are repeated"
     )
     expected = tuple(f"odds of {_odds(value)}" for value in choice.values)
     purpose = f"{_name(pair.cause, pair.legs)} against {_name(pair.other, pair.legs)}"
-    return _Plan(purpose, what, choice, expected, given, _WORTH)
+    return Plan(purpose, options, choice, expected, given, _WORTH)
 
 
 def _own(fitted: Fitted, other: Fitted) -> NDArray:
@@ -178,24 +167,24 @@ def _own(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _told_apart(plan: _Plan, other: Any, legs: int) -> str:
+def _told_apart(plan: Plan, other: Any, legs: int) -> str:
     if plan.leads:
         return plan.sentence(f"To tell it from {_name(other, legs)}")
     return (
-        f"No configuration within reach tells it from {_name(other, legs)}: both predict the same there. "
+        f"No {plan.options.what[0]} within reach tells it from {_name(other, legs)}: both predict the same there. "
         f"Another kind of measurement has to decide. {other.confirm}"
     )
 
 
-def _sharper(settings: Campaign, largest: _Largest, fitted: Fitted, instrument: Instrument) -> tuple[_Plan, str]:
+def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, str]:
     """Return what narrows down a parameter."""
-    what = possible(settings, (fitted,), instrument)
-    choice = narrowed(candidates(fitted, what.conditions, instrument), largest.direction, _HALF, _MOST)
+    options = reach((fitted,))
+    choice = narrowed(options.seen(fitted), largest.direction, _HALF, _MOST)
     name, expected = largest.told.name, tuple(f"{largest.told.name} {largest.sure(value)}" for value in choice.values)
     given = f"its uncertainty then falls from {largest.sure(1.0)} to {largest.sure(choice.final)}"
     if not choice.times:
         given = f"but however often they are repeated, its uncertainty stays {largest.sure(choice.final)} or more"
-    plan = _Plan(f"{_name(largest.cause, fitted.model.leg_count)}: {name}", what, choice, expected, given)
+    plan = Plan(f"{_name(largest.cause, fitted.model.leg_count)}: {name}", options, choice, expected, given)
     return plan, plan.sentence(f"To know {name} twice as well")
 
 
@@ -244,25 +233,3 @@ def _odds(value: float) -> str:
     if value < 1.0:
         return f"1:{1.0 / value:.2g}"
     return f"{value:.2g}:1" if value < 1000.0 else "1000:1 and more"
-
-
-def next_poses(plans: Sequence[_Plan]) -> pa.Table:
-    """Return the configurations of all plans that lead somewhere, one row per pose of a round."""
-    import pyarrow as pa
-
-    rows = [row for plan in plans if plan.leads for row in _rows(plan)]
-    present = tuple(dict.fromkeys(name for row in rows for name in row))
-    return pa.Table.from_pylist(rows, schema=ARTIFACTS["next_poses"].arrow_schema(present=present))
-
-
-def _rows(plan: _Plan) -> list[dict[str, Any]]:
-    """Return the rows of a plan; of covariates those that matter, and time only in words, for it will be what it is."""
-    found = []
-    for n, (k, expected) in enumerate(zip(plan.choice.chosen, plan.expected, strict=True), 1):
-        readings = {
-            f"rho{leg}_mm": round(float(v * 1e3), 6) for leg, v in enumerate(plan.what.conditions.readings[k], 1)
-        }
-        set_to = {name: float(plan.what.conditions.covariates[name][k]) for name in plan.what.settable}
-        row = {"purpose": plan.purpose, "pose": n, **readings, **set_to}
-        found.append(row | {"conditions": plan.what.words[k] or None, "expected": expected})
-    return found

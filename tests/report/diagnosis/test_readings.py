@@ -137,7 +137,7 @@ def test_a_page_of_a_bench_speaks_of_no_poses(tables):
     text = Reader(render(tables)).text
     assert not re.findall(r"\b[Pp]oses?\b", text.partition("Provenance The digest")[0])
     assert "held-out errors from 4.2 to 0.22 arcsec, noise floor 0.20" in text
-    assert "What would confirm it is told in words" in text
+    assert "No loads were computed" in text
 
 
 def test_measured_tells_loads_channels_and_surroundings(tables):
@@ -221,3 +221,35 @@ def test_names_of_runs_stay_text():
     for script in read.scripts[1:]:  # the first is the style
         assert "<img" not in script
         assert "</" not in script
+
+
+def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_along():
+    levels = [0.0, 5000.0, 10000.0, 5000.0, 0.0]
+    loads = dict.fromkeys(("fx_n", "fy_n", "mx_nm", "my_nm", "mz_nm"), 0.0)
+    steps = [
+        {
+            "purpose": "creep load fz against hysteresis load fz",
+            "run": run,
+            "step": step,
+            "time_s": 480.0 * step,
+            **loads,
+        }
+        | {"fz_n": load, "branch": "loading", "channels": "dx dz", "conditions": "a step every 8 min", "times": 3.0}
+        | {"expected": f"odds of {run * 5}:1"}
+        for run in (1, 2)
+        for step, load in enumerate(levels)
+    ]
+    then = (
+        "To tell it from hysteresis, apply these 2 runs of loads, 3 times each (fz 0 .. +10000 .. 0 N; ..): so it is."
+    )
+    found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, next_measurement=then)
+    tables = bench_tables(rows(found)) | {"next_loads": pd.DataFrame(steps)}
+    part = part_of("next", tables)
+    assert part.lead.startswith("2 runs of loads for 1 purpose.")
+    (listing,) = part.listings
+    assert listing.caption == "creep load fz against hysteresis load fz: 2 runs, 3 times each"
+    first = ("1", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "odds of 5:1")
+    assert listing.rows[0] == first
+    assert listing.csv.splitlines()[2] == "1,1,480,0,0,5000,0,0,0,dx dz"
+    said = "Next: to tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is. They stand under"
+    assert any(words.startswith(said) for _, words in build_head("c", tables).verdicts)

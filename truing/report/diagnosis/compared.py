@@ -43,7 +43,7 @@ READINGS = Compared(
     "held-out runs",
     "held-out errors",
     "Held-out runs are predicted by a fit that has not seen them.",
-    "What would confirm it is told in words: for benches no table of load steps is computed.",
+    "No loads were computed: nothing was found or left open that loads on this bench settle.",
     "lengths and stiffnesses",
     "is the sensor what it was built to be?",
     "Lengths and stiffnesses are what they were built to be.",

@@ -1,4 +1,4 @@
-"""What to measure next: configurations ready for the machine."""
+"""What to measure next: configurations ready for the machine, or loads ready for the bench."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.compared import READINGS, compared
 from truing.report.diagnosis.judged import Judged
+from truing.report.diagnosis.next_loads import lead_of_loads, listings_of_loads
 from truing.report.diagnosis.words import without_readings
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, Section
@@ -18,17 +19,20 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _TITLE = "What to measure next"
-_TOLD = ("purpose", "pose", "expected")
+_TOLD = ("purpose", "pose", "times", "expected")
 # Actuators stand on values of a tenth of a micrometre at best.
 _PLACES = 4
 
 
 def following(rows: list[Judged], tables: Tables) -> Section:
     """A table of configurations per purpose; where none was computed, what each finding asks for in words."""
-    table = filled(tables, "next_poses")
     asked = tuple(
         ("next", f"{row.name}: {without_readings(row.then)}") for row in rows if row.then and row.verdict != "rejected"
     )
+    loads = filled(tables, "next_loads")
+    if loads is not None:
+        return Section("next", _TITLE, lead_of_loads(loads), listings=listings_of_loads(loads), said=asked)
+    table = filled(tables, "next_poses")
     if table is None:
         state = "" if asked and compared(tables) is READINGS else "not evaluated"
         return Section("next", _TITLE, compared(tables).not_planned, said=asked, state=state)

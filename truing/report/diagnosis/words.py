@@ -125,7 +125,8 @@ def _next(found: list[Judged], tables: Tables) -> list[Verdict]:
     asked = sorted((row.then for row in found if row.then), key=_usefulness)
     if not asked:
         return []
-    if filled(tables, "next_poses") is None or not asked[0].startswith("To "):
+    computed = any(filled(tables, name) is not None for name in ("next_poses", "next_loads"))
+    if not computed or not asked[0].startswith("To "):
         return [("next", f"Next: {lower(printed(asked[0]))}")]
     return [("next", f"Next: {lower(without_readings(asked[0]))} They stand under What to measure next.")]
 
@@ -136,8 +137,8 @@ def _usefulness(then: str) -> int:
 
 
 def without_readings(then: str) -> str:
-    """What to measure, without the readings that a table holds."""
-    return printed(re.sub(r" \(rho [^()]*\)", "", then))
+    """What to measure, without the readings or loads that a table holds."""
+    return printed(re.sub(r" \((rho|[fm][xyz]|without load)\b[^()]*\)", "", then))
 
 
 def certainty(row: Judged) -> str:

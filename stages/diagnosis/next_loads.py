@@ -1,0 +1,224 @@
+"""What could be measured next on a bench: runs of loads within its range, and how they are told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
+from truing.estimation.design.rival_design import Candidates, Fitted
+from truing.estimation.design.run_candidates import Readout, Runs, run_candidates
+from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
+from truing.simulation.bench.known_readings import ReadingConditions, Zeros
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
+    from truing.estimation.diagnosis.fitted_model import Stand
+    from truing.simulation.bench.reading_model import ReadingModel
+
+Array = NDArray[np.float64]
+
+# Shares of the largest load, step by step: there and back, both ways, and held for what goes on under a load.
+_THERE = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0])
+_BOTH = np.array([0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0])
+_HELD = np.array([0.0, *[1.0] * 7, 0.0])
+_STEPS = len(_THERE)
+_LARGE, _SMALL = 1.0, 0.1  # of the range; what a clearance does is seen best near zero
+_AT_ONCE = 2
+# A slow run takes so many times as long; a temperature that is let go changes by so many kelvin within a run.
+_SLOWER = 8.0
+_WARMER_K = 1.0
+_TEMPERATURE = "_temperature_c"
+# What moves no reading by this many sigma does not matter to a model.
+_MATTERS = 0.1
+_PAUSE_S = 3600.0
+_USUAL_S = 60.0  # between steps, where no run has two of them
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One run: loads (S, 6), how long a step takes, a column that changes evenly by so much, and words for both."""
+
+    load: Array
+    loads_in_words: str
+    step_s: float
+    changing: str = ""
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class PossibleRuns:
+    """Candidates: runs of ``_STEPS`` steps, what is read in each, and how further readings would be."""
+
+    runs: Runs
+    made: tuple[_Run, ...]
+    readout: Readout
+    channels: tuple[str, ...]
+
+    what: ClassVar[tuple[str, str]] = ("run of loads", "runs of loads")
+    unit: ClassVar[str] = "run"
+    do: ClassVar[str] = "apply"
+    between: ClassVar[str] = "; "
+
+    def seen(self, fitted: Fitted) -> Candidates:
+        """Return the candidates as a fitted model sees them."""
+        return run_candidates(fitted, self.runs, self.readout)
+
+    def named(self, k: int) -> str:
+        """Return a candidate in words: its loads, how it is done, and what is read where that is not everything."""
+        run = self.made[self.runs.run[k]]
+        own = [name for name in self._read(k) if name in CHANNELS]
+        reading = f"reading {' '.join(own)}" if 0 < len(own) < len(CHANNELS) else ""
+        return ", ".join(filter(None, (run.loads_in_words, run.words, reading)))
+
+    def rows(self, k: int) -> list[dict[str, Any]]:
+        """Return the steps of a candidate as rows of next_loads.parquet."""
+        run = self.made[self.runs.run[k]]
+        return [
+            {
+                "step": step,
+                "time_s": run.step_s * step,
+                **dict(zip(LOAD_COLUMNS, map(float, run.load[step] + 0.0), strict=True)),
+                "branch": branch,
+                "channels": " ".join(self._read(k)),
+                "conditions": run.words or None,
+            }
+            for step, branch in enumerate(_branches(run.load))
+        ]
+
+    def _read(self, k: int) -> list[str]:
+        return [self.channels[channel] for channel in self.runs.reads[k]]
+
+
+def _branches(load: Array) -> Iterator[str]:
+    """Yield for each step whether its load grew or came back; one that is held is on the branch that it came by."""
+    size, branch = np.abs(load).sum(1), "loading"
+    for step, own in enumerate(size):
+        if step and own != size[step - 1]:
+            branch = "loading" if own > size[step - 1] else "unloading"
+        yield branch if own else "unloaded"
+
+
+def next_run(stand: Stand) -> Fitted:
+    """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
+    model: ReadingModel = stand.model  # type: ignore[assignment]
+    none = Zeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
+    kept = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
+    later = replace(model, known=replace(model.known, zeros=none))
+    return Fitted(later, stand.fit.shared[kept], stand.covariance()[np.ix_(kept, kept)])
+
+
+def possible_runs(settings: Campaign, stand: Stand, models: Sequence[Fitted]) -> PossibleRuns:
+    """Return the runs that could be done next on the bench of a fit, to judge models by."""
+    model: ReadingModel = stand.model  # type: ignore[assignment]
+    readout, seen = _readout(stand, model), stand.measured.seen
+    plain = list(_plain_runs(settings, model))
+    made = list(plain)
+    for other in _otherwise(model, plain):
+        if any(_moves(fitted, plain, other, readout.sigma) for fitted in models):
+            made += other
+    reads = _reads(model, seen)
+    run, read = (index.ravel() for index in np.indices((len(made), len(reads))))
+    return PossibleRuns(
+        Runs(_conditions(model, made), _STEPS, run, reads[read]), tuple(made), readout, model.known.channels
+    )
+
+
+def _readout(stand: Stand, model: ReadingModel) -> Readout:
+    """The noise of readings as the fit has it, and of the zeros of runs as they are known beforehand."""
+    known, seen = model.known, stand.measured.seen
+    variance = np.where(seen, stand.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)
+    sigma = np.where(seen.any(0), np.sqrt(variance), known.sigma)
+    zero = sigma.copy()
+    zero[known.zeros.channel] = known.zeros.sigma
+    return Readout(sigma, zero)
+
+
+def _reads(model: ReadingModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """What is read in a run (N', N): as in the campaign all channels at once, or one of them with all signals."""
+    ever = np.flatnonzero(seen.any(0))
+    platform, signals = ever[ever < len(CHANNELS)], ever[ever >= len(CHANNELS)]
+    in_run = np.zeros((int(model.steps.code.max()) + 1, len(platform)), bool)
+    np.logical_or.at(in_run, model.steps.code, seen[:, platform])
+    if len(platform) and in_run.sum(1).max() == 1:
+        return np.array([[channel, *signals] for channel in platform])
+    return ever[None]
+
+
+def _plain_runs(settings: Campaign, model: ReadingModel) -> Iterator[_Run]:
+    """Runs at the usual pace: of every axis that can be loaded there and back, both ways, near zero, and held."""
+    steps = model.steps
+    declared = np.array([getattr(settings.loading, name) is not None for name in LOAD_COLUMNS])
+    usable = np.flatnonzero(declared | steps.loaded)
+    at_once = min(int((steps.load != 0.0).sum(1).max()), _AT_ONCE)
+    pace = float(np.median(steps.held_s[steps.rank > 0])) if (steps.rank > 0).any() else _USUAL_S
+    yield _Run(np.zeros((_STEPS, len(LOADS))), "without load", pace)
+    for peak in bench_loads(LoadLimits(steps.largest[usable]), np.array([_LARGE]), max(at_once, 1)):
+        load = np.zeros(len(LOADS))
+        load[usable] = peak
+        yield _Run(_THERE[:, None] * load, _words(load, "{axis} 0 .. {peak:+g} .. 0 {unit}"), pace)
+        if (load != 0.0).sum() > 1:
+            continue
+        yield _Run(_HELD[:, None] * load, _words(load, "{axis} held at {peak:+g} {unit}"), pace)
+        if load.sum() > 0.0:
+            for share in (_LARGE, _SMALL):
+                way = _words(share * load, "{axis} 0 .. {peak:+g} .. {other:+g} .. 0 {unit}")
+                yield _Run(_BOTH[:, None] * share * load, way, pace)
+
+
+def _words(load: Array, form: str) -> str:
+    own = [(axis, float(value)) for axis, value in zip(LOADS, load, strict=True) if value]
+    told = [form.format(axis=a, peak=v, other=-v, unit="N" if a.startswith("f") else "N m") for a, v in own]
+    return " with ".join(told)
+
+
+def _otherwise(model: ReadingModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
+    """The same runs slowly, and while a temperature changes."""
+    slow = f"a step every {_SLOWER * plain[0].step_s / 60.0:.0f} min"
+    yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
+    for name in model.conditions.covariates:
+        if name.endswith(_TEMPERATURE):
+            words = f"while {name} changes by {_WARMER_K:g} K"
+            yield [replace(run, changing=name, words=words) for run in plain]
+
+
+def _moves(fitted: Fitted, plain: Sequence[_Run], other: Sequence[_Run], sigma: Array) -> bool:
+    """Whether a model expects other readings of runs that are done in another way."""
+    model: ReadingModel = fitted.model
+    local = np.zeros((len(plain) * _STEPS, model.local_size))
+    usual, then = (model.at(_conditions(model, runs)).points(fitted.shared, local)[..., 0] for runs in (plain, other))
+    return bool(np.max(np.abs(then - usual) / sigma) > _MATTERS)
+
+
+def _conditions(model: ReadingModel, made: Sequence[_Run]) -> ReadingConditions:
+    """The steps of runs that each begin after all that was measured; columns stay as they mostly were."""
+    own, count = model.conditions, len(made)
+    start = float(np.max(own.time_s)) + _PAUSE_S
+    share = np.arange(_STEPS) / (_STEPS - 1)
+    covariates = {
+        name: np.concatenate([_middle(values) + (run.changing == name) * _WARMER_K * share for run in made])
+        for name, values in own.covariates.items()
+    }
+    return ReadingConditions(
+        np.repeat(_labels(own.run, count), _STEPS),
+        np.tile(np.arange(_STEPS), count),
+        np.concatenate([start + run.step_s * np.arange(_STEPS) for run in made]),
+        np.concatenate([run.load for run in made]),
+        covariates,
+        own.span_s,
+    )
+
+
+def _labels(run: NDArray[Any], count: int) -> NDArray[Any]:
+    """Names for runs (count,), of the kind of those that were measured, and none of them."""
+    if np.issubdtype(run.dtype, np.integer):
+        return np.asarray(run.max() + 1 + np.arange(count))
+    return np.array([f"{max(run)} then {number}" for number in range(count)])
+
+
+def _middle(values: Array) -> float:
+    return float(np.median(values))

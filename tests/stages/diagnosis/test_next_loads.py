@@ -1,0 +1,174 @@
+"""What to load next: creep that only ever was seen in one run, where a slipped fringe would have done the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from schemas.artifacts import ARTIFACTS
+from schemas.campaign import Campaign
+from stages.diagnose import decided, gathered_of
+from stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
+from stages.diagnosis.next_measurement import Rivals, asked, next_loads_of, planned
+from stages.diagnosis.next_plan import Plan
+from stages.sensor.reading_arrays import LOAD_COLUMNS
+from tests.blind.generator.sensor.campaign import draw_campaign
+from tests.blind.generator.sensor.effects import Creep, StiffnessScale
+from tests.blind.generator.sensor.folder import write_campaign
+from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
+from tests.stages.line import run_line, settings_of
+from tests.tolerance import assert_between
+from truing.estimation.design.rival_design import Fitted
+from truing.estimation.diagnosis.acceptance import Diagnosis
+from truing.estimation.diagnosis.fitted_model import Fitter, Stand
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
+from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
+from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.causes.bench.stiffness import StiffnessNonlinear as Nonlinear
+from truing.simulation.causes.bench.stiffness import StiffnessScale as Scale
+
+LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
+LAYOUT = Layout(
+    "held", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx"), levels=LEVELS, uneven=0.0)
+)
+FULL_LOADS = Layout(
+    "full", programme=Programme(axes=("fz", "mx"), levels=(0, 900, 0, 900, 0, -900, 0, -900, 0), uneven=0.0)
+)
+DRAWS = 16
+
+
+@dataclass(frozen=True)
+class Case:
+    """A campaign of a bench, and what was decided on it."""
+
+    settings: Campaign
+    diagnosis: Diagnosis
+
+    def reach(self, models: Sequence[Fitted]) -> PossibleRuns:
+        """What could be done next."""
+        return possible_runs(self.settings, self.diagnosis.final, models)
+
+    @property
+    def pair(self) -> Rivals:
+        """The two causes that are told alike."""
+        return asked(self.diagnosis, next_run)[1][0]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    made = draw_campaign(LAYOUT, [Creep((2,), 0.02, 900.0)], np.random.default_rng(5))
+    folder = write_campaign(made, tmp_path_factory.mktemp("next") / "bench", 1)
+    settings = settings_of(folder)
+    return Case(settings, decided(gathered_of(run_line(folder, "ingest")[0], settings), settings, lambda *_: None))
+
+
+def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> None:
+    told = next_loads_of(case.diagnosis, case.settings)
+    assert not ARTIFACTS["next_loads"].faults(told.table)
+    rows = told.table.to_pylist()
+    assert {row["purpose"] for row in rows} == {"creep load fz against fringe-slip run 1 channel dz"}
+    assert {row["channels"] for row in rows} == {"dx dy dz rx ry rz"}
+    assert {name for name in LOAD_COLUMNS if any(row[name] for row in rows)} == {"fz_n"}
+    assert max(abs(row["fz_n"]) for row in rows) <= 10e3
+    assert {row["branch"] for row in rows} == {"unloaded", "loading", "unloading"}
+    assert [row["time_s"] for row in rows if row["step"] == 0] == [0.0] * len({row["run"] for row in rows})
+    for key, other in ((case.pair.cause.key, "fringe-slip run 1"), (case.pair.other.key, "creep load fz")):
+        assert told.sentences[key].startswith(f"To tell it from {other}")
+        assert "odds of 20:1 are expected after" in told.sentences[key]
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Stand], PossibleRuns, Plan]:
+    """A softer sensor or one that gets softer towards its range's ends, where it was only ever loaded fully."""
+    made = draw_campaign(FULL_LOADS, [StiffnessScale(2, -0.01)], np.random.default_rng(6))
+    folder = write_campaign(made, tmp_path_factory.mktemp("next") / "soft", 1)
+    settings = settings_of(folder)
+    found = gathered_of(run_line(folder, "ingest")[0], settings)
+    fitter = Fitter(found.model, found.calibration, None, 0)
+    causes = Scale("fz"), Nonlinear("fz")
+    stands = [fitter.prepared((cause,)) for cause in causes]
+    pair = Rivals(causes[0], next_run(stands[0]), causes[1], next_run(stands[1]))
+    options: list[PossibleRuns] = []
+
+    def reach(models: Sequence[Fitted]) -> PossibleRuns:
+        options.append(possible_runs(settings, stands[0], models))
+        return options[0]
+
+    plan = planned(reach, [], [pair])[0][0]
+    return stands, options[0], plan
+
+
+def test_the_loads_tell_apart_as_much_as_they_promise(soft: tuple[list[Stand], PossibleRuns, Plan]) -> None:
+    """Both causes refitted to readings that are drawn with either of them: the odds that can be expected at least."""
+    rng, (stands, options, plan) = np.random.default_rng(9), soft
+    further = _conditions(options, plan.choice.chosen, stands[0].model)
+    gains = np.array([[_gain(stands, options, further, n, rng) for _ in range(DRAWS)] for n in (0, 1)])
+    worse = int(np.argmin(gains.mean(1)))
+    error = 4 * gains[worse].std(ddof=1) / np.sqrt(DRAWS)
+    promised = float(np.log(plan.choice.final))
+    assert promised >= np.log(20.0)
+    assert_between(float(gains[worse].mean()), promised - error, promised + error, what="log odds")
+
+
+def _conditions(options: PossibleRuns, chosen: Sequence[int], model: ReadingModel) -> ReadingConditions:
+    """The steps of the chosen runs, each of a name of its own."""
+    whole = options.runs.conditions
+    rows = [options.runs.run[k] * options.runs.steps + np.arange(options.runs.steps) for k in chosen]
+    run = model.conditions.run.max() + 1 + np.repeat(np.arange(len(rows)), options.runs.steps)
+    at = np.concatenate(rows)
+    covariates = {name: values[at] for name, values in whole.covariates.items()}
+    return ReadingConditions(run, whole.step[at], whole.time_s[at], whole.load[at], covariates, whole.span_s)
+
+
+def _gain(
+    stands: Sequence[Stand], options: PossibleRuns, further: ReadingConditions, right: int, rng: np.random.Generator
+) -> float:
+    """By how much the log odds of the right one grow with further runs, whose truth is drawn as it is known."""
+    fitted, measured = next_run(stands[right]), stands[0].measured
+    truth = rng.multivariate_normal(fitted.shared, fitted.covariance)
+    exact = fitted.model.at(further).points(truth, np.zeros((len(further.load), 0)))[..., 0]
+    sigma, zero = options.readout.sigma, options.readout.zero
+    _, run = np.unique(further.run, return_inverse=True)
+    read = exact + zero * rng.normal(size=(run.max() + 1, len(zero)))[run] + sigma * rng.normal(size=exact.shape)
+    more = MeasuredPoints(
+        read[..., None], np.broadcast_to(sigma[:, None, None] ** 2, (*read.shape, 1, 1)), np.ones(read.shape, bool)
+    )
+    names = ("points", "covariance", "seen")
+    both = MeasuredPoints(*(np.concatenate([getattr(measured, name), getattr(more, name)]) for name in names))
+    before = [_fit(stand.model, stand.model.conditions, measured) for stand in stands]
+    after = [_fit(stand.model, _joined(stand.model.conditions, further), both) for stand in stands]
+    gained = _log_odds(*after) - _log_odds(*before)
+    return gained if right == 0 else -gained
+
+
+def _joined(first: ReadingConditions, second: ReadingConditions) -> ReadingConditions:
+    covariates = {name: np.concatenate([value, second.covariates[name]]) for name, value in first.covariates.items()}
+    arrays = {n: np.concatenate([getattr(first, n), getattr(second, n)]) for n in ("run", "step", "time_s", "load")}
+    return replace(first, covariates=covariates, **arrays)
+
+
+def _fit(model: ReadingModel, conditions: ReadingConditions, measured: MeasuredPoints) -> PointFit:
+    zeros = zeros_of(conditions.run, measured.seen, model.known.sigma)
+    whole = replace(model, known=replace(model.known, zeros=zeros), conditions=conditions)
+    local = np.zeros((len(conditions.load), whole.local_size))
+    return fit_points(whole, measured, Frames.of_numbers(len(local)), np.zeros(whole.shared_size), local)
+
+
+def _log_odds(first: PointFit, second: PointFit) -> float:
+    """The log ratio of marginal likelihoods."""
+    both = [
+        -0.5 * w.rest @ w.rest + 0.5 * np.linalg.slogdet(w.covariance())[1] for w in (first.whitened, second.whitened)
+    ]
+    return float(both[0] - both[1])
+
+
+def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_down(case: Case) -> None:
+    alone = replace(case.diagnosis, verdicts=case.diagnosis.verdicts[:1])
+    told = next_loads_of(alone, case.settings)
+    rows = told.table.to_pylist()
+    assert {row["purpose"] for row in rows} == {"creep load fz: fraction"}
+    assert all(row["expected"].startswith("fraction ± ") for row in rows)
+    assert told.sentences == {}
