@@ -29,6 +29,7 @@ DECLARATION = Stage(
         "readings?",
         "signals?",
         "given_compliance?",
+        "qa?",
     ),
     leaves=(
         "diagnosis",
@@ -76,6 +77,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for what makes the campaign depart from its simulation."""
     import numpy as np
 
+    from stages.diagnosis.mistaken_readings import mistaken
+
+    if why := mistaken(tables):
+        return _not_evaluated(why)
     try:
         gathered = gathered_of(tables, settings)
     except ValueError as why:

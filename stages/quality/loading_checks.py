@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from stages.quality.check import Check, without
 from stages.quality.loading_view import LoadingView
+from stages.quality.of_labels import exchanged_channels
 from stages.quality.of_readings import (
     answers,
     drift,
@@ -21,11 +22,11 @@ from stages.quality.of_readings import (
     signs,
     turned_round,
     units,
-    zero_return,
 )
 from stages.quality.of_signals import signal_checks
 from stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
 from stages.quality.of_surroundings import surroundings_checks
+from stages.quality.of_zeros import run_zeros, zero_return
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -57,6 +58,8 @@ def _of_readings(view: LoadingView, settings: Campaign, share: float) -> Iterato
     found = answers(view)
     yield from units(view, found)
     yield from signs(view, found, "readings", 0.5 * share)
+    yield from exchanged_channels(view)
+    yield from run_zeros(view)
     each = share / len(view.channels)
     for channel in view.channels:
         yield gross_errors(view, channel)

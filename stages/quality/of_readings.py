@@ -21,7 +21,7 @@ _NOTED = 1.1
 _REPEATS_NOTED = 1.5
 _MAIN = 0.3  # of a channel's largest simulated answer: where its sign is beyond doubt
 _CLEAR = 10.0  # sigmas that a simulated answer spans where its size can be told
-_FEWEST = 4  # readings of a run that a slope is told by
+FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
 _GROSS_NOTED, _GROSS_TOLERATED = 0.05, 0.15
@@ -64,8 +64,8 @@ def answers(view: LoadingView) -> Answers:
         for own, run in enumerate(channel.runs.tolist()):
             rows = channel.rows[channel.run == own]
             drive, kind = _drive(view, channel, run, rows)
-            if drive is not None and len(rows) >= _FEWEST:
-                found.append((channel.name, run, *_slope(drive, view.steps.reading[rows, channel.place]), kind))
+            if drive is not None and len(rows) >= FEWEST:
+                found.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
     return _gathered(found, simulated=view.simulated is not None)
 
 
@@ -76,9 +76,9 @@ def signal_answers(view: LoadingView) -> Answers:
         axis = int(view.axis[run])
         for at, name in enumerate(steps.signals):
             rows = np.flatnonzero((steps.run == run) & np.isfinite(steps.signal[:, at]))
-            if len(rows) >= _FEWEST:
+            if len(rows) >= FEWEST:
                 kind = len(steps.signals) * axis + at
-                found.append((name, run, *_slope(steps.load[rows, axis], steps.signal[rows, at]), kind))
+                found.append((name, run, *slope_of(steps.load[rows, axis], steps.signal[rows, at]), kind))
     return _gathered(found, simulated=False)
 
 
@@ -86,14 +86,20 @@ def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.i
     if view.simulated is None:
         axis = int(view.axis[run])
         return (view.steps.load[rows, axis] if view.loaded_alone[run] else None), 6 * axis + channel.place
-    answer = view.simulated[:, channel.place]
-    clear = np.ptp(answer[rows]) > max(_MAIN * np.ptp(answer), _CLEAR * float(np.median(channel.fit.sigma)))
-    if view.at_most is not None:  # what a load hardly moves may well turn round as the sensor is built
-        clear &= np.abs(answer[rows]).max() > _MAIN * view.at_most[rows, channel.place].max()
-    return (answer[rows] if clear else None), channel.place
+    clear = is_clear(view, view.simulated, channel.place, rows, float(np.median(channel.fit.sigma)))
+    return (view.simulated[rows, channel.place] if clear else None), channel.place
 
 
-def _slope(drive: Array, reading: Array) -> tuple[float, float]:
+def is_clear(view: LoadingView, expected: Array, place: int, rows: NDArray[np.int64], sigma: float) -> bool:
+    """Whether the expected answer (B, 6) of a channel is a main one at some rows, and clear of the noise sigma."""
+    answer = expected[:, place]
+    if not np.ptp(answer[rows]) > max(_MAIN * (np.nanmax(answer) - np.nanmin(answer)), _CLEAR * sigma):
+        return False
+    # what a load hardly moves may well turn round as the sensor is built
+    return view.at_most is None or bool(np.abs(answer[rows]).max() > _MAIN * view.at_most[rows, place].max())
+
+
+def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
     """Slope and its standard deviation by the scatter about a zero and a straight line."""
     x, y = drive - drive.mean(), reading - reading.mean()
     square = float(x @ x)
@@ -219,31 +225,6 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, said)
 
 
-def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
-    """Does a channel come back to its zero once the load is taken off?"""
-    steps = view.steps
-    good = [channel.rows[(channel.run == own) & channel.fit.kept] for own in range(len(channel.runs))]
-    empty = [rows[~steps.load[rows].any(axis=1)] for rows in good]
-    back = [own for own, (rows, at) in enumerate(zip(good, empty, strict=True)) if _came_back(rows, at)]
-    if not back:
-        return without("zero return", "zero-return", f"channel {channel.name}", "no run ends without load as it began")
-    reading = steps.reading[:, channel.place]
-    off = np.array([reading[empty[own][-1]] - reading[empty[own][0]] for own in back])
-    sigma = np.sqrt(2.0) * float(np.median(channel.fit.sigma)) * channel.noise_ratio
-    limit = -float(ndtri(0.5 * share / len(back))) * sigma
-    worst = int(np.argmax(np.abs(off)))
-    value, unit = float(off[worst] * channel.in_files), channel.unit
-    run = view.run_name(int(channel.runs[back[worst]]))
-    said = f"{channel.name}: after {run} it stands {value:+.3g} {unit} from its zero, the most of {len(back)} runs."
-    verdict = WARN if abs(off[worst]) > limit else PASS
-    return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, said)
-
-
-def _came_back(rows: NDArray[np.int64], empty: NDArray[np.int64]) -> bool:
-    """Whether a run's first and last of its unloaded steps have a load between them."""
-    return len(empty) > 1 and bool(np.sum((rows > empty[0]) & (rows < empty[-1])) > len(empty) - 2)
-
-
 def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Check:
     """Runs of the same loads in the same order, each from its own zero: their scatter against the declared noise."""
     name = f"channel {channel.name}"
@@ -254,6 +235,8 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
         alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
     for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
         used = channel.fit.kept[group].all(axis=0)
+        if not used.any():
+            continue
         values = steps.reading[channel.rows[group], channel.place][:, used]
         left = values - values.mean(axis=1, keepdims=True)
         left = left - left.mean(axis=0)

@@ -12,6 +12,7 @@ from stages.declaration import Outcome
 from stages.responses.tables import Rows
 from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.sensor.run_starts import at_starts, begun_far, start_rows
 from truing.estimation.interferometry.platform_displacement import (
     PlatformDisplacement,
     drift_columns,
@@ -28,7 +29,6 @@ Mask = NDArray[np.bool_]
 
 GROSS = "gross error"
 _HOUR = 3600.0
-_FAR = 8.0  # sigmas from zero at which a run cannot have begun, were it to count from its own start
 _UNITS = ("um", "um", "um", "arcsec", "arcsec", "arcsec")
 _MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 _MOVED_UNIT = np.array([1e-3] * 3 + [1.0] * 3)
@@ -90,16 +90,9 @@ def find_poses(steps: RecordedSteps) -> PlatformPoses:
 
 def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
     """Where runs (R, 6) count from, m and rad: zero, but for what begins unloaded far from it, as coordinates do."""
-    found = np.zeros((len(steps.runs), 6))
-    for run in range(len(steps.runs)):
-        rows = np.flatnonzero(steps.run == run)
-        for k in range(6):
-            seen = rows[np.isfinite(steps.reading[rows, k])]
-            if not len(seen) or steps.load[seen[0]].any() or curves.rejected[seen[0], k]:
-                continue
-            first = steps.reading[seen[0], k]
-            found[run, k] = first if abs(first) > _FAR * curves.sigma[seen[0], k] else 0.0
-    return found
+    rows = start_rows(steps)
+    start = at_starts(np.where(curves.rejected, np.nan, steps.reading), rows)
+    return np.where(begun_far(start, at_starts(curves.sigma, rows)), start, 0.0)
 
 
 def _of_channel(

@@ -15,10 +15,12 @@ from scipy.stats import chi2
 
 from docs.experiments import force_sensor_campaign
 from schemas.faults import CampaignFaults
+from stages.diagnosis.mistaken_readings import mistaken
 from stages.predict import predict
 from stages.sensor.reading_arrays import load_steps
 from tests.blind.generator.folder import truth_path
 from tests.docs.shown import assert_told, shown
+from tests.sensor_campaign import CHANNELS, campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.bench.extended_sensor import predict_readings
@@ -149,3 +151,24 @@ def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> N
     # What it brings is told in um or in arcsec: the offset shows in both alike.
     assert_told(told[0].partition(";")[0], lines[0].partition(";")[0], rel=0.1)
     assert lines[2] in told
+
+
+def test_numbers_in_another_unit_are_given_no_cause_unless_a_person_says_so(tmp_path: Path) -> None:
+    readings, signals = measured(np.random.default_rng(3))
+    readings.loc[readings["channel"] == "dz", "reading"] *= 1e-3
+    write_campaign(tmp_path / "c", readings, signals, campaign_toml())
+    made, said = run_line(tmp_path / "c", "ingest", "qa", "diagnose")
+    assert "run 3 dz reads 0.001 times what is expected" in said["diagnose"].figure
+    assert not made["diagnosis"].num_rows
+    rows = [{**row, "accepted": "M. Keller: known"} for row in made["qa"].to_pylist()]
+    assert not mistaken({"qa": pa.Table.from_pylist(rows)})
+
+
+def test_runs_that_were_not_set_to_zero_are_given_no_cause(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    readings, signals = measured(rng)
+    off = rng.normal(0.0, 20.0, (int(readings["run"].max()) + 1, 6))
+    readings["reading"] += off[readings["run"], [CHANNELS.index(name) for name in readings["channel"]]]
+    write_campaign(tmp_path / "c", readings, signals, campaign_toml())
+    made, _ = run_line(tmp_path / "c", "ingest", "qa", "diagnose")
+    assert not [row for row in made["diagnosis"].to_pylist() if row["verdict"] == "found"]

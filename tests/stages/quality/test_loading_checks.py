@@ -61,6 +61,20 @@ def load_turned_round(readings, signals):
     readings.loc[readings["run"] == 4, "reading"] *= -1.0
 
 
+def labels_exchanged(readings, signals):
+    own = readings["run"] == 1
+    readings.loc[own, "channel"] = readings.loc[own, "channel"].replace({"dx": "dy", "dy": "dx"})
+
+
+def not_set_to_zero(readings, signals):
+    off = np.random.default_rng(4).normal(0.0, 3.0, int(readings["run"].max()) + 1)
+    readings["reading"] += np.where(readings["channel"] == "dz", off[readings["run"]], 0.0)
+
+
+def begun_elsewhere(readings, signals):
+    readings.loc[at(readings, 5, channel="rx"), "reading"] += 10.0
+
+
 def step_lost(readings, signals):
     return readings[~at(readings, 2, step=7)], signals[~at(signals, 2, step=7)]
 
@@ -143,6 +157,9 @@ def moment_with_force(readings, signals):
     [
         (in_millimetres, "fail", "units run 3 dz", "reads 0.001 times what is expected; is its unit"),
         (load_turned_round, "fail", "signs run 4 dy rx", "run 4: dy rx with the opposite sign"),
+        (labels_exchanged, "fail", "channels-exchanged run 1 dx dy", "dx reads what dy should and dy reads what dx"),
+        (not_set_to_zero, "warn", "run-zeros channel dz", "from zero; noise makes it 0.7"),
+        (begun_elsewhere, "warn", "run-zeros channel rx", "Furthest: run 5 +9."),
         (step_lost, "warn", "steps-missing", "1 steps are missing: run 2 near step 6"),
         (step_not_read, "warn", "steps-missing", "1 steps are missing: run 2 step 7"),
         (run_ended_early, "warn", "runs-cut-short", "run 5"),
