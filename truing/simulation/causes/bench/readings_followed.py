@@ -40,8 +40,9 @@ _NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
 # Periods of time that are tried: from so many steps up to a part of the campaign, so many at most, this share of the
 # campaign's own frequency apart.
 _STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
-# Of a load: from so many levels up to the range of loads; what is slower is a polynomial.
-_LOAD_PERIODS_AT_LEAST, _FEWEST_LEVELS = 1.0, 8
+# Of a load: so many levels wherever a period begins, and so many periods in the range of loads. What is slower is a
+# polynomial; through fewer levels some wave passes whatever they do.
+_LEVELS_PER_PERIOD, _LOAD_PERIODS_AT_LEAST = 4, 2.0
 # Loads nearer to each other than this share of their range are one level, applied again.
 _ONE_LEVEL = 0.01
 
@@ -150,19 +151,28 @@ def remembered(steps: LoadSteps, load: str) -> NDArray:
 def periods_of(steps: LoadSteps, column: str) -> NDArray:
     """Return the periods (S,) of time, s, or of a load, N or N m, that a campaign tells apart."""
     values = values_of(steps, column)
-    if column == TIME:
-        held, least = steps.held_s[steps.held_s > 0.0], _PERIODS_AT_LEAST
-    else:
-        apart = max(float(np.ptp(values)) * _ONE_LEVEL, 1e-300)
-        levels = np.unique(np.round(values / apart)) * apart
-        held, least = np.diff(levels), _LOAD_PERIODS_AT_LEAST
-        if len(levels) < _FEWEST_LEVELS:
-            return np.zeros(0)
     span = float(np.ptp(values)) if np.isfinite(values).all() else 0.0
-    if not len(held) or not span > 0.0:
+    if not span > 0.0:
         return np.zeros(0)
-    frequencies = np.arange(least / span, 1.0 / (_STEPS_PER_PERIOD * float(np.median(held))), _APART / span)
+    if column != TIME:
+        return periods_of_levels(np.unique(np.round(values / (_ONE_LEVEL * span))) * (_ONE_LEVEL * span))
+    held = steps.held_s[steps.held_s > 0.0]
+    if not len(held):
+        return np.zeros(0)
+    fastest = 1.0 / (_STEPS_PER_PERIOD * float(np.median(held)))
+    frequencies = np.arange(_PERIODS_AT_LEAST / span, fastest, _APART / span)
     return np.asarray(1.0 / frequencies[:_MOST_PERIODS])
+
+
+def periods_of_levels(levels: NDArray) -> NDArray:
+    """Return the periods (S,) that loads at these levels (L,), ascending, tell apart."""
+    span, count = float(levels[-1] - levels[0]), len(levels)
+    counted = np.arange(_LOAD_PERIODS_AT_LEAST, count / _LEVELS_PER_PERIOD, _APART)
+    periods = span / counted[:_MOST_PERIODS]
+    nearly = 0.5 * _ONE_LEVEL * span
+    within = np.searchsorted(levels, levels + periods[:, None] - nearly) - np.arange(count)
+    whole = levels + periods[:, None] <= levels[-1] + nearly
+    return np.asarray(periods[np.all((within >= _LEVELS_PER_PERIOD) | ~whole, axis=1)])
 
 
 def follows_of(columns: tuple[str, ...]) -> tuple[str, ...]:
