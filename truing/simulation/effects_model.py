@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.recording import Recording
+from truing.simulation.split import Split
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,15 @@ class EffectsModel(ABC):
     def together(self) -> NDArray | None:
         """Return which poses err together: each stands for itself."""
         return None
+
+    @property
+    def split(self) -> Split | None:
+        """Return how parameters split into what is common to all legs and each leg's own: none do."""
+        return None
+
+    def with_share(self, share: float) -> Self:
+        """Return the model with another share in common, of parameters that split."""
+        return self
 
     @property
     def shared_size(self) -> int:

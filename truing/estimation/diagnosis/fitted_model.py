@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.diagnosis.common_share import told_share
 from truing.estimation.diagnosis.noise_components import (
     NoiseComponents,
     components,
@@ -69,6 +70,10 @@ class CausalModel(Protocol):
         """Return which poses (B,) err together, by number: those of a run; None where each stands for itself."""
 
     @property
+    def split(self) -> Any:
+        """Return which shared unknowns split into what is common to all legs and each leg's own; None where none do."""
+
+    @property
     def blocks(self) -> NDArray | None:
         """Return which poses (B,) can be left out of a fit together, by number in time; None where none can be, since
         they would have to be predicted from others before and after."""
@@ -85,6 +90,9 @@ class CausalModel(Protocol):
 
     def rescaled(self, readings: float, survey: float) -> Any:
         """Return the model with the noise of readings and survey so many times as large."""
+
+    def with_share(self, share: float) -> Any:
+        """Return the model with another share of what splits in common."""
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Any:
         """Return points and derivatives, as `point_fit.Model` does."""
@@ -273,7 +281,8 @@ class Fitter:
         return count > 0
 
     def learn_noise(self, stand: Stand) -> bool:
-        """Take over the noise that a fit shows; return whether it is another one than before."""
+        """Take over the noise that a fit shows, and what its legs have in common; return whether either is another
+        than before."""
         measured, whitened = self.calibration.measured, stand.fit.whitened
         rescaled = rescaled_points(whitened, measured, stand.model.bodies)
         size = len(whitened.rest) - len(stand.fit.shared)
@@ -283,11 +292,24 @@ class Fitter:
             reading_ratio(whitened, _height(measured), stand.reading_rows, before[0]),
             survey_ratio(whitened, places, before[1]),
         )
+        share_moved = self._learn_share(stand)
         self.model = self._declared.rescaled(*self._ratios)
         self.calibration = replace(self.calibration, measured=rescaled)
         traces = [np.trace(points.covariance, axis1=-2, axis2=-1) for points in (rescaled, measured)]
         steps = [now / old for now, old in zip(self._ratios, before, strict=True)]
-        return max(*(abs(step - 1.0) for step in steps), float(np.abs(traces[0] / traces[1] - 1.0).max())) > _SAME_NOISE
+        moved = max(*(abs(step - 1.0) for step in steps), float(np.abs(traces[0] / traces[1] - 1.0).max()))
+        return moved > _SAME_NOISE or share_moved
+
+    def _learn_share(self, stand: Stand) -> bool:
+        """Take over how much of what legs are off by a fit shows them to have in common; return whether it is another
+        share than before."""
+        split = stand.model.split
+        if split is None:
+            return False
+        covariance = stand.fit.whitened.covariance()[np.ix_(split.places, split.places)]
+        share = told_share(stand.fit.shared[split.places], covariance, split.common, split.share)
+        self._declared = self._declared.with_share(share)
+        return share != split.share
 
     def following(self, stand: Stand, level: float) -> NoiseFollowing | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""

@@ -20,6 +20,7 @@ from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.point_model import Prediction
 from truing.simulation.six_upur.uncertain_sensor import Response
+from truing.simulation.split import Split
 from truing.simulation.targets import Targets
 
 _AXES = 6
@@ -125,6 +126,17 @@ class ReadingModel(EffectsModel):
         loads = {name: own.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
         columns = {**own.covariates, TIME: own.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}
         return replace(bare, covariates=columns)
+
+    @property
+    def split(self) -> Split | None:
+        """Return how elastic parameters split into what is common to all legs and each leg's own."""
+        own = self.known.sensor
+        common = np.array([leg is None for leg, _ in own.unknowns[own.geometry_size :]])
+        return Split(np.r_[self.layout["stiffness"]], common, own.share) if own.is_split else None
+
+    def with_share(self, share: float) -> Self:
+        """Return the model with another share of the elastic parameters' variance in common."""
+        return replace(self, known=replace(self.known, sensor=replace(self.known.sensor, share=share)))
 
     @property
     def scene(self) -> Scene:

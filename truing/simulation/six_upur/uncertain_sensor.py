@@ -20,9 +20,6 @@ from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.stiffness import ElasticSensor, end_transport
 
 _LEGS = 6
-# An elastic parameter is off by what all legs share and by a leg's own, each half of the variance that is declared:
-# legs of one bar are off alike, legs made one by one are not, and the declaration does not say which they are.
-_HALF = np.sqrt(0.5)
 _MIDDLE, _INSTALLED = SOURCES.index("middle_clearance"), SOURCES.index("sensor_installation")
 _TINY = 1e-30
 _RIGID = 1e-9  # of its diagonal: a compliance that gives less in some direction has no inverse
@@ -46,8 +43,9 @@ class UncertainSensor:
 
     Legs of one that is given are taken to be alike: one may be softer than its like, or sit elsewhere, all the same.
     One that is given as zero is not known: then nothing tells what bends the legs. geometry_sigma: (5,) m, by error
-    source, 0 where exact; stiffness_sigma: relative, of every elastic parameter. Where no joints are known there are
-    no leg forces (M = 0).
+    source, 0 where exact; stiffness_sigma: relative, of every elastic parameter, and ``share`` of its square what all
+    legs have in common: legs of one bar are off alike, legs made one by one are not, and the declaration does not say
+    which they are. Where no joints are known there are no leg forces (M = 0).
     """
 
     joints: JointCentres | None
@@ -55,6 +53,7 @@ class UncertainSensor:
     given: NDArray | None = None
     geometry_sigma: NDArray = field(default_factory=lambda: np.zeros(len(SOURCES)))
     stiffness_sigma: float = 0.0
+    share: float = 0.5
 
     def __post_init__(self) -> None:
         if self.elastic is None and self.given is None:
@@ -102,6 +101,11 @@ class UncertainSensor:
         ):
             return None
         return alike_legs(np.linalg.inv(self._given((6, 6))), self.joints)
+
+    @property
+    def is_split(self) -> bool:
+        """Return whether elastic parameters have a part that is common to all legs and one of each leg's own."""
+        return self.stiffness_size > 1
 
     @property
     def unknowns(self) -> list[tuple[int | None, str]]:
@@ -162,16 +166,21 @@ class UncertainSensor:
         count = parts.shape[-3]
         logs = np.zeros((*lead, _LEGS, count))
         if stiffness.shape[-1]:
-            each = stiffness.reshape(*lead, 1 + _LEGS, count) * (_HALF * self.stiffness_sigma)
-            logs = each[..., :1, :] + each[..., 1:, :]
+            logs = self._each_leg(stiffness.reshape(*lead, 1 + _LEGS, count))
         return self._response(self.joints, np.einsum("...lp,lpij->...lij", np.exp(-logs), parts))
+
+    def _each_leg(self, stiffness: NDArray) -> NDArray:
+        """Return the logarithms (..., 6, P) by which each leg's parameters are off: by what is common (first), and by
+        each leg's own, of unknowns (..., 7, P)."""
+        common, own = self.stiffness_sigma * np.sqrt([self.share, 1.0 - self.share])
+        return np.asarray(common * stiffness[..., :1, :] + own * stiffness[..., 1:, :])
 
     def _softened(self, stiffness: NDArray) -> NDArray:
         """Return a given compliance (..., 6, 6) with other elastic parameters (..., stiffness_size)."""
         if self._alike is None or not stiffness.shape[-1]:
             softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
             return self._given((6, 6)) * softer[..., None, None]
-        stiffer = np.exp((stiffness[..., :1] + stiffness[..., 1:]) * (_HALF * self.stiffness_sigma))
+        stiffer = np.exp(self._each_leg(stiffness[..., None])[..., 0])
         return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._alike)))
 
     def _lengthened(self) -> NDArray | None:

@@ -1,0 +1,35 @@
+"""A bench tells what its sensor's legs have in common, and the pulls are judged by that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.simulation.bench.sensor_benches import SIGMA, bench
+from truing.estimation.diagnosis.fitted_model import Fitter, Poses, Stand
+from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.estimation.diagnosis.pulls import pulls
+from truing.simulation.bench.bench_simulation import draw_readings
+
+
+def _fitted(share: float, seed: int) -> Stand:
+    """The plain fit to a campaign of a sensor whose legs have so much in common."""
+    own = bench()
+    model = own.model(signals=False)
+    readings = draw_readings(model.with_share(share), (), np.random.default_rng(seed))[..., None]
+    covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*readings.shape, 1)).copy()
+    measured = MeasuredPoints(readings, covariance, own.seen[:, :6])
+    return Fitter(model, Poses(measured, own.conditions, Frames.of_numbers(len(readings))), None, 0).prepared()
+
+
+@pytest.mark.parametrize(("share", "low", "high", "own"), [(1.0, 0.99, 1.0, False), (0.1, 0.0, 0.5, True)])
+def test_what_legs_have_in_common_is_learned(share: float, low: float, high: float, own: bool) -> None:
+    """Legs of one make say nothing of their own, and count for no degree of freedom; others do."""
+    stand = _fitted(share, 4)
+    sensor = stand.model.known.sensor
+    assert low < sensor.share < high
+    place = stand.model.layout["stiffness"]
+    found = pulls(stand.fit.shared[place], np.eye(sensor.stiffness_size), stand.covariance()[place, place])
+    told = {leg for leg, name in np.array(sensor.unknowns, object)[sensor.geometry_size :][found.identifiable]}
+    assert (len(told - {None}) > 0) == own
+    assert found.lower < found.chi_square < found.upper
