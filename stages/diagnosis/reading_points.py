@@ -14,7 +14,7 @@ from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from stages.sensor.exchanged_rows import exchanged_rows
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
-from stages.sensor.run_starts import at_starts, start_rows, zero_spread
+from stages.sensor.run_starts import zeros_of_runs
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
@@ -145,7 +145,8 @@ def _zeros(
 ) -> Zeros:
     """The zeros of runs, as uncertain as their starts show; those of signals are free, unless each run was tared."""
     found = zeros_of(_labels(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
-    spread = zero_spread(at_starts(steps.reading, start_rows(steps)), typical[: len(CHANNELS)])
+    noise = typical[: len(CHANNELS)]
+    spread = zeros_of_runs(steps, steps.reading, noise).spread(noise)
     place = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
     own = np.flatnonzero(found.channel < len(CHANNELS))
     sigma = found.sigma.copy()

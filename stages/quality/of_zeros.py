@@ -10,33 +10,30 @@ from scipy.special import ndtri
 
 from stages.quality.check import PASS, WARN, Check, listed, without
 from stages.quality.loading_view import ChannelView, LoadingView
-from stages.sensor.run_starts import at_starts, begun_far, start_rows, starts_scatter
+from stages.sensor.run_starts import zeros_of_runs
 
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:
     """Does every run count from its own start, or were runs begun without setting their channels to zero?"""
-    rows = start_rows(view.steps)
     sigma, kept = np.full(6, np.nan), np.zeros(view.steps.reading.shape, dtype=bool)
     for channel in view.channels:
         sigma[channel.place] = np.median(channel.fit.sigma) * channel.noise_ratio
         kept[channel.rows[channel.fit.kept], channel.place] = True
-    start = at_starts(np.where(kept, view.steps.reading, np.nan), rows)
-    scatters, far = starts_scatter(start, sigma), begun_far(start, sigma)
+    found = zeros_of_runs(view.steps, np.where(kept, view.steps.reading, np.nan), sigma)
     for channel in view.channels:
-        k, own = channel.place, start[:, channel.place] * channel.in_files
+        k, own = channel.place, found.start[:, channel.place] * channel.in_files
         name, unit = f"channel {channel.name}", channel.unit
         if not np.isfinite(own).any():
             yield without("zeros of runs", "run-zeros", name, "no run begins without load")
             continue
         spread, noise = float(np.sqrt(np.nanmean(own**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
         said = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; noise makes it {noise:.2g} {unit}."
-        wrong = scatters[k] or far[:, k].any()
-        if wrong:
-            order = np.argsort(-np.abs(np.nan_to_num(own)))[: max(int(far[:, k].sum()), 1)]
+        if found.wrong[k]:
+            order = np.argsort(-np.abs(np.nan_to_num(own)))[: max(int(found.far[:, k].sum()), 1)]
             places = [f"{view.run_name(int(run))} {own[run]:+.3g} {unit}" for run in order]
             said += f" Furthest: {listed(places)}. Was it set to zero before each run?"
             said += " They are taken to count from zeros of their own."
-        yield Check("run-zeros", name, spread, noise, unit, WARN if wrong else PASS, said)
+        yield Check("run-zeros", name, spread, noise, unit, WARN if found.wrong[k] else PASS, said)
 
 
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
