@@ -10,32 +10,22 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
     ValidationError,
-    field_validator,
     model_validator,
 )
 
 from schemas.faults import CampaignFaults, Fault
+from schemas.interferometer import Interferometer
 from schemas.mapping import FileMapping
+from schemas.section import Finite, NotNegative, Positive, Section, Vector
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
 # A direction that a person types has four digits or so.
 _TYPED = 1e-3
-Vector = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Section(BaseModel):
-    """A table of campaign.toml: immutable, and closed to keys that it does not know."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class CampaignSection(Section):
@@ -240,33 +230,6 @@ class Loading(Section):
     mx_nm: Positive | None = None
     my_nm: Positive | None = None
     mz_nm: Positive | None = None
-
-
-class DeadPaths(Section):
-    """dead_path_mm of the linear channels; an angle is the difference of two beams, whose dead paths cancel."""
-
-    dx: NotNegative = 0.0
-    dy: NotNegative = 0.0
-    dz: NotNegative = 0.0
-
-
-class Interferometer(Section):
-    """[interferometer]: wavelength, dead path, and whether readings are compensated for air."""
-
-    wavelength_nm: float = Field(632.990577, gt=100.0, lt=1e5, description="of the laser in vacuum")
-    dead_path_mm: DeadPaths = Field(DeadPaths(), description="one number, or one per linear channel")
-    compensated: bool = True
-    passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
-    signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")
-
-    @field_validator("dead_path_mm", mode="before")
-    @classmethod
-    def _one_for_all(cls, given: Any) -> Any:
-        if isinstance(given, int | float):
-            return dict.fromkeys(("dx", "dy", "dz"), given)
-        if not isinstance(given, dict | DeadPaths):
-            raise ValueError("one number, or one per linear channel: { dx = .., dy = .., dz = .. }")
-        return given
 
 
 class Signals(Section):

@@ -148,6 +148,10 @@ _LOADS = (
     _real("radius_after", "", "the same once the ellipse of all samples is taken out", minimum=0.0),
     _real("radius_uncut", "", "the same of the samples that no end of the range cuts, by their ellipse", minimum=0.0),
     _real("radius_mean", "", "mean radius of the signals", minimum=0.0),
+    Column("correction", "text", "what was corrected", choices=("air", "material")),
+    _real(
+        "largest", "", "the largest change, in the unit of its row; empty where readings came corrected", nullable=True
+    ),
     _real("cut_share", "", "share of samples at an end of the converter's range", minimum=0.0, maximum=1.0),
     _real("periodic_error_um", "um", "largest error of lengths without the ellipse's correction", minimum=0.0),
     _real("miscount_risk", "", "largest probability of any step to be counted wrong", minimum=0.0, maximum=1.0),

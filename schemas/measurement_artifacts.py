@@ -91,10 +91,18 @@ MEASUREMENT = (
         key=("channel",),
     ),
     Artifact(
+        "reading_corrections",
+        "reading_corrections.parquet",
+        "what was corrected in readings for air and material, and what the correction leaves uncertain, at most",
+        ("subject", "correction", "largest", "sigma", "unit"),
+        key=("subject", "correction"),
+    ),
+    Artifact(
         "positions",
         "positions.parquet",
         "where an axis stood at its targets, one row per approach",
         ("run", "target_mm", "direction", "cycle", "position_mm"),
+        optional=_SURROUNDINGS,
         key=("run", "target_mm", "direction", "cycle"),
     ),
     Artifact(

@@ -46,6 +46,8 @@ DECLARATION = Stage(
         "mechanism.height_mm",
         "mechanism.elements",
         "mechanism.tolerance",
+        "interferometer.material",
+        "interferometer.surroundings_sigma",
         "noise.load_n",
         "noise.load_nm",
     ),
@@ -57,20 +59,20 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Fit the deformation models that the campaign's instrument and mechanism allow."""
     progress(0, 1, "deformation models")
     if settings.campaign.kind == "interferometer":
-        return _with_positioning(_of_loads(tables, settings), tables)
+        return _with_positioning(_of_loads(tables, settings), tables, settings)
     if settings.mechanism.is_legged:
         return _of_legs(tables, settings)
     return _of_targets(tables, settings)
 
 
-def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table]) -> Outcome:
+def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     """What was made of loads, and what positioning runs of an axis say of it."""
     if "positions" not in tables or not tables["positions"].num_rows:
         return found
     from stages.responses.axis_positioning import positioning_rows, told
 
     positions = tables["positions"]
-    rows = positioning_rows(positions).table(str(positions.schema.field("run").type))
+    rows = positioning_rows(positions, settings.interferometer).table(str(positions.schema.field("run").type))
     read = f"{positions.num_rows} approaches of an axis"
     return replace(
         found,

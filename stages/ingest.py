@@ -28,7 +28,15 @@ DECLARATION = Stage(
     reads=(),
     leaves=(
         *("survey?", "configurations?", "scans?", "observations?", "start?"),
-        *("readings?", "signals?", "quadrature?", "positions?", "given_compliance?", "exclusions"),
+        *(
+            "readings?",
+            "signals?",
+            "quadrature?",
+            "reading_corrections?",
+            "positions?",
+            "given_compliance?",
+            "exclusions",
+        ),
     ),
     settings=(
         "campaign.kind",

@@ -21,7 +21,16 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="qa",
-    reads=("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?", "quadrature?"),
+    reads=(
+        "observations?",
+        "survey?",
+        "configurations?",
+        "readings?",
+        "signals?",
+        "given_compliance?",
+        "quadrature?",
+        "reading_corrections?",
+    ),
     leaves=("qa",),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
@@ -66,6 +75,10 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     view = loading_view(tables, settings)
     read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs"
     checks = loading_checks(view, settings)
+    if "reading_corrections" in tables:
+        from stages.quality.of_corrections import correction_checks
+
+        checks = chain(checks, correction_checks(view, tables["reading_corrections"]))
     if "quadrature" in tables:
         from stages.quality.of_quadrature import quadrature_checks
 

@@ -35,6 +35,7 @@ DECLARATION = Stage(
         "compliance?",
         "axis_curves?",
         "quadrature?",
+        "reading_corrections?",
         "positions?",
         "positioning?",
         "calibration?",

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.ingestion.compliance_file import read_compliance
-from stages.ingestion.position_table import read_positions
+from stages.ingestion.position_table import PositionTable, read_positions
 from stages.ingestion.reading_table import ReadingTable, read_readings
 from stages.ingestion.signal_table import read_signals
 from stages.ingestion.tables import SmallTable
@@ -32,17 +33,28 @@ class LoadingTables:
     readings: ReadingTable | None
     signals: SmallTable | None
     compliance: pa.Table | None
-    positions: SmallTable | None = None
+    positions: PositionTable | None = None
 
     @property
     def artifacts(self) -> dict[str, pa.Table]:
         """The tables by the name of their artifact."""
+        import pyarrow as pa
+
         found = {} if self.readings is None else {"readings": self.readings.table}
         if self.readings is not None and self.readings.channels is not None:
             found["quadrature"] = self.readings.channels
+        if self.corrections:
+            schema = ARTIFACTS["reading_corrections"].arrow_schema()
+            found["reading_corrections"] = pa.Table.from_pylist(self.corrections, schema=schema)
         found |= {} if self.signals is None else {"signals": self.signals.table}
         found |= {} if self.positions is None else {"positions": self.positions.table}
         return found | ({} if self.compliance is None else {"given_compliance": self.compliance})
+
+    @property
+    def corrections(self) -> list[dict[str, Any]]:
+        """What was corrected in readings and positions."""
+        corrected = [table for table in (self.readings, self.positions) if table is not None]
+        return [row for table in corrected for row in table.corrections.rows]
 
     @property
     def left_out(self) -> Mapping[tuple[str, str], int]:
@@ -72,6 +84,9 @@ class LoadingTables:
         tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}
         said = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
+        if done := [row for row in self.corrections if row["largest"] is not None]:
+            words = (f"{row['subject']} for {row['correction']} by {row['largest']:.2g} {row['unit']}" for row in done)
+            said += f"; corrected at most: {', '.join(words)}"
         if self.readings is None:
             said += "; no readings: the platform's displacement is not evaluated"
         return said + ("; no signals: the sensor's calibration is not evaluated" if self.signals is None else "")
@@ -94,7 +109,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         log.add(Fault("interferometer.csv", expected))
     readings = read_readings(source, settings, log)
     signals = read_signals(source, settings, None if readings is None else readings.table, log)
-    positions = read_positions(source, log)
+    positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
         check_sensor(settings.mechanism, compliance, log)

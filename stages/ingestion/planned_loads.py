@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from schemas.faults import Fault
+from schemas.interferometer import Material
 from stages.ingestion.compliance_file import read_compliance
 from stages.ingestion.gathered_columns import numbers
 from stages.ingestion.loading_tables import check_sensor
@@ -80,10 +81,11 @@ def _with_zeros(found: Gathered, names: Sequence[str]) -> Gathered:
 def _readings(found: Gathered, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
     by_channel = "channel" in found.table.column_names  # without, all are read at every step
     named = [name for name in MOTION if name in found.table.column_names] or list(MOTION)
-    air = settings.interferometer.model_copy(update={"compensated": True})  # what is drawn is as compensated
+    # what is drawn is as compensated and corrected
+    optics = settings.interferometer.model_copy(update={"compensated": True, "material": Material()})
     table = reading_table(
         _with_zeros(found, ["reading"] if by_channel else named),
-        settings.model_copy(update={"interferometer": air}),
+        settings.model_copy(update={"interferometer": optics}),
         log,
         by_channel=by_channel,
     )

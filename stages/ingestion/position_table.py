@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import Any
+
 import numpy as np
 
 from schemas.faults import Fault
+from stages.ingestion.corrected_readings import Corrections, positions_at_reference
 from stages.ingestion.gathered_columns import numbered, numbers, texts
 from stages.ingestion.load_steps import check_once
 from stages.ingestion.tables import SmallTable, as_artifact
@@ -17,7 +21,14 @@ _WAYS = ("forward", "backward")
 _FEWEST_CYCLES = 2
 
 
-def read_positions(source: CampaignFiles, log: FaultLog) -> SmallTable | None:
+@dataclass
+class PositionTable(SmallTable):
+    """Approaches, and what was corrected."""
+
+    corrections: Corrections = field(default_factory=Corrections)
+
+
+def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> PositionTable | None:
     """The approaches, ordered by run, target, direction and cycle; None where the campaign has none."""
     found = gather(source, POSITIONING, log, "run")
     if found is None:
@@ -25,11 +36,12 @@ def read_positions(source: CampaignFiles, log: FaultLog) -> SmallTable | None:
     check_once(found, log, "run", "target_mm", "direction", "cycle")
     if not log:
         _check_whole(found, log)
+    found, corrections = positions_at_reference(found, settings.interferometer, log)
     if log:
         return None
     way = np.array([_WAYS.index(name) for name in texts(found, "direction")])
     order = np.lexsort((numbers(found, "cycle"), way, numbers(found, "target_mm"), numbered(found, "run")))
-    return SmallTable(as_artifact("positions", found.table.take(order)), dict(found.left_out))
+    return PositionTable(as_artifact("positions", found.table.take(order)), dict(found.left_out), corrections)
 
 
 def _check_whole(found: Gathered, log: FaultLog) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import Fault
+from stages.ingestion.corrected_readings import Corrections, corrected
 from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
 from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
@@ -21,6 +22,8 @@ from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
 
@@ -39,13 +42,15 @@ class _Readings:
     channel: NDArray[np.object_]
     value: Array
     sigma: Array
+    corrections: Corrections = field(default_factory=Corrections)
 
 
 @dataclass
 class ReadingTable(SmallTable):
-    """Readings, and what became of the raw signals of every channel where there were any."""
+    """Readings, what became of the raw signals of every channel where there were any, and what was corrected."""
 
     channels: pa.Table | None = None
+    corrections: Corrections = field(default_factory=Corrections)
 
 
 def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> ReadingTable | None:
@@ -57,6 +62,8 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
         log.add(Fault(six[0].paths[0], "no displacement beside readings of an interferometer: it replaces them"))
     if raw and (own or six):
         log.add(Fault(raw[0].paths[0], "no raw signals beside the readings that they become"))
+    if six:
+        _check_whole(settings.interferometer, log)
     shape = QUADRATURE if raw else INTERFEROMETER if own else DISPLACEMENT
     found, channels = gather(source, shape, log, "run"), None
     if found is None:
@@ -74,6 +81,15 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
     return replace(table, channels=channels)
 
 
+def _check_whole(optics: Interferometer, log: FaultLog) -> None:
+    """Six components come as whole displacements: nothing of beams and frame is left to correct."""
+    growing = any(getattr(optics.material, name) for name in CHANNELS[:3])
+    for name, said in (("beams", not optics.beams.are_plain), ("material", growing)):
+        if said:
+            expected = "readings of an interferometer to correct: the six components of displacement.csv are corrected"
+            log.add(Fault("campaign.toml", expected, column=f"interferometer.{name}"))
+
+
 def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
     """The readings of a gathered table, a row per step and channel or a row per step; None where faults were noted."""
     found = with_known_loads(found)
@@ -87,7 +103,10 @@ def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: 
     left_out = dict(found.left_out)
     if gone := len(found.table) - len(np.unique(readings.row)):
         left_out[(found.first_file, "rows without any reading")] = gone
-    return None if log else ReadingTable(as_artifact("readings", _table(found, loads, readings)), left_out)
+    if log:
+        return None
+    table = as_artifact("readings", _table(found, loads, readings))
+    return ReadingTable(table, left_out, corrections=readings.corrections)
 
 
 def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readings:
@@ -98,16 +117,13 @@ def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readin
     value = given * unit_factors(found, "reading", "channel", UNITS, log)
     for name, unit in UNITS.items():
         found.fault(log, (channel == name) & (np.abs(value) > _FURTHEST[unit]), "reading", _size_expected(unit))
-    if not settings.interferometer.compensated:
-        from stages.ingestion.compensated_readings import compensated
-
-        value = compensated(found, value, settings.interferometer, log)
+    value, corrections = corrected(found, value, settings.interferometer, log)
     declared = _declared(settings.noise)
     sigma = np.array([declared[UNITS.get(name, "um")] for name in channel], dtype=float)
     if "sigma" in found.table.column_names:
         own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS, log)
         sigma = np.where(np.isnan(own), sigma, own)
-    return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there])
+    return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there], corrections)
 
 
 def _declared(noise: Any) -> dict[str, float]:

@@ -19,7 +19,7 @@ from truing.estimation.interferometry.log_quality import (
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 
 if TYPE_CHECKING:
-    from schemas.campaign import Interferometer
+    from schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
 

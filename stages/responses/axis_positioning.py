@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from stages.point_arrays import number_column
 from stages.responses.tables import Rows
-from truing.estimation.interferometry.iso230 import Positioning, positioning, positioning_uncertainty
+from truing.estimation.interferometry.iso230 import Instrument, Positioning, positioning, positioning_uncertainty
+from truing.estimation.interferometry.readings import REFERENCE_C
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
 
@@ -21,7 +24,7 @@ _WAYS = ("forward", "backward")
 _SEED = 230
 
 
-def positioning_rows(positions: pa.Table) -> Rows:
+def positioning_rows(positions: pa.Table, optics: Interferometer) -> Rows:
     """Every quantity of every run, um; those of the axis with their uncertainty where it is told."""
     rows = Rows("positioning")
     names = positions.column("run").to_pylist()
@@ -32,7 +35,7 @@ def positioning_rows(positions: pa.Table) -> Rows:
         found = positioning(deviation)
         _of_targets(rows, run, target, found)
         _of_axis(rows, run, found)
-        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(_SEED))
+        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(_SEED), _instrument(own, optics))
         for figure, one in known.items():
             _add(rows, run, figure, None, one.value, sigma=one.sigma, low=one.low, high=one.high)
     return rows
@@ -64,6 +67,19 @@ def _deviations(rows: pa.Table) -> tuple[Array, Array]:
     shape = len(target), len(_WAYS), -1
     off = number_column(rows, "position_mm") - number_column(rows, "target_mm")
     return target, off.reshape(shape) * _UM
+
+
+def _instrument(rows: pa.Table, optics: Interferometer) -> Instrument:
+    """What the correction to 20 degrees C leaves uncertain of the axis' length; nothing where none was made."""
+    axis, spread = optics.material.axis, optics.surroundings_sigma
+    if axis is None:
+        return Instrument()
+    return Instrument(
+        expansion=axis.expansion_per_k,
+        expansion_sigma=axis.expansion_sigma_per_k,
+        temperature_sigma=0.0 if spread is None else spread.material_temperature_c,
+        warmer_by=float(np.mean(number_column(rows, "material_temperature_c"))) - REFERENCE_C,
+    )
 
 
 def _of_targets(rows: Rows, run: int | str, target: Array, found: Positioning) -> None:

@@ -14,7 +14,7 @@ from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.eccentric_load import CommonPoint, LineOfAction, common_point, line_of_action
 from truing.estimation.sensor.error_classes import creep
-from truing.estimation.sensor.exchanged_loads import exchanged_loads, with_loads_exchanged
+from truing.estimation.sensor.exchanged_loads import RowExchange, exchanged_loads
 from truing.estimation.sensor.held_out_loads import HeldOut, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.estimation.sensor.loops import Loops, loops
@@ -45,7 +45,7 @@ def six_axis(data: Path) -> dict[str, dict[str, Any]]:
     facts = {}
     for name, table in six_axis_tables(data).items():
         found = exchanged_loads(table)
-        right = load_table(table.signals, with_loads_exchanged(table.loads, found), table.case)
+        right = load_table(table.signals, _put_right(table.loads, found), table.case)
         facts[name] = {
             "rows": len(table.loads),
             "raw": _rms(table.loads - table.signals),
@@ -55,6 +55,14 @@ def six_axis(data: Path) -> dict[str, dict[str, Any]]:
             "exchanged": [(one.first + 1, one.second + 1, [FORCES[i] for i in one.components]) for one in found],
         }
     return facts
+
+
+def _put_right(loads: NDArray, exchanges: list[RowExchange]) -> NDArray:
+    right = loads.copy()
+    for one in exchanges:
+        rows, components = [one.first, one.second], list(one.components)
+        right[np.ix_(rows, components)] = right[np.ix_(rows[::-1], components)]
+    return right
 
 
 def _left(table: LoadTable) -> NDArray:

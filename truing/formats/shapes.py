@@ -104,7 +104,7 @@ QUADRATURE = Shape(
     ("time_s", "signal_x", "signal_y", "phase_deg", "radius", "sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
-POSITIONING = Shape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"))
+POSITIONING = Shape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"), _SURROUNDINGS)
 
 COORDINATES = _POINT
 SPREAD = _SPREAD

@@ -19,6 +19,7 @@ from truing.report.load_steps import (
 )
 from truing.report.numbers import count, duration, plain, quantity, sign
 from truing.report.page import Listing, Section
+from truing.report.sensor.corrections import corrections
 from truing.report.tables import Tables, cell, filled
 
 if TYPE_CHECKING:
@@ -49,7 +50,13 @@ def measured_loads(tables: Tables) -> Section:
     if axes and len(read):
         words = "Where a cell is empty, the campaign says nothing of that entry of the compliance."
         figures.append((readings_by_load(steps, read), words))
-    listings = (_loads(steps, axes), _channels(tables, read), _surroundings(tables), _runs(steps, read, tables))
+    listings = (
+        _loads(steps, axes),
+        _channels(tables, read),
+        corrections(tables),
+        _surroundings(tables),
+        _runs(steps, read, tables),
+    )
     shown = tuple(listing for listing in listings if listing.rows)
     return Section("measured", "Measured", _lead(steps, read, tables), tuple(figures), shown)
 

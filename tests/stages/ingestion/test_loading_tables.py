@@ -13,6 +13,7 @@ from pipeline.settings_view import SettingsView
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
+from schemas.interferometer import Interferometer
 from stages import ingest
 from stages.declaration import Outcome
 from stages.quality.of_quadrature import quadrature_checks
@@ -215,7 +216,7 @@ def test_positioning_runs_are_ordered_and_evaluated_by_iso_230_2(tmp_path):
                           for way, off in (("backward", 0.004), ("forward", 0.0005 * at)))]  # fmt: skip
     found = artifacts(tmp_path, {"positioning.csv": rows})
     assert column(found["positions"], "target_mm") == [10.0] * 4 + [20.0] * 4
-    table = positioning_rows(found["positions"]).table("string")
+    table = positioning_rows(found["positions"], Interferometer()).table("string")
     assert ARTIFACTS["positioning"].faults(table) == []
     told = {(row["figure"], row["subject"]): row["value"] for row in table.to_pylist()}
     # deviations (5, 6 | 4, 5 ... um): forward 6.5, 11.5; backward 5.5, 5.5, each plus 0.5 and less 0.5
@@ -276,6 +277,52 @@ def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_pa
     said = faults(tmp_path, lacking, {"interferometer": section})
     assert [line.split(", ")[1].split(":")[0] for line in said] == [
         "column air_temperature_c", "column air_pressure_hpa", "column relative_humidity_pct"]  # fmt: skip
+
+
+def test_what_the_frame_grew_is_taken_out_and_what_corrections_leave_uncertain_is_told(tmp_path):
+    around = "air_temperature_c,air_pressure_hpa,relative_humidity_pct,material_temperature_c"
+    rows = [f"{HEAD},{around}", "1,1,60,fz,9,dz,400,20,1000,50,21.5", "1,0,0,fz,0,dz,0,20,1000,50,21.0",
+            "1,2,90,fz,9,rx,40,20,1000,50,22.0", "2,0,99,fz,9,dz,1,20,1000,50,25"]  # fmt: skip
+    steel = {"length_mm": -300.0, "expansion_per_k": 11.5e-6, "expansion_sigma_per_k": 1e-6}
+    spread = {"air_pressure_hpa": 1.0, "material_temperature_c": 0.1, "index": 0.0}
+    optics = {"dead_path_mm": 100.0, "material": {"dz": steel}, "surroundings_sigma": spread}
+    found = artifacts(tmp_path, {"interferometer.csv": rows}, {"interferometer": optics})
+    # 300 mm of steel on the side where growth lowers the reading: 3.45 um per K since the start of the run
+    assert_close(column(found["readings"], "reading"), [0.0, 400.0 + 0.5 * 3.45, 40.0, 1.0], atol=1e-9)
+    told = {(row["subject"], row["correction"]): row for row in found["reading_corrections"].to_pylist()}
+    assert list(told) == [("dz", "air"), ("rx", "air"), ("dz", "material")]
+    assert told["dz", "air"]["largest"] is None
+    # 2.68e-7 per hPa: of the displacement, and of path and displacement with the two errors of a difference
+    index = 2.68e-7
+    assert_close(told["dz", "air"]["sigma"], np.hypot(400.0, (100e3 + 400.0) * np.sqrt(2.0)) * index, atol=3e-4)
+    assert_close(told["dz", "material"]["largest"], 0.5 * 3.45, atol=1e-9)
+    own = 300e3 * np.hypot(0.5 * 1e-6, 11.5e-6 * 0.1 * np.sqrt(2.0))
+    assert_close(told["dz", "material"]["sigma"], own, atol=1e-6)
+    said = faults(tmp_path, {"interferometer.csv": [HEAD, "1,0,0,fz,0,dz,0"]}, {"interferometer": optics})
+    assert "column material_temperature_c: expected a column material_temperature_c, as [interferometer" in said[0]
+    six = {"displacement.csv": [f"run,step,time_s,{SIX},{AXES}", "1,0,0" + ",0" * 12]}
+    (tmp_path / "interferometer.csv").unlink()
+    said = faults(tmp_path, six, {"interferometer": {**optics, "beams": {"dz": {"arm_mm": [1.0, 0.0, 0.0]}}}})
+    assert [line.split(":")[0] for line in said] == [
+        "campaign.toml, column interferometer.beams", "campaign.toml, column interferometer.material"]  # fmt: skip
+
+
+def test_positions_are_those_at_20_degrees_and_as_sure_as_the_expansion_is(tmp_path):
+    grid = [(at, way, cycle) for at in (0, 500) for way in ("forward", "backward") for cycle in (1, 2)]
+    rows = [f"a,{at},{way},{cycle},{at * (1 + 2e-5)},22" for at, way, cycle in grid]
+    axis = {"axis": {"expansion_per_k": 1e-5, "expansion_sigma_per_k": 1e-6}}
+    optics = Interferometer.model_validate({"material": axis})
+    head = f"{APPROACHES},material_temperature_c"
+    found = artifacts(tmp_path, {"positioning.csv": [head, *rows]}, {"interferometer": {"material": axis}})
+    assert_close(column(found["positions"], "position_mm"), [0.0] * 4 + [500.0] * 4, atol=1e-9)
+    told = found["reading_corrections"].to_pylist()
+    assert [(row["subject"], row["unit"]) for row in told] == [("axis", "um")]
+    assert_close([told[0]["largest"], told[0]["sigma"]], [10.0, 1.0], atol=1e-3)
+    lines = {
+        (r["figure"], r["subject"]): r for r in positioning_rows(found["positions"], optics).table("string").to_pylist()
+    }
+    # deviations without scatter: 2 K of 1e-6 per K over half a metre is all that M is uncertain by
+    assert_close(lines["M", None]["sigma"], 1.0 * np.sqrt(1.0 - 2.0 / np.pi), atol=0.05)
 
 
 def test_every_fault_of_bad_tables_is_told_at_once(tmp_path):

@@ -61,14 +61,6 @@ def exchanged_loads(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> list
     return found
 
 
-def with_loads_exchanged(loads: NDArray, exchanges: list[RowExchange]) -> NDArray:
-    """Return loads (N, W) with exchanged rows put right."""
-    right = loads.copy()
-    for one in exchanges:
-        _exchange(right, one)
-    return right
-
-
 def _exchange(loads: NDArray, one: RowExchange) -> None:
     places = list(one.components)
     loads[np.ix_([one.first, one.second], places)] = loads[np.ix_([one.second, one.first], places)]

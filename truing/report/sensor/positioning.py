@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from truing.report.numbers import with_uncertainty
 from truing.report.page import Listing, Section
+from truing.report.sensor.corrections import corrections
 from truing.report.tables import Tables, filled
 
 if TYPE_CHECKING:
@@ -27,8 +28,9 @@ def positioning(tables: Tables) -> Section | None:
         return None
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
     lead = "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
-    listings = (_of_axis(axis), _of_targets(targets))
-    return Section("positioning", "Positioning", lead, listings=listings)
+    listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
+    shown = tuple(listing for listing in listings if listing.rows)
+    return Section("positioning", "Positioning", lead, listings=shown)
 
 
 def _of_axis(rows: pd.DataFrame) -> Listing:

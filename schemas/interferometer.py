@@ -1,0 +1,126 @@
+"""[interferometer] of campaign.toml: light and air, and what is known of beams, of the frame and of the instruments
+beside it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from schemas.section import Finite, NotNegative, Positive, Section
+
+LINEAR = ("dx", "dy", "dz")
+_AXES = (*LINEAR, "rx", "ry", "rz")
+# A beam farther than that from its channel's axis reads another channel, or backwards.
+_NEAREST_SQUARED = 0.5  # cos(45 degrees) squared
+# No solid grows faster; 11.5 for 11.5e-6 is what it keeps out.
+_LARGEST_EXPANSION = 1e-3
+
+Triple = tuple[Finite, Finite, Finite]
+Expansion = Annotated[float, Field(gt=0.0, lt=_LARGEST_EXPANSION, allow_inf_nan=False)]
+
+
+class DeadPaths(Section):
+    """dead_path_mm of the linear channels; an angle is the difference of two beams, whose dead paths cancel."""
+
+    dx: NotNegative = 0.0
+    dy: NotNegative = 0.0
+    dz: NotNegative = 0.0
+
+
+class Axis(Section):
+    """What an angular channel turns about."""
+
+    direction: Triple | None = Field(None, description="fixed frame, of any length; absent: the channel's own axis")
+    direction_sigma_rad: NotNegative = Field(0.0, description="one sigma of its angles across")
+
+
+class Beam(Axis):
+    """How a linear channel's beam meets the platform: along a direction, at an arm from its origin."""
+
+    arm_mm: Triple = Field((0.0, 0.0, 0.0), description="from the platform's origin to the point that the beam meets")
+    arm_sigma_mm: NotNegative = Field(0.0, description="one sigma of the arm, in each direction")
+
+
+class Beams(Section):
+    """[interferometer.beams]: cosine and Abbe terms of each channel, where the geometry is known."""
+
+    dx: Beam = Beam()
+    dy: Beam = Beam()
+    dz: Beam = Beam()
+    rx: Axis = Axis()
+    ry: Axis = Axis()
+    rz: Axis = Axis()
+
+    @field_validator(*_AXES)
+    @classmethod
+    def _along_its_channel(cls, given: Axis, info: ValidationInfo) -> Axis:
+        if given.direction is None:
+            return given
+        own = given.direction[_AXES.index(str(info.field_name)) % 3]
+        if own <= 0.0 or own**2 < _NEAREST_SQUARED * sum(part**2 for part in given.direction):
+            raise ValueError("a direction within 45 degrees of the channel's own axis, the way in which it counts up")
+        return given
+
+    @property
+    def are_plain(self) -> bool:
+        """Whether every channel is along its own axis through the platform's origin, as far as anybody knows."""
+        return self == Beams()
+
+
+class Growth(Section):
+    """Material between a channel's mirror and what is measured, and how it grows."""
+
+    length_mm: Finite = Field(
+        description="positive where growth moves the mirror the way in which the channel counts up"
+    )
+    expansion_per_k: Expansion
+    expansion_sigma_per_k: NotNegative = 0.0
+
+
+class AxisGrowth(Section):
+    """A positioned axis: it is as long as its material's temperature makes it."""
+
+    expansion_per_k: Expansion
+    expansion_sigma_per_k: NotNegative = 0.0
+
+
+class Material(Section):
+    """[interferometer.material]: what material_temperature_c does to readings; corrected where it is said."""
+
+    dx: Growth | None = None
+    dy: Growth | None = None
+    dz: Growth | None = None
+    axis: AxisGrowth | None = Field(None, description="positioning runs")
+
+
+class SurroundingsSigma(Section):
+    """[interferometer.surroundings_sigma]: one sigma of what reads air and material, and of the index."""
+
+    air_temperature_c: NotNegative = 0.0
+    air_pressure_hpa: NotNegative = 0.0
+    relative_humidity_pct: NotNegative = 0.0
+    material_temperature_c: NotNegative = 0.0
+    index: NotNegative = Field(1e-8, description="of the equation of the refractive index")
+
+
+class Interferometer(Section):
+    """[interferometer]: wavelength, dead path, air, beams and material."""
+
+    wavelength_nm: float = Field(632.990577, gt=100.0, lt=1e5, description="of the laser in vacuum")
+    dead_path_mm: DeadPaths = Field(DeadPaths(), description="one number, or one per linear channel")
+    compensated: bool = True
+    passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
+    signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")
+    beams: Beams = Beams()
+    material: Material = Material()
+    surroundings_sigma: SurroundingsSigma | None = None
+
+    @field_validator("dead_path_mm", mode="before")
+    @classmethod
+    def _one_for_all(cls, given: Any) -> Any:
+        if isinstance(given, int | float):
+            return dict.fromkeys(LINEAR, given)
+        if not isinstance(given, dict | DeadPaths):
+            raise ValueError("one number, or one per linear channel: { dx = .., dy = .., dz = .. }")
+        return given

@@ -1,0 +1,173 @@
+"""Readings brought to the air that each was taken in, and to the frame as it was when its run began; positions of an
+axis brought to 20 degrees C. What each correction did, and what it leaves uncertain, is told channel by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.faults import Fault
+from stages.ingestion.gathered_columns import numbered, numbers, texts
+from truing.estimation.interferometry.readings import (
+    Corrected,
+    at_reference_temperature,
+    displacement_in_air,
+    displacement_sigma,
+    less_growth,
+)
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered
+from truing.simulation.air import ciddor_index, edlen_slopes, index_sigma, saturation_vapour_pressure_pa
+
+if TYPE_CHECKING:
+    from schemas.interferometer import Interferometer, SurroundingsSigma
+
+Array = NDArray[np.float64]
+
+AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct")
+MATERIAL = "material_temperature_c"
+_UM_PER_MM, _PA_PER_HPA = 1e3, 1e2
+# What reads the surroundings errs at the start of a run and at a reading by itself: the most that it can be worth.
+_APART = np.sqrt(2.0)
+
+
+@dataclass
+class Corrections:
+    """Rows of ``reading_corrections``."""
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, subjects: NDArray[np.object_], name: str, change: Array | None, sigma: Array | None) -> None:
+        """The largest change (N,) and sigma (N,) of each subject (N,), um of what begins with d, else arcsec."""
+        for subject in dict.fromkeys(subjects.tolist()):
+            own = subjects == subject
+            largest, left = (None if given is None else _largest(given[own]) for given in (change, sigma))
+            unit = "arcsec" if subject.startswith("r") else "um"
+            self.rows.append({"subject": subject, "correction": name, "largest": largest, "sigma": left, "unit": unit})
+
+
+def _largest(values: Array) -> float | None:
+    known = np.abs(values[np.isfinite(values)])
+    return float(known.max()) if len(known) else None
+
+
+def corrected(found: Gathered, reading: Array, settings: Interferometer, log: FaultLog) -> tuple[Array, Corrections]:
+    """Displacements (N,) of readings (N,), um or arcsec as the readings are, and what was done to them.
+
+    The air and the temperature at the zero are those of the run's first step.
+    """
+    channel, told = texts(found, "channel"), Corrections()
+    grows = [name for name in ("dx", "dy", "dz") if getattr(settings.material, name) and (channel == name).any()]
+    if not settings.compensated:
+        _check(found, AIR, "readings are not compensated ([interferometer] compensated = false)", log)
+    if grows:
+        _check(found, (MATERIAL,), "[interferometer.material] says how the frame grows", log)
+    if log:
+        return reading, told
+    value = _in_air(found, reading, channel, settings, told)
+    for name in grows:
+        value = _without_growth(found, value, channel == name, getattr(settings.material, name), settings, told)
+    return value, told
+
+
+def _check(found: Gathered, names: Sequence[str], why: str, log: FaultLog) -> None:
+    for name in names:
+        if name not in found.table.column_names:
+            log.add(Fault(found.first_file, f"a column {name}, as {why}", column=name))
+        else:
+            found.fault(log, np.isnan(numbers(found, name)), name, f"a number in every row, as {why}")
+
+
+def _at_zero(found: Gathered, values: Array) -> Array:
+    """Values (N,) as they were at the first step of each row's run."""
+    run, step = numbered(found, "run"), numbers(found, "step")
+    order = np.lexsort((step, run))
+    _, first = np.unique(run[order], return_index=True)
+    return np.asarray(values[order[first]][run])
+
+
+def _in_air(
+    found: Gathered, reading: Array, channel: NDArray[np.object_], settings: Interferometer, told: Corrections
+) -> Array:
+    """Readings less what the air does; compensated ones as they came, with what their air leaves uncertain."""
+    known = all(name in found.table.column_names for name in AIR)
+    spread = settings.surroundings_sigma
+    if settings.compensated and not (known and spread):
+        return reading
+    celsius, pressure, humidity = (numbers(found, name) for name in AIR)
+    pascal, saturated = _PA_PER_HPA * pressure, saturation_vapour_pressure_pa(celsius)
+    vapour, wavelength = 1e-2 * humidity * saturated, 1e-9 * settings.wavelength_nm
+    dead = np.array([_UM_PER_MM * getattr(settings.dead_path_mm, name, 0.0) for name in channel])
+    value, change = reading, None
+    if not settings.compensated:
+        index = ciddor_index(wavelength, celsius, pascal, vapour)
+        value = displacement_in_air(reading, index, _at_zero(found, index), dead)
+        change = value - reading
+    sigma = None
+    if spread:
+        each = np.stack(
+            [
+                np.full_like(celsius, spread.air_temperature_c),
+                np.full_like(celsius, _PA_PER_HPA * spread.air_pressure_hpa),
+                1e-2 * spread.relative_humidity_pct * saturated,
+            ],
+            axis=-1,
+        )
+        slopes = edlen_slopes(wavelength, celsius, pascal, vapour)
+        drift = _APART * index_sigma(slopes, each, 0.0)
+        sigma = displacement_sigma(value, dead, index_sigma(slopes, each, spread.index), drift)
+    told.add(channel, "air", change, sigma)
+    return value
+
+
+def _without_growth(
+    found: Gathered, reading: Array, rows: NDArray[np.bool_], growth: Any, settings: Interferometer, told: Corrections
+) -> Array:
+    """Readings of one channel's rows (N,) less what its material grew since the start of each run."""
+    celsius = numbers(found, MATERIAL)
+    read = _APART * _read_with(settings.surroundings_sigma)
+    less = less_growth(
+        reading[rows],
+        _UM_PER_MM * growth.length_mm,
+        growth.expansion_per_k,
+        celsius[rows],
+        _at_zero(found, celsius)[rows],
+        expansion_sigma=growth.expansion_sigma_per_k,
+        temperature_sigma=read,
+    )
+    told.add(texts(found, "channel")[rows], "material", less.value - reading[rows], less.sigma)
+    value = reading.copy()
+    value[rows] = less.value
+    return value
+
+
+def _read_with(spread: SurroundingsSigma | None) -> float:
+    return 0.0 if spread is None else spread.material_temperature_c
+
+
+def positions_at_reference(found: Gathered, settings: Interferometer, log: FaultLog) -> tuple[Gathered, Corrections]:
+    """Positions of an axis, mm, as they are at 20 degrees C, where [interferometer.material] says how it grows."""
+    import pyarrow as pa
+
+    told, axis = Corrections(), settings.material.axis
+    if axis is None:
+        return found, told
+    _check(found, (MATERIAL,), "[interferometer.material] says how the axis grows", log)
+    if log:
+        return found, told
+    given = numbers(found, "position_mm")
+    less: Corrected = at_reference_temperature(
+        given,
+        axis.expansion_per_k,
+        numbers(found, MATERIAL),
+        expansion_sigma=axis.expansion_sigma_per_k,
+        temperature_sigma=_read_with(settings.surroundings_sigma),
+    )
+    subject = np.full(len(given), "axis", object)
+    told.add(subject, "material", _UM_PER_MM * (less.value - given), _UM_PER_MM * less.sigma)
+    place = found.table.column_names.index("position_mm")
+    return replace(found, table=found.table.set_column(place, "position_mm", pa.array(less.value))), told

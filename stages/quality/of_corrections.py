@@ -1,0 +1,26 @@
+"""Quality of what was corrected in readings: is it known as well as the readings themselves?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from stages.quality.check import PASS, WARN, Check
+from stages.quality.loading_view import LoadingView
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def correction_checks(view: LoadingView, corrections: pa.Table) -> Iterator[Check]:
+    """One check of every channel and correction whose uncertainty is declared."""
+    noise = {channel.name: channel.declared * channel.in_files for channel in view.channels}
+    for row in corrections.to_pylist():
+        name, left = row["subject"], row["sigma"]
+        if left is None or name not in noise:
+            continue
+        by = "" if row["largest"] is None else f" by {row['largest']:.2g} {row['unit']} at most, which"
+        said = f"{name} is corrected for the {row['correction']}{by or ' as it came, which'}"
+        said += f" is known to {left:.2g} {row['unit']} (one sigma)."
+        verdict = WARN if left > noise[name] else PASS
+        yield Check("corrections", f"channel {name} {row['correction']}", left, noise[name], row["unit"], verdict, said)
