@@ -148,6 +148,10 @@ _LOADS = (
     _real("radius_after", "", "the same once the ellipse of all samples is taken out", minimum=0.0),
     _real("radius_uncut", "", "the same of the samples that no end of the range cuts, by their ellipse", minimum=0.0),
     _real("radius_mean", "", "mean radius of the signals", minimum=0.0),
+    _real(
+        "geometry", "", "what the declared geometry of its beam adds to a reading; empty where unknown", nullable=True
+    ),
+    _real("geometry_sigma", "", "one sigma of that, in proportion to it", minimum=0.0, nullable=True),
     Column("correction", "text", "what was corrected", choices=("air", "material")),
     _real(
         "largest", "", "the largest change, in the unit of its row; empty where readings came corrected", nullable=True

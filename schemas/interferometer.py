@@ -11,8 +11,8 @@ from schemas.section import Finite, NotNegative, Positive, Section
 
 LINEAR = ("dx", "dy", "dz")
 _AXES = (*LINEAR, "rx", "ry", "rz")
-# A beam farther than that from its channel's axis reads another channel, or backwards.
-_NEAREST_SQUARED = 0.5  # cos(45 degrees) squared
+# A beam 45 degrees off its channel's axis reads another channel as much; up to 30, three beams always tell three axes.
+_NEAREST_SQUARED = 0.75  # cos(30 degrees) squared
 # No solid grows faster; 11.5 for 11.5e-6 is what it keeps out.
 _LARGEST_EXPANSION = 1e-3
 
@@ -59,7 +59,7 @@ class Beams(Section):
             return given
         own = given.direction[_AXES.index(str(info.field_name)) % 3]
         if own <= 0.0 or own**2 < _NEAREST_SQUARED * sum(part**2 for part in given.direction):
-            raise ValueError("a direction within 45 degrees of the channel's own axis, the way in which it counts up")
+            raise ValueError("a direction within 30 degrees of the channel's own axis, the way in which it counts up")
         return given
 
     @property

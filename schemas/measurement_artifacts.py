@@ -139,6 +139,7 @@ MEASUREMENT = (
         "reading_residuals.parquet",
         "readings less their run's own smooth curve of load and time, and what was kept out",
         ("run", "step", "channel", "branch", "residual", "sigma", "unit", "weight", "rejected", "reason"),
+        optional=("geometry", "geometry_sigma"),
         key=("run", "step", "channel"),
     ),
     Artifact(

@@ -46,8 +46,7 @@ DECLARATION = Stage(
         "mechanism.height_mm",
         "mechanism.elements",
         "mechanism.tolerance",
-        "interferometer.material",
-        "interferometer.surroundings_sigma",
+        "interferometer",
         "noise.load_n",
         "noise.load_nm",
     ),
@@ -67,12 +66,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     """What was made of loads, and what positioning runs of an axis say of it."""
+    optics = settings.interferometer
     if "positions" not in tables or not tables["positions"].num_rows:
         return found
     from stages.responses.axis_positioning import positioning_rows, told
 
     positions = tables["positions"]
-    rows = positioning_rows(positions, settings.interferometer).table(str(positions.schema.field("run").type))
+    rows = positioning_rows(positions, optics).table(str(positions.schema.field("run").type))
     read = f"{positions.num_rows} approaches of an axis"
     return replace(
         found,

@@ -15,12 +15,16 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.rigid_poses.body_pose import BodyPoses
+    from stages.sensor.seen_motion import BeamGeometry
 
 DECLARATION = Stage(
     name="pose",
-    reads=("observations?", "survey?", "scans?", "readings?"),
+    reads=("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
     leaves=("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?"),
-    settings=("campaign.kind", "bodies", "mechanism.type", "exclude", "keep"),
+    settings=(
+        *("campaign.kind", "bodies", "mechanism.type", "exclude", "keep", "interferometer.beams"),
+        *("mechanism.legs", "mechanism.height_mm", "mechanism.elements", "mechanism.tolerance"),
+    ),
     summary="rigid-body poses or displacements under load, with covariance, and the residuals of every reading",
 )
 
@@ -31,7 +35,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     Of a loaded platform: join its readings to displacements.
     """
     if settings.campaign.kind == "interferometer":
-        return _of_loads(tables)
+        return _of_loads(tables, settings)
     observations, scans = (tables.get(name, ARTIFACTS[name].empty()) for name in ("observations", "scans"))
     if not observations.num_rows and not scans.num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
@@ -52,13 +56,25 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies))
 
 
-def _of_loads(tables: Mapping[str, pa.Table]) -> Outcome:
+def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     if "readings" not in tables or not tables["readings"].num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in ("displacement", "reading_residuals", "run_terms")}
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no readings of displacement")
     from stages.sensor.platform_poses import platform_poses
 
-    return platform_poses(tables["readings"])
+    return platform_poses(tables["readings"], _geometry(tables, settings))
+
+
+def _geometry(tables: Mapping[str, pa.Table], settings: Campaign) -> BeamGeometry | None:
+    """How beams are declared to see the platform; None where they see it along their axes."""
+    beams = settings.interferometer.beams
+    if beams.are_plain:
+        return None
+    from stages.sensor.declared_optics import beam_optics
+    from stages.sensor.seen_motion import BeamGeometry
+    from stages.sensor.simulated_compliance import simulated_compliance
+
+    return BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
 
 
 def _bodies(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
+from stages.sensor.declared_optics import declared_optics
 from stages.sensor.exchanged_rows import exchanged_rows
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import zeros_of_runs
@@ -130,6 +131,7 @@ def _known(
         _gains(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], settings),
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
+        declared_optics(settings.interferometer),
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.sensor.declared_optics import channel_rows
 from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
 
@@ -123,7 +124,8 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
         return LoadingView(steps, None, load_sigma)
     gives = np.maximum(np.diag(compliance), 0.0)
     at_most = np.sqrt((steps.load**2 @ gives)[:, None] * gives)
-    return LoadingView(steps, steps.load @ compliance.T, load_sigma, at_most)
+    seen = channel_rows(settings.interferometer.beams) @ compliance
+    return LoadingView(steps, steps.load @ seen.T, load_sigma, at_most)
 
 
 def _compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:

@@ -4,7 +4,7 @@ one."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome
 from stages.responses.axis_curves import axis_curve_rows
 from stages.responses.branch_gaps import branch_gap_rows
+from stages.responses.kept_readings import geometry_spread, kept_readings, with_spread
 from stages.responses.tables import FALSE_ALARM, Rows, birge, entry_tests, error_rows, residual_sets
 from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.simulated_compliance import SimulatedCompliance, simulated_compliance
@@ -40,12 +41,16 @@ _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 
 @dataclass(frozen=True)
 class Loaded:
-    """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many."""
+    """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many.
+
+    spread (6, 6): one sigma of the compliance's entries that the geometry of beams leaves open.
+    """
 
     steps: RecordedSteps
     reading: Array
     variance: Array
     drifts: int
+    spread: Array
 
     @property
     def fitted(self) -> NDArray[np.bool_]:
@@ -57,11 +62,11 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outc
     """Fit the linear and the matrix compliance, one free zero per run, and hold them against the simulated one."""
     simulated = simulated_compliance(settings, tables.get("given_compliance"))
     loaded = _loaded(tables, settings.noise, simulated)
-    found = {form: _fit(loaded, form) for form in ("linear", "matrix")}
+    found = {form: with_spread(_fit(loaded, form), loaded.spread) for form in ("linear", "matrix")}
     against = {} if simulated is None else {form: compare(fit, simulated.entries, simulated.covariance)
                                             for form, fit in found.items()}  # fmt: skip
     artifacts = {
-        "compliance": _compliance_rows(found, simulated, against).table(),
+        "compliance": _compliance_rows(found, loaded.spread, simulated, against).table(),
         "deformation_errors": _error_rows(loaded, found, simulated, against).table(),
         "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
@@ -72,31 +77,20 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outc
 def _loaded(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
     """Readings without gross errors and without the drifts that runs show beyond chance."""
     steps = load_steps({"readings": tables["readings"]})
-    kept, sigma = _kept(tables["reading_residuals"], steps)
+    own = kept_readings(tables["reading_residuals"], steps)
     drift = _drifts(tables["run_terms"], steps)
     begin = np.array([steps.time_s[steps.run == r].min(initial=np.inf) for r in range(len(steps.runs))])
     moved = drift[steps.run] * (steps.time_s - begin[steps.run])[:, None]
-    reading = np.where(kept, steps.reading - moved, np.nan)
-    loaded = Loaded(steps, reading, sigma**2, int(np.count_nonzero(drift)))
+    reading = np.where(own.kept, steps.reading - moved - own.added, np.nan)
+    spread = geometry_spread(steps.load, own.added_sigma)
+    loaded = Loaded(steps, reading, own.sigma**2, int(np.count_nonzero(drift)), spread)
     load_sigma = np.repeat([noise.load_n, noise.load_nm], 3)
     if not load_sigma.any():
         return loaded
     # a load that is not quite what was declared moves the platform as well
     entries = _fit(loaded, "matrix").entries if simulated is None else simulated.entries
     by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
-    return Loaded(steps, reading, sigma**2 + by_loads, loaded.drifts)
-
-
-def _kept(residuals: pa.Table, steps: RecordedSteps) -> tuple[NDArray[np.bool_], Array]:
-    """Which readings (B, 6) were not rejected, and their sigma (B, 6), SI."""
-    place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
-    columns = [residuals.column(name).to_pylist() for name in ("run", "step", "channel", "rejected", "sigma")]
-    kept, sigma = np.isfinite(steps.reading), np.ones(steps.reading.shape)
-    for run, step, channel, rejected, one in zip(*columns, strict=True):
-        at = place[run, step], CHANNELS.index(channel)
-        kept[at] &= not rejected
-        sigma[at] = one * READING_SI[at[1]]
-    return kept, sigma
+    return replace(loaded, variance=own.sigma**2 + by_loads)
 
 
 def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
@@ -119,7 +113,10 @@ def _fit(loaded: Loaded, form: str) -> Compliance:
 
 
 def _compliance_rows(
-    found: Mapping[str, Compliance], simulated: SimulatedCompliance | None, against: Mapping[str, Comparison]
+    found: Mapping[str, Compliance],
+    spread: Array,
+    simulated: SimulatedCompliance | None,
+    against: Mapping[str, Comparison],
 ) -> Rows:
     rows = Rows("compliance")
     for name, one in found.items():
@@ -131,7 +128,7 @@ def _compliance_rows(
             response=[CHANNELS[k] for k in i],
             load=[LOADS[k] for k in j],
             coefficient=one.entries[i, j],
-            sigma=sigma[i, j],
+            sigma=np.hypot(sigma, spread)[i, j],
             unit=[_unit(a, b) for a, b in zip(i, j, strict=True)],
             p_value=p[i, j],
             significant=significant[i, j],

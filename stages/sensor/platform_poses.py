@@ -13,6 +13,7 @@ from stages.responses.tables import Rows
 from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import at_starts, begun_far, start_rows
+from stages.sensor.seen_motion import BeamGeometry, SeenMotion
 from truing.estimation.interferometry.platform_displacement import (
     PlatformDisplacement,
     drift_columns,
@@ -39,6 +40,7 @@ class PlatformPoses:
     """Displacements of K cases, and the runs' terms that they are counted from.
 
     zero, drift (R, 6) and their sigmas, NaN where a run did not read a channel, or did not tell its drift; drift per s.
+    geometry: what the declared geometry of beams made of the cases; None without any.
     """
 
     steps: RecordedSteps
@@ -50,11 +52,12 @@ class PlatformPoses:
     zero_sigma: Array
     drift: Array
     drift_sigma: Array
+    geometry: SeenMotion | None = None
 
 
-def platform_poses(readings: pa.Table) -> Outcome:
+def platform_poses(readings: pa.Table, geometry: BeamGeometry | None) -> Outcome:
     """The tables of the pose stage: displacement, reading_residuals, run_terms."""
-    found = find_poses(load_steps({"readings": readings}))
+    found = find_poses(load_steps({"readings": readings}), geometry)
     steps, identifier = found.steps, "int64" if isinstance(found.steps.runs[0], int) else "string"
     tables = {
         "displacement": _displacement_rows(found).table(identifier),
@@ -66,8 +69,11 @@ def platform_poses(readings: pa.Table) -> Outcome:
     return Outcome(tables, read=read, left_out=_left_out(found), figure=_figure(found))
 
 
-def find_poses(steps: RecordedSteps) -> PlatformPoses:
-    """Join readings to displacements, each channel by itself: their errors have nothing in common."""
+def find_poses(steps: RecordedSteps, geometry: BeamGeometry | None = None) -> PlatformPoses:
+    """Join readings to displacements, each channel by itself: their errors have nothing in common.
+
+    What channels read are the platform's components, but for the declared geometry of their beams.
+    """
     cases = load_cases(steps)
     curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
     origin = _origins(steps, curves)
@@ -85,7 +91,11 @@ def find_poses(steps: RecordedSteps) -> PlatformPoses:
         sigma = np.sqrt(np.diag(one.shared_covariance))
         terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
         terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
-    return PlatformPoses(steps, cases, curves, value, covariance, *terms)
+    found = PlatformPoses(steps, cases, curves, value, covariance, *terms)
+    if geometry is None:
+        return found
+    seen = geometry.solved(cases.load, value, covariance)
+    return replace(found, value=seen.value, covariance=seen.covariance, geometry=seen)
 
 
 def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
@@ -176,8 +186,17 @@ def _residual_rows(found: PlatformPoses) -> Rows:
         weight=np.where(rejected, 0.0, 1.0),
         rejected=rejected,
         reason=reasons,
+        **_geometry_columns(found, at, k),
     )
     return rows
+
+
+def _geometry_columns(found: PlatformPoses, at: NDArray[np.int64], k: NDArray[np.int64]) -> dict[str, Array]:
+    if found.geometry is None:
+        return {}
+    places = found.cases.of_step[at], k
+    parts = {"geometry": found.geometry.added, "geometry_sigma": found.geometry.added_sigma}
+    return {name: values[places] / READING_SI[k] for name, values in parts.items()}
 
 
 def _term_rows(found: PlatformPoses) -> Rows:
@@ -216,7 +235,7 @@ def _figure(found: PlatformPoses) -> str:
     known = np.isfinite(found.value)
     ever = np.asarray(known.any(axis=0))
     never = [name for name, seen in zip(CHANNELS, ever, strict=True) if not seen]
-    words = f"{int(known.all(1).sum())} of {len(known)} load cases in all six components"
+    words = f"{int(known.all(1).sum())} of {len(known)} load cases in all six components{_corrected(found)}"
     missing = [
         f"{axis} {' '.join(np.array(CHANNELS)[~seen])}"
         for axis, seen in _by_axis(found).items()
@@ -225,6 +244,15 @@ def _figure(found: PlatformPoses) -> str:
     if never:
         return f"{words}; never measured: {', '.join(never)}"
     return f"{words}; not measured under {'; '.join(missing)}" if missing else words
+
+
+def _corrected(found: PlatformPoses) -> str:
+    """By how much the declared geometry of beams changed each channel, at most."""
+    if found.geometry is None:
+        return ""
+    most = np.nanmax(np.abs(found.geometry.added / READING_SI), axis=0, initial=0.0)
+    said = [f"{name} by {m:.2g} {u}" for name, m, u in zip(CHANNELS, most, _UNITS, strict=True) if m > 0.0]
+    return f"; corrected for the geometry of beams: {', '.join(said)} at most" if said else ""
 
 
 def _by_axis(found: PlatformPoses) -> dict[str, Mask]:

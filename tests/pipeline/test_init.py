@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 from pipeline.campaign_run import PROJECT
 from pipeline.command_line import app
 from schemas import campaign as sections
+from schemas import interferometer
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from schemas.mapping import FileMapping
@@ -41,13 +42,14 @@ def written(folder: Path) -> dict[str, Any]:
 
 
 def all_keys() -> set[str]:
-    models = [value for value in vars(sections).values() if isinstance(value, type) and issubclass(value, BaseModel)]
+    defined = [*vars(sections).values(), *vars(interferometer).values()]
+    models = [value for value in defined if isinstance(value, type) and issubclass(value, BaseModel)]
     return {key for model in models if model is not FileMapping for key in model.model_fields}
 
 
 @pytest.mark.parametrize("key", sorted(all_keys()))
 def test_every_key_of_the_schema_is_in_the_template(key: str) -> None:
-    pattern = rf"(^|[ {{,#])({key} =|\[\[?{key}[\].]|\[files)" if key != "files" else r"\[files\.<table>\]"
+    pattern = rf"(^|[ {{,#])({key} =|\[\[?([a-z]+\.)?{key}[\].])" if key != "files" else r"\[files\.<table>\]"
     assert re.search(pattern, TEMPLATE, re.MULTILINE)
 
 

@@ -70,6 +70,12 @@ def bodies_campaign(folder: Path) -> None:
     (folder / "configurations.csv").write_text("\n".join(settings) + "\n")
 
 
+BEAMS = """
+[interferometer.beams]
+dz = { direction = [0.0, 0.0, 2.0] }
+"""
+
+
 def displacement_campaign(folder: Path) -> None:
     """Six-component displacement under loads along each axis."""
     folder.mkdir()
@@ -92,7 +98,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     cut_telescope(folder / "telescope")
     bodies_campaign(folder / "bodies")
     displacement_campaign(folder / "bench")
-    write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml())
+    write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS))
     views: dict[str, list[SettingsView]] = {}
 
     with pytest.MonkeyPatch.context() as patch:

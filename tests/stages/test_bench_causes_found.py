@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from schemas.interferometer import Interferometer
+from stages.sensor.declared_optics import declared_optics
 from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
 from truing.estimation.diagnosis.acceptance import Acceptance, Settings
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.estimation.diagnosis.verdicts import FOUND, Verdict
+from truing.simulation.bench.optics import Optics
 from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue_of_readings
-from truing.simulation.causes.bench.beams import CosineError
+from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
 from truing.simulation.causes.bench.load_path import LoadEccentricity
 from truing.simulation.causes.bench.readings_followed import PERIOD, SO_FAR, WAY
 from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
 
 
-def _found(seed: int, cause: Cause | None = None, values: Sequence[float] = ()) -> list[Verdict]:
-    """What is found in a campaign with an effect, machine and zeros within their tolerances."""
+def _found(
+    seed: int, cause: Cause | None = None, values: Sequence[float] = (), declared: Optics | None = None
+) -> list[Verdict]:
+    """What is found in a campaign with an effect, machine and zeros within their tolerances; ``declared``: of beams."""
     rng, own = np.random.default_rng(seed), bench()
     truth = own.model(*([] if cause is None else [cause]), signals=False)
     shared = rng.normal(size=truth.shared_size)
@@ -31,7 +37,9 @@ def _found(seed: int, cause: Cause | None = None, values: Sequence[float] = ()) 
     points = truth.points(shared, np.zeros((len(seen), 0))) + SIGMA[:6, None] * rng.normal(size=(*seen.shape, 1))
     covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*points.shape, 1)).copy()
     poses = Poses(MeasuredPoints(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
-    search = Acceptance(own.model(signals=False), poses, None, Settings(0.05, 100, seed))
+    model = own.model(signals=False)
+    known = model.known if declared is None else replace(model.known, optics=declared)
+    search = Acceptance(replace(model, known=known), poses, None, Settings(0.05, 100, seed))
     return [v for v in search.run(list(catalogue_of_readings().values())).verdicts if v.verdict == FOUND]
 
 
@@ -55,6 +63,20 @@ def test_a_tilted_beam_is_no_stiffness() -> None:
     assert (only.cause.id, only.cause.subject) == ("cosine-error", "channel rz")
     (angle,) = only.cause.told(only.values, only.covariance, 6)
     assert abs(float(angle.value) - 0.0224) < 3.0 * (angle.sigma or 0.0)
+
+
+def test_of_a_declared_arm_what_is_left_is_found_unless_it_is_as_uncertain() -> None:
+    """The beam of dz meets the platform at 20, -10 mm; 15, -10 mm are declared: exactly, or give or take 5 mm."""
+    beam = {"arm_mm": [15.0, -10.0, 0.0]}
+    exact, unsure = (
+        declared_optics(Interferometer.model_validate({"beams": {"dz": {**beam, "arm_sigma_mm": sigma}}}))
+        for sigma in (0.0, 5.0)
+    )
+    (only,) = _found(5, AbbeOffset("dz"), [0.02, -0.01], exact)
+    assert (only.cause.id, only.cause.subject) == ("abbe-offset", "channel dz")
+    arms = {one.name: one for one in only.cause.told(only.values, only.covariance, 6)}
+    assert abs(float(arms["arm_x"].value) - 5.0) < 3.0 * (arms["arm_x"].sigma or 0.0) < 2.0
+    assert not _found(5, AbbeOffset("dz"), [0.02, -0.01], unsure)
 
 
 SETTLES = UnexplainedReadings("ry", (SO_FAR + "mx_nm",), (0.0,), (5000.0,), scale=ARCSEC)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,15 @@ def test_the_model_predicts_what_was_read_and_text_keeps_all_of_it(tables: dict[
     low, high = chi2.ppf([(1 - CERTAINTY) / 2, (1 + CERTAINTY) / 2], freedom)
     assert_between(float(np.sum((missed / noise) ** 2)), float(low), float(high), what="sum of squares")
     assert (said["sigma"] < noise).all()  # some 120 readings of each say more than one does
+
+
+def test_beams_as_they_were_declared_go_with_the_model(tables: dict[str, Any]) -> None:
+    extended, steps = read_sensor(str(tables["model"])), load_steps(tables)
+    conditions = ReadingConditions(steps.run, steps.step, steps.time_s, steps.load, {})
+    rows = np.eye(6) + np.outer(np.eye(6)[2], [0.02, -0.01, -3e-4, 0.03, 0.04, 0.0])
+    askew = read_sensor(write_sensor(replace(extended, rows=rows)))
+    expected = predict_readings(extended, conditions).value @ rows.T
+    assert_close(predict_readings(askew, conditions).value, expected, atol=1e-15)
 
 
 def test_uncertainty_of_a_prediction_is_that_of_the_compliance_and_the_effect(tables: dict[str, Any]) -> None:

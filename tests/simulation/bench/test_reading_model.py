@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.bench.sensor_benches import ARCSEC, GAINS, LARGEST, SIGMA, bench
 from tests.tolerance import assert_close
+from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.bench.reading_state import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
 from truing.simulation.cause import Cause
@@ -50,10 +51,18 @@ def _unknowns(model: ReadingModel, size: float = 0.3) -> tuple[NDArray, NDArray]
     return rng.normal(0.0, size, model.shared_size), rng.normal(size=(len(model.conditions.run), model.local_size))
 
 
+def _askew(model: ReadingModel) -> ReadingModel:
+    """Every channel a little off its axis and its point, none of it known exactly, and a frame that grows."""
+    rng = np.random.default_rng(5)
+    off = rng.normal(0.0, 0.02, (3, 6, 6))
+    optics = Optics(np.eye(6) + off[0], off[1:], 1e-7 * np.eye(6)[[0, 2]])
+    return replace(model, known=replace(model.known, optics=optics))
+
+
 @pytest.mark.parametrize("signals", [True, False])
 def test_derivatives_are_exact(signals: bool) -> None:
     causes = MANY if signals else tuple(cause for cause in MANY if "v2" not in str(cause.settings().values()))
-    model = bench(load_sigma=1e-3).model(*causes, signals=signals)
+    model = _askew(bench(load_sigma=1e-3).model(*causes, signals=signals))
     shared, local = _unknowns(model)
     found = model.predict(shared, local)
     noise = model.known.sigma[:, None, None]

@@ -6,12 +6,13 @@ What was uncertain of geometry and elasticity matters to readings through the co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.bench.reading_state import CHANNELS
 from truing.simulation.cause import Cause, Step
@@ -26,7 +27,7 @@ class ExtendedSensor:
 
     ``covariance`` (36 + P, 36 + P) is that of the compliance row by row, then of the effects' parameters, SI;
     ``nominal`` the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``context`` says,
-    for people, what the model was made from.
+    for people, what the model was made from. ``rows`` (6, 6): how the bench's channels follow the motion.
     """
 
     compliance: NDArray
@@ -38,6 +39,7 @@ class ExtendedSensor:
     wavelength_m: float
     reference_temperature_c: float
     context: dict[str, str]
+    rows: NDArray = field(default_factory=lambda: np.eye(_AXES))
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,11 @@ def extended_sensor(
         values.append(shared[part] * sigma)
         row += len(sigma)
     identified = sensor.at(shared[model.layout["geometry"]], stiffness).compliance
+    rows = known.optics.rows_at(shared[model.layout["optics"]])
+    # angles and arms change readings as a change of the compliance would
+    by_angle = np.linalg.solve(rows, known.optics.by_angle) @ identified
+    angles = np.arange(len(by_angle)) + model.layout["optics"].start
+    by_unknown[: _AXES * _AXES, angles] = by_angle.reshape(-1, _AXES * _AXES).T
     nominal = sensor.at(np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)).compliance
     return ExtendedSensor(
         identified,
@@ -77,6 +84,7 @@ def extended_sensor(
         known.wavelength_m,
         known.reference_temperature_c,
         context,
+        rows,
     )
 
 
@@ -165,5 +173,6 @@ def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingCon
         SignalGains.none(),
         extended.wavelength_m,
         extended.reference_temperature_c,
+        replace(Optics.plain(), rows=extended.rows),
     )
     return ReadingModel(known, conditions)

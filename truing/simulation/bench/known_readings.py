@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.optics import Optics
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 # What nothing is known of: so many times a plausible size.
@@ -71,7 +72,7 @@ class KnownReadings:
     """What is known beforehand of a sensor, its bench and the instruments; SI.
 
     ``channels`` are the platform's six, then the signals; ``sigma`` (K,) their noise; ``largest`` (6,) the largest load
-    of each axis; ``load_sigma`` (6,) the noise of loads, 0 where they are exact.
+    of each axis; ``load_sigma`` (6,) the noise of loads, 0 where they are exact; ``optics``: how channels see motion.
     """
 
     sensor: UncertainSensor
@@ -83,6 +84,7 @@ class KnownReadings:
     gains: SignalGains = field(default_factory=SignalGains.none)
     wavelength_m: float = 632.990577e-9
     reference_temperature_c: float = 20.0
+    optics: Optics = field(default_factory=Optics.plain)
 
     @property
     def signals(self) -> int:

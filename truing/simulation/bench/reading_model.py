@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.reading_passage import ReadingPassage, passed
 from truing.simulation.bench.reading_state import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
+from truing.simulation.bench.run_blocks import run_blocks
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.point_model import Prediction
@@ -24,7 +25,6 @@ from truing.simulation.split import Split
 from truing.simulation.targets import Targets
 
 _AXES = 6
-_BLOCKS = 5  # of what is left out in turn
 # Beforehand either model of what a leg carries may hold, and anything between them: at the middle, give or take one.
 _BETWEEN = 0.5
 # Channels are no base, platform or leg.
@@ -50,6 +50,7 @@ class ReadingModel(EffectsModel):
         sizes = {"zero": len(self.known.zeros.run), "shape": 0}
         sizes |= {"geometry": sensor.geometry_size, "stiffness": sensor.stiffness_size}
         sizes |= {"gain": self.known.gains.start.size, "legforce": int(self._has_two_models)}
+        sizes |= {"optics": self.known.optics.size}
         sizes |= {cause.key: len(cause.parameters(_AXES)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
@@ -98,19 +99,8 @@ class ReadingModel(EffectsModel):
 
     @property
     def blocks(self) -> NDArray:
-        """Return which steps (B,) are left out of a fit together: whole runs, one of each that loads the same axes;
-        parts of a run where no other loads its axes."""
-        steps = self.steps
-        axes = (steps.load != 0.0) @ (1 << np.arange(_AXES))
-        pattern = np.zeros(int(steps.code.max(initial=-1)) + 1, int)
-        np.bitwise_or.at(pattern, steps.code, axes)
-        alike = pattern[:, None] == pattern
-        # Runs that load the same axes may each read another channel: not one channel's runs are left out all at once.
-        of_axes = np.unique(pattern, return_inverse=True)[1]
-        of_run = (np.tril(alike, -1).sum(1) + of_axes) % _BLOCKS
-        length = np.bincount(steps.code)
-        within = steps.rank * _BLOCKS // np.maximum(length, 1)[steps.code]
-        return np.where(alike.sum(1)[steps.code] > 1, of_run[steps.code], within)
+        """Return which steps (B,) are left out of a fit together."""
+        return run_blocks(self.steps)
 
     @cached_property
     def steps(self) -> LoadSteps:
@@ -222,6 +212,7 @@ class ReadingModel(EffectsModel):
         known[self.layout["zero"]] = self.known.zeros.known
         known[self.layout["geometry"]] = known[self.layout["stiffness"]] = True
         known[self.layout["gain"]] = self.known.gains.known
+        known[self.layout["optics"]] = True
         return known
 
     @cached_property
@@ -267,7 +258,9 @@ class ReadingModel(EffectsModel):
         response = self._response(shared)
         rows = self._rows(shared, response)
         wrench = self.conditions.load + np.einsum("bkh,bh->bk", self._load_errors, local)
-        return passed(self.steps, wrench, response.compliance, rows, self.effects(shared))
+        unknowns, optics = shared[self.layout["optics"]], self.known.optics
+        seen = optics.rows_at(unknowns), optics.grown(self.steps, unknowns)
+        return passed(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
 
     def _by_shared(self, shared: NDArray, passage: ReadingPassage) -> NDArray:
         """Return the readings' derivatives (B, K, G) by the shared unknowns."""
@@ -286,6 +279,11 @@ class ReadingModel(EffectsModel):
             signals = np.einsum("sjn,bj->bsn", by_wrench, wrench)
             motion = np.zeros((len(wrench), _AXES, signals.shape[-1]))
             slopes[..., self.layout[name]] = passage.from_readings(np.concatenate([motion, signals], 1))
+        if self.known.optics.size:
+            motion = passage.before[Step.STRUCTURE].deflection.sum(-1)
+            seen = self.known.optics.slopes(self.steps, motion)
+            still = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
+            slopes[..., self.layout["optics"]] = passage.from_readings(np.concatenate([seen, still], 1))
         for effect in self.effects(shared):
             own = passage.of_cause(effect.cause, effect.values)
             slopes[..., self.layout[effect.cause.key]] = own * self.effect_sigma(effect.cause)
@@ -299,7 +297,7 @@ class ReadingModel(EffectsModel):
             signals = np.einsum("nsj,bj->bsn", rows, wrench)
         if not passage.after(Step.STRUCTURE, None):
             motion = np.moveaxis(wrench @ np.swapaxes(response.compliance, -1, -2), 0, -1)
-            return passage.from_readings(np.concatenate([motion, signals], 1))
+            return passage.from_motion(motion, signals)
         deflection = np.moveaxis(response.compliance, 0, -1) * wrench[:, None, :, None]
         return passage.from_deflection(deflection, signals)
 

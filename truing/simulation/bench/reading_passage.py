@@ -26,6 +26,7 @@ class ReadingPassage:
     before: dict[Step, ReadingState]  # the state after a step's last effect
     compliance: NDArray  # (6, 6)
     rows: NDArray  # (S, 6) signals by wrench
+    view: NDArray  # (6, 6) channels by the platform's motion
 
     def at(self, cause: Cause) -> ReadingState:
         """Return the state that a cause meets: the last of its step where it is not in force."""
@@ -45,7 +46,7 @@ class ReadingPassage:
             slopes = own.passed_on(slopes, state, values)
         signals = self.rows @ slopes
         if not self.after(Step.STRUCTURE, None):
-            return self.from_readings(np.concatenate([self.compliance @ slopes, signals], 1))
+            return self.from_motion(self.compliance @ slopes, signals)
         return self.from_deflection(self.compliance[..., None] * slopes[:, None], signals)
 
     def from_deflection(self, slopes: NDArray, signals: NDArray | None = None, cause: Cause | None = None) -> NDArray:
@@ -55,7 +56,11 @@ class ReadingPassage:
         motion = slopes.sum(2)
         if signals is None:
             signals = np.zeros((len(motion), len(self.rows), motion.shape[-1]))
-        return self.from_readings(np.concatenate([motion, signals], 1))
+        return self.from_motion(motion, signals)
+
+    def from_motion(self, slopes: NDArray, signals: NDArray) -> NDArray:
+        """Return how readings (B, K, P) follow changes of the motion (B, 6, P), and of the signals (B, S, P)."""
+        return self.from_readings(np.concatenate([self.view @ slopes, signals], 1))
 
     def from_readings(self, slopes: NDArray, cause: Cause | None = None) -> NDArray:
         """Return what becomes of changes of the readings (B, K, P)."""
@@ -79,9 +84,17 @@ def _of_readings(cause: Cause) -> ReadingCause:
 
 
 def passed(
-    steps: LoadSteps, wrench: NDArray, compliance: NDArray, rows: NDArray, effects: Sequence[Effect]
+    steps: LoadSteps,
+    wrench: NDArray,
+    compliance: NDArray,
+    rows: NDArray,
+    seen: tuple[NDArray, NDArray],
+    effects: Sequence[Effect],
 ) -> ReadingPassage:
-    """Return how wrenches (B, 6) pass the chain with a compliance (6, 6), rows of signals by wrench (S, 6), effects."""
+    """Return how wrenches (B, 6) pass the chain with a compliance (6, 6), rows of signals by wrench (S, 6), effects.
+
+    seen: how channels follow the motion (6, 6), and what they read beside it (B, 6).
+    """
     count = len(wrench)
     state = ReadingState(steps, wrench, np.zeros((count, len(compliance), 0)), np.zeros((count, 0)))
     met: list[tuple[Effect, ReadingState]] = []
@@ -90,7 +103,7 @@ def passed(
         if step is Step.STRUCTURE:
             state = replace(state, deflection=compliance * state.wrench[:, None])
         if step is Step.INSTRUMENT:
-            motion = state.deflection.sum(-1)
+            motion = state.deflection.sum(-1) @ seen[0].T + seen[1]
             state = replace(state, readings=np.concatenate([motion, state.wrench @ rows.T], 1))
         for effect in effects:
             if effect.cause.step is step:
@@ -99,4 +112,4 @@ def passed(
                 by = _of_readings(effect.cause).moved(state, effect.values)
                 state = replace(state, **{name: getattr(state, name) + by})
         before[step] = state
-    return ReadingPassage(state, tuple(met), before, compliance, rows)
+    return ReadingPassage(state, tuple(met), before, compliance, rows, seen[0])

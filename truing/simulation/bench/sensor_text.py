@@ -45,6 +45,9 @@ def write_sensor(extended: ExtendedSensor) -> str:
     sigma = np.sqrt(np.diag(extended.covariance))[: _AXES * _AXES].reshape(_AXES, _AXES)
     for name, matrix in (("nominal", extended.nominal), ("identified", extended.compliance), ("sigma", sigma)):
         lines += [f"{name} = [", *(f"  {toml_value(exact(row))}," for row in matrix), "]"]
+    if not np.array_equal(extended.rows, np.eye(_AXES)):
+        lines += ["", "[beams]  # how channels (SI) follow dx .. rz of the platform's origin", "rows = ["]
+        lines += [*(f"  {toml_value(exact(row))}," for row in extended.rows), "]"]
     first = _AXES * _AXES
     for cause, values in zip(extended.causes, extended.values, strict=True):
         part = slice(first, first + len(values))
@@ -89,11 +92,12 @@ def _from_document(document: dict[str, Any]) -> ExtendedSensor:
         float(about["wavelength_nm"]) * 1e-9,
         float(about["reference_temperature_c"]),
         {key: str(value) for key, value in about.items() if key not in _OWN},
+        _matrix(document["beams"]["rows"]) if "beams" in document else np.eye(_AXES),
     )
 
 
 def _matrix(rows: Any) -> NDArray:
     found = np.array(rows, float)
     if found.shape != (_AXES, _AXES):
-        raise ValueError(f"model: found a compliance of shape {found.shape}, expected (6, 6)")
+        raise ValueError(f"model: found a matrix of shape {found.shape}, expected (6, 6)")
     return found
