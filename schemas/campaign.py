@@ -200,6 +200,7 @@ class SensorMechanism(MechanismSection):
     elements: tuple[Element, ...] = ()
     compliance_file: str | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
     tolerance: SensorTolerance = SensorTolerance()
+    model: str | None = Field(None, description="model.toml of an earlier campaign of this sensor, to start from")
 
     @model_validator(mode="after")
     def _one_simulation(self) -> SensorMechanism:

@@ -98,14 +98,13 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     if settings.campaign.kind == "interferometer":
         from stages.diagnosis.reading_points import gather_readings
 
-        return gather_readings(tables, settings)
+        return _started(gather_readings(tables, settings), tables, settings)
     from stages.diagnosis.body_points import gather_bodies
 
     return gather_bodies(tables, settings)
 
 
 def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
-    from stages.diagnosis.earlier_campaign import started
     from stages.diagnosis.mechanism_points import gather
 
     if "survey" not in tables or "configurations" not in tables:
@@ -117,7 +116,16 @@ def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     gathered = gather(tables, settings)
     if unreached := _unreached(gathered):
         raise ValueError(unreached)
-    return started(gathered, str(tables["start"]), settings.diagnosis.seed) if "start" in tables else gathered
+    return _started(gathered, tables, settings)
+
+
+def _started(gathered: Gathered, tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """What is compared, with what the model tells that the campaign starts from."""
+    if "start" not in tables:
+        return gathered
+    from stages.diagnosis.earlier_campaign import started
+
+    return started(gathered, str(tables["start"]), settings.diagnosis.seed)
 
 
 def _unreached(gathered: Gathered) -> str:

@@ -226,11 +226,13 @@ def _figure_words(points: Points) -> str:
 
 def _interferometer(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     from stages.ingestion.loading_tables import read_loading_tables
+    from stages.ingestion.start import read_start
 
-    found = read_loading_tables(source, settings, log)
+    found, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
     log.throw()
+    given = {} if start is None else {"start": start}
     return Outcome(
-        {**found.artifacts, "exclusions": _exclusions(found.left_out)},
+        {**found.artifacts, **given, "exclusions": _exclusions(found.left_out)},
         read=found.read,
         left_out=_left_out_words(found.left_out),
         figure=found.figure,

@@ -27,7 +27,7 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
     sentences: dict[str, str] = {}
     if gathered.shown is not None:
-        found |= of_readings(diagnosis, gathered.shown, settings)
+        found |= of_readings(diagnosis, gathered.shown, settings) | _changes(diagnosis)
         sentences = _next_loads(found, diagnosis, settings)
     else:
         found["prediction"] = _prediction_table(diagnosis, gathered)
@@ -40,7 +40,6 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
 
 
 def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
-    from stages.diagnosis.earlier_campaign import changes_table
     from stages.diagnosis.pull_tables import Fitted, pull_tables
     from truing.simulation.extended_model import extended
     from truing.simulation.model_text import write_model
@@ -50,8 +49,15 @@ def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
     )
     context = {"campaign": settings.campaign.name}
     text = write_model(extended(diagnosis.final.model, final.shared, final.covariance, context))
+    return {"model": text, **pull_tables(plain, final), **_changes(diagnosis)}
+
+
+def _changes(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What has changed since the model that the campaign starts from; nothing where it starts from none."""
+    from stages.diagnosis.earlier_campaign import changes_table
+
     changes = changes_table(diagnosis.final)
-    return {"model": text, **pull_tables(plain, final), **({} if changes is None else {"changes": changes})}
+    return {} if changes is None else {"changes": changes}
 
 
 def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -14,18 +15,25 @@ from stages.responses.tables import Rows
 from truing.estimation.diagnosis.changes import Comparison, compare
 from truing.estimation.diagnosis.fitted_model import Fitter, Stand
 from truing.estimation.diagnosis.point_fit import fit_points
+from truing.simulation.bench.earlier_sensor import earlier_sensor
+from truing.simulation.bench.sensor_text import is_sensor, read_sensor
+from truing.simulation.cause import Cause
 from truing.simulation.earlier import Earlier, Part, earlier_knowledge
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.identified import identified_geometry, name_and_leg
 from truing.simulation.model_text import read_model
+from truing.simulation.unknowns import Unknowns
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.diagnosis.mechanism_points import Gathered
-    from truing.simulation.point_model import PointModel
+    from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 # A number of which the data take away less than this share of what was not known has not been measured anew.
 _TOLD = 0.05
+_OF_SENSOR = ("geometry", "stiffness")
+_UNNAMED = "the earlier campaign"
 _AXES = {"a": "xyz", "b": "xyz", "u": "12", "l": ("",)}
 
 
@@ -36,8 +44,7 @@ def started(gathered: Gathered, text: str, seed: int) -> Gathered:
     CampaignFaults where the text is no model.
     """
     try:
-        found = read_model(text)
-        earlier = earlier_knowledge(found, gathered.model)
+        campaign, causes, earlier = _known(text, gathered.model)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise CampaignFaults([Fault("start.toml", f"a model.toml that a run has written ({error})")]) from None
     alone = with_earlier(gathered.model, earlier.nothing)
@@ -50,31 +57,44 @@ def started(gathered: Gathered, text: str, seed: int) -> Gathered:
     kept = earlier.nothing
     if changed is not None:
         kept = earlier.without(sorted({*changed, *chain.from_iterable(compared.instead(changed))}))
-    campaign = found.context.get("campaign", "the earlier campaign")
     said = _words(campaign, earlier, stand.model, compared)
-    lost = {cause.id for cause in found.model.causes if cause.lasts} - {cause.id for cause in earlier.causes}
+    lost = {cause.id for cause in causes if cause.lasts} - {cause.id for cause in earlier.causes}
     missing = f"{', '.join(sorted(lost))} of {campaign}, whose columns are missing here" if lost else ""
     words = "; ".join(part for part in (gathered.left_out, missing, said) if part)
     return replace(gathered, model=with_earlier(gathered.model, kept), left_out=words)
 
 
-def with_earlier(model: PointModel, earlier: Earlier) -> PointModel:
-    """The model that starts from what an earlier campaign found."""
+def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], Earlier]:
+    """The earlier campaign's name, its effects, and what it tells of a model of points or of readings."""
+    if is_sensor(tomllib.loads(text)):
+        sensor = read_sensor(text)
+        return sensor.context.get("campaign", _UNNAMED), sensor.causes, earlier_sensor(sensor, model)
+    found = read_model(text)
+    return found.context.get("campaign", _UNNAMED), found.model.causes, earlier_knowledge(found, model)
+
+
+def with_earlier(model: Any, earlier: Earlier) -> Any:
+    """The model, of points or of readings, that starts from what an earlier campaign found."""
     return replace(model, known=replace(model.known, earlier=earlier)).with_causes(())
 
 
-def _compared(earlier: Earlier, model: PointModel, shared: NDArray, covariance: NDArray) -> Comparison:
+def _compared(earlier: Earlier, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Comparison:
     """The earlier numbers against those of a model that was fitted without the earlier campaign's knowledge."""
-    own = earlier.places(model)
-    now = shared[own], covariance[np.ix_(own, own)]
+    now = _now(earlier, model, shared, covariance)
     return compare(earlier.mean, earlier.covariance, *now, earlier.shared, earlier.frames)
 
 
-def _words(campaign: str, earlier: Earlier, model: PointModel, compared: Comparison) -> str:
+def _now(earlier: Earlier, model: EffectsModel, shared: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+    """The earlier numbers (n,) as a model has them, and their covariance (n, n)."""
+    own, slopes = earlier.places(model), earlier.slopes(model, shared)
+    return earlier.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
+
+
+def _words(campaign: str, earlier: Earlier, model: EffectsModel, compared: Comparison) -> str:
     changed = compared.changed()
     if changed is None:
         return (
-            f"all that {campaign} knew of the geometry and the effects: it was of another machine, or much was rebuilt"
+            f"all that {campaign} knew of the machine and its effects: it was of another machine, or much was rebuilt"
         )
     if not changed:
         return ""
@@ -103,15 +123,17 @@ class _Number:
         return self.name if self.leg is None else f"{self.name}{self.leg}"
 
 
-def _numbers(earlier: Earlier, model: PointModel) -> list[_Number]:
+def _numbers(earlier: Earlier, model: Any) -> list[_Number]:
     """Return the numbers (n,) in their order; directions of actuators as tilts."""
     causes, found = {cause.key: cause for cause in earlier.causes}, []
     for part in earlier.parts:
         if part.name in _AXES:
-            found += _of_geometry(part, model.nominal.count)
+            found += _of_geometry(part, model.leg_count)
+        elif part.name in _OF_SENSOR:
+            found += _of_sensor(part, model.known.sensor)
         else:
             cause = causes[part.name]
-            for p, scale in zip(cause.parameters(model.nominal.count), part.scale, strict=True):
+            for p, scale in zip(cause.parameters(model.leg_count), part.scale, strict=True):
                 owner = f"{cause.id} {cause.subject}".strip()
                 found.append(_Number(*name_and_leg(p.name), p.unit, float(scale) / p.si, owner))
     return found
@@ -121,6 +143,13 @@ def _of_geometry(part: Part, legs: int) -> list[_Number]:
     unit, si = ("1", 1.0) if part.name == "u" else ("mm", 1e-3)
     names = [(f"{part.name}_{axis}".removesuffix("_"), leg + 1) for leg in range(legs) for axis in _AXES[part.name]]
     return [_Number(*named, unit, float(scale) / si) for named, scale in zip(names, part.scale, strict=True)]
+
+
+def _of_sensor(part: Part, sensor: UncertainSensor) -> list[_Number]:
+    lengths = part.name == "geometry"
+    named = sensor.unknowns[: sensor.geometry_size] if lengths else sensor.unknowns[sensor.geometry_size :]
+    unit, si = ("mm", 1e-3) if lengths else ("1", 1.0)
+    return [_Number(name, leg, unit, float(size) / si) for (leg, name), size in zip(named, part.scale, strict=True)]
 
 
 def changes_table(final: Stand) -> pa.Table | None:
@@ -136,8 +165,8 @@ def changes_table(final: Stand) -> pa.Table | None:
     covariance = fit.whitened.covariance() * final.noise_ratio**2
     found = _compared(earlier, model, fit.shared, covariance)
     told = _told(earlier, model, fit.shared, covariance)
-    own, rows = earlier.places(model), Rows("changes")
-    rows.add(**told.columns, **_figures(earlier, told, found, fit.shared[own], covariance[np.ix_(own, own)]))
+    rows = Rows("changes")
+    rows.add(**told.columns, **_figures(earlier, told, found, *_now(earlier, model, fit.shared, covariance)))
     return rows.table()
 
 
@@ -157,8 +186,11 @@ class _Told:
         }
 
 
-def _told(earlier: Earlier, model: PointModel, shared: NDArray, covariance: NDArray) -> _Told:
-    """The geometry as the tables tell it, then the effects."""
+def _told(earlier: Earlier, model: EffectsModel, shared: NDArray, covariance: NDArray) -> _Told:
+    """The geometry as the tables tell it, or a sensor's lengths and stiffnesses, then the effects."""
+    if not isinstance(model, Unknowns):
+        rows = _numbers(earlier, model)
+        return _Told(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
     geometry, own = identified_geometry(model, shared, covariance), earlier.places(model)
     parts = {part.name for part in earlier.parts}
     kept = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)

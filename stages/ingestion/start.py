@@ -7,6 +7,7 @@ import tomllib
 from typing import TYPE_CHECKING, Any
 
 from schemas.faults import Fault
+from truing.simulation.bench.sensor_text import is_sensor
 
 if TYPE_CHECKING:
     from truing.formats.faultlog import FaultLog
@@ -20,7 +21,7 @@ _PROVENANCE = re.compile(r"^\[provenance\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTA
 
 def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
     """The earlier model as text; None where the campaign starts from none, or from what is at fault."""
-    if not settings.mechanism.is_legged or settings.mechanism.model is None or source.earlier_model is None:
+    if settings.mechanism.type == "none" or settings.mechanism.model is None or source.earlier_model is None:
         return None
     try:
         text = source.earlier_model.path.read_text(encoding="utf-8")
@@ -38,10 +39,11 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
 def _departure(document: dict[str, Any], mechanism: Any) -> str:
     """What a parsed model would have to be instead; empty where it is one of this mechanism."""
     about, legs = document.get("model"), document.get("legs")
-    if not isinstance(about, dict) or not isinstance(legs, list) or "covariance" not in document:
+    told = isinstance(document.get("compliance"), dict) if is_sensor(document) else isinstance(legs, list)
+    if not isinstance(about, dict) or not told or "covariance" not in document:
         return _WRITTEN
     if about.get("mechanism") != mechanism.type:
         return f"a model of a {mechanism.type}, not of a {about.get('mechanism')}"
-    if len(legs) != len(mechanism.legs):
+    if isinstance(legs, list) and len(legs) != len(mechanism.legs):
         return f"a model of {len(mechanism.legs)} legs, not of {len(legs)}"
     return ""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
 from truing.simulation.targets import BASE, PLATFORM
 from truing.simulation.unknowns import FREE_LENGTH_M, Unknowns
@@ -55,23 +56,31 @@ class Earlier:
         """Return what a unit of each number (n,) is in SI."""
         return np.concatenate([part.scale for part in self.parts]) if self.parts else np.zeros(0)
 
-    def places(self, model: Unknowns) -> NDArray:
+    def places(self, model: EffectsModel) -> NDArray:
         """Return where the numbers (n,) stand among a model's shared unknowns."""
         slices = [model.layout[part.name] for part in self.parts]
         return np.concatenate([np.arange(own.start, own.stop) for own in slices]) if slices else np.zeros(0, int)
 
-    def values(self, model: Unknowns, shared: NDArray) -> NDArray:
+    def values(self, model: EffectsModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,) at a model's shared unknowns (G,)."""
         return shared[self.places(model)]
 
-    def rows(self, model: Unknowns, shared: NDArray) -> tuple[NDArray, NDArray]:
+    def middle(self) -> NDArray:
+        """Return where the knowledge (n,) is centred."""
+        return self.mean
+
+    def slopes(self, model: EffectsModel, shared: NDArray) -> NDArray:
+        """Return how the numbers follow their own unknowns (n, n): they are these."""
+        return np.eye(len(self.mean))
+
+    def rows(self, model: EffectsModel, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return the knowledge as whitened rows at shared unknowns (G,): residual (E,) and derivative (E, G)."""
         variances, directions = np.linalg.eigh(self.information)
         kept = variances > 0
         factor = directions[:, kept].T * np.sqrt(variances[kept])[:, None]
         derivative = np.zeros((len(factor), model.shared_size))
-        derivative[:, self.places(model)] = factor
-        return factor @ (self.mean - self.values(model, shared)), derivative
+        derivative[:, self.places(model)] = factor @ self.slopes(model, shared)
+        return factor @ (self.middle() - self.values(model, shared)), derivative
 
     def without(self, free: Sequence[int]) -> Earlier:
         """Return the same where some numbers, by their places (of n), may have changed since: nothing is known then."""
@@ -97,7 +106,7 @@ def earlier_knowledge(found: ExtendedModel, model: Unknowns) -> Earlier:
     bridge = _bridge(old, wider, names)
     own, others = _split(old, names)
     identity = np.eye(len(found.shared))
-    told = _clipped(np.linalg.inv(found.covariance) - identity)
+    told = clipped(np.linalg.inv(found.covariance) - identity)
     told = _marginal(told + np.diag(np.isin(np.arange(len(told)), others).astype(float)), others)[np.ix_(own, own)]
     back = np.linalg.inv(bridge)
     earlier = Earlier(
@@ -107,7 +116,7 @@ def earlier_knowledge(found: ExtendedModel, model: Unknowns) -> Earlier:
         bridge @ found.covariance[np.ix_(own, own)] @ bridge.T,
         np.zeros_like(bridge),
         back.T @ back,
-        _clipped(back.T @ told @ back),
+        clipped(back.T @ told @ back),
     )
     return _by_survey(earlier, found, wider)
 
@@ -157,7 +166,7 @@ def _offset(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
     return away[own]
 
 
-def _clipped(information: NDArray) -> NDArray:
+def clipped(information: NDArray) -> NDArray:
     """Return a symmetric matrix without what rounding leaves of negative information."""
     variances, directions = np.linalg.eigh((information + information.T) / 2)
     return np.asarray((directions * np.maximum(variances, 0.0)) @ directions.T)
@@ -171,7 +180,7 @@ def _marginal(information: NDArray, free: NDArray) -> NDArray:
     carried = information[:, free] @ np.linalg.pinv(own, rcond=1e-12, hermitian=True) @ information[free]
     left = information - carried
     left[free], left[:, free] = 0.0, 0.0
-    return _clipped(left)
+    return clipped(left)
 
 
 def _by_survey(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> Earlier:
@@ -179,7 +188,7 @@ def _by_survey(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> Earli
     if _same_survey(found, model):
         rows = model.survey_rows(np.zeros(model.shared_size))[1][:, earlier.places(model)]
         common = rows.T @ rows
-        return replace(earlier, shared=earlier.shared + common, information=_clipped(earlier.information - common))
+        return replace(earlier, shared=earlier.shared + common, information=clipped(earlier.information - common))
     moves, spread = _frames(earlier, found, model)
     if not len(spread):
         return earlier
@@ -188,7 +197,7 @@ def _by_survey(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> Earli
     return replace(
         earlier,
         frames=moves @ spread @ moves.T,
-        information=_clipped(earlier.information - carried.T @ inner @ carried),
+        information=clipped(earlier.information - carried.T @ inner @ carried),
     )
 
 

@@ -27,7 +27,8 @@ class ExtendedSensor:
 
     ``covariance`` (36 + P, 36 + P) is that of the compliance row by row, then of the effects' parameters, SI;
     ``nominal`` the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``context`` says,
-    for people, what the model was made from. ``rows`` (6, 6): how the bench's channels follow the motion.
+    for people, what the model was made from. ``rows`` (6, 6): how the bench's channels follow the motion; ``share`` of
+    the elastic parameters' variance: what all legs had in common.
     """
 
     compliance: NDArray
@@ -40,6 +41,7 @@ class ExtendedSensor:
     reference_temperature_c: float
     context: dict[str, str]
     rows: NDArray = field(default_factory=lambda: np.eye(_AXES))
+    share: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ def extended_sensor(
         known.reference_temperature_c,
         context,
         rows,
+        sensor.share,
     )
 
 

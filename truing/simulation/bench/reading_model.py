@@ -146,8 +146,10 @@ class ReadingModel(EffectsModel):
         )
 
     def with_causes(self, causes: Sequence[Cause]) -> Self:
-        """Return the model with these effects among its unknowns."""
-        return replace(self, causes=tuple(causes))
+        """Return the model with these effects among its unknowns, and those that an earlier campaign found."""
+        given = () if self.known.earlier is None else self.known.earlier.causes
+        keys = {cause.key for cause in given}
+        return replace(self, causes=(*given, *(cause for cause in causes if cause.key not in keys)))
 
     def at(self, conditions: ReadingConditions) -> Self:
         """Return the model at other load steps; runs that it does not know have no zero."""
@@ -173,13 +175,14 @@ class ReadingModel(EffectsModel):
         """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         passage = self._passage(shared, local)
         points = self._with_zeros(passage.state.readings, shared)
-        slopes = self._by_shared(shared, passage) if by_shared else np.empty((*points.shape, 0))
+        slopes, rows = np.empty((*points.shape, 0)), (np.empty(0), np.empty((0, 0)))
+        if by_shared:
+            slopes, rows = self._by_shared(shared, passage), self._known_rows(shared)
         return Prediction(
             points[..., None],
             slopes[:, :, None],
             passage.from_wrench(self._load_errors)[:, :, None],
-            np.empty(0),
-            np.empty((0, slopes.shape[-1])),
+            *rows,
             self._shared_known,
             ~self.unpredicted,
         )
@@ -201,6 +204,11 @@ class ReadingModel(EffectsModel):
     def scale_of(self, name: str) -> NDArray:
         """Return what a unit of the unknowns of an effect is in SI: (n,)."""
         return self.effect_sigma(next(cause for cause in self.causes if cause.key == name))
+
+    def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what an earlier campaign says beforehand: whitened residual and derivative."""
+        earlier = self.known.earlier
+        return (np.empty(0), np.empty((0, self.shared_size))) if earlier is None else earlier.rows(self, shared)
 
     @property
     def _has_two_models(self) -> bool:

@@ -29,7 +29,8 @@ from truing.simulation.effect_text import (
 FORMAT = 2
 MECHANISM = "6-upur"
 _AXES = 6
-_OWN = ("mechanism", "wavelength_nm", "reference_temperature_c", "largest_load")
+_OWN = ("mechanism", "wavelength_nm", "reference_temperature_c", "largest_load", "common_share")
+_HALF = 0.5  # what was in common where a model does not say so
 
 
 def write_sensor(extended: ExtendedSensor) -> str:
@@ -39,6 +40,7 @@ def write_sensor(extended: ExtendedSensor) -> str:
         "wavelength_nm": extended.wavelength_m * 1e9,
         "reference_temperature_c": extended.reference_temperature_c,
         "largest_load": exact(extended.largest),
+        "common_share": extended.share,
     }
     about = [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**extended.context, **numbers}.items()]
     lines = [f"format = {FORMAT}", "", "[model]", *about, "", "[compliance]  # SI: m, rad by N, N m"]
@@ -93,6 +95,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedSensor:
         float(about["reference_temperature_c"]),
         {key: str(value) for key, value in about.items() if key not in _OWN},
         _matrix(document["beams"]["rows"]) if "beams" in document else np.eye(_AXES),
+        float(about.get("common_share", _HALF)),
     )
 
 

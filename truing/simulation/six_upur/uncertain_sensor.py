@@ -119,6 +119,14 @@ class UncertainSensor:
         parts = self.elastic.parts.names if self.stiffness_size else ()
         return [*named, *((leg, f"stiffness of {part}") for leg in legs for part in parts)]
 
+    @property
+    def scales(self) -> NDArray:
+        """Return what one standard deviation of each unknown is: m of the lengths, relative of the stiffnesses."""
+        lengths = np.tile(self.geometry_sigma, _LEGS)[self.sources]
+        common = np.array([leg is None for leg, _ in self.unknowns[self.geometry_size :]], bool)
+        share = np.where(common, self.share, 1.0 - self.share) if self.is_split else np.ones(self.stiffness_size)
+        return np.concatenate([lengths, np.sqrt(share) * self.stiffness_sigma])
+
     def at(self, geometry: NDArray, stiffness: NDArray) -> Response:
         """Return the response at unknowns (geometry_size,) and (..., stiffness_size), in standard deviations."""
         slopes, plain = self.by_geometry, self._elastically(stiffness)

@@ -1,0 +1,168 @@
+"""What an earlier campaign of the same sensor has found, as knowledge that a model of the next one starts from.
+
+Its model.toml tells the compliance, not the lengths and stiffnesses behind it; so what is handed on is the information
+about those combinations of them that move the compliance, with the effects that last. Of both, what was known before
+(the tolerances, a plausible size) is taken out, for the next campaign brings it along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.bench.known_readings import KnownReadings
+from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.cause import Cause
+from truing.simulation.earlier import Earlier, Part, clipped
+from truing.simulation.effects_model import EffectsModel
+from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+
+_ENTRIES = 36
+# Combinations that move the compliance by less than this share of what the strongest does are told by rounding alone.
+_LEAST = 1e-6
+_ROUNDS = 6
+_KNOWN = 1e-6  # information below this share of what was known before says nothing
+
+
+@dataclass(frozen=True)
+class EarlierSensor(Earlier):
+    """What an earlier campaign found of a sensor: what it told of the compliance is held against the compliance itself,
+    which follows stiffnesses in a curve.
+
+    Its numbers are counted in the sigmas (m,) ``counted`` of lengths and stiffnesses as that campaign had them. along
+    (r, m): the combinations that move the compliance; back (r, 36): how they follow it, counted from ``compliance``
+    (36,), where they are ``start`` (r,). told (n,): what the campaign's data alone say,
+    which its estimate ``mean`` was drawn away from, to what was known before.
+    """
+
+    counted: NDArray
+    along: NDArray
+    back: NDArray
+    compliance: NDArray
+    start: NDArray
+    told: NDArray
+
+    def middle(self) -> NDArray:
+        """Return where the knowledge (n,) is centred: what was known before comes in with the next campaign."""
+        return self.told
+
+    def values(self, model: EffectsModel, shared: NDArray) -> NDArray:
+        """Return the numbers (n,): unknowns, of which the told combinations are those that the compliance tells."""
+        sensor, geometry, stiffness = _parted(model, shared)
+        own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
+        told = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
+        others = super().values(model, shared)[len(own) :]
+        return np.concatenate([own + self.along.T @ (told - self.along @ own), others])
+
+    def slopes(self, model: EffectsModel, shared: NDArray) -> NDArray:
+        """Return how the numbers follow their own unknowns (n, n)."""
+        sensor, _, stiffness = _parted(model, shared)
+        own = np.diag(self._ratio(sensor))
+        told = self.back @ _by_unknowns(sensor, stiffness)
+        own = own + self.along.T @ (told - self.along @ own)
+        return _block(own, super().slopes(model, shared)[len(own) :, len(own) :])
+
+    def _ratio(self, sensor: UncertainSensor) -> NDArray:
+        """Return what one sigma of each length and stiffness (m,) is by now: legs may have more in common, or less."""
+        return np.asarray(sensor.scales / self.counted)
+
+
+def earlier_sensor(found: ExtendedSensor, model: ReadingModel) -> EarlierSensor:
+    """Return what an earlier model tells of the unknowns of a model of the next campaign.
+
+    Tolerances are taken to be those of the next one. Effects that it cannot follow, for want of a column, are left out.
+    """
+    kept = [n for n, cause in enumerate(found.causes) if cause.lasts and _is_told(cause, model)]
+    causes = tuple(found.causes[n] for n in kept)
+    sensor = replace(model.known.sensor, share=found.share)
+    start, rows = _behind(sensor, found.compliance)
+    left, size, right = np.linalg.svd(rows, full_matrices=False)
+    seen = size > _LEAST * size.max(initial=0.0)
+    along = right[seen]  # (r, n): combinations of the unknowns, each known to one sigma beforehand
+    back = (left[:, seen] / size[seen]).T / _scale(found.compliance)
+    effects = [model.effect_sigma(cause) for cause in causes]
+    places = np.concatenate([np.arange(_ENTRIES), *(_places(found, n) for n in kept)]).astype(int)
+    turn = _block(back, np.diag(1.0 / np.concatenate(effects)) if effects else np.zeros((0, 0)))
+    told = np.linalg.inv(turn @ found.covariance[np.ix_(places, places)] @ turn.T)
+    spread = _block(along, np.eye(told.shape[0] - len(along)))
+    information = clipped(spread.T @ clipped(told - np.eye(len(told))) @ spread)
+    values = [found.values[n] / sigma for n, sigma in zip(kept, effects, strict=True)]
+    mean, identity = np.concatenate([along.T @ (along @ start), *values]), np.eye(len(information))
+    return EarlierSensor(
+        causes,
+        _parts(sensor, causes, effects),
+        mean,
+        np.linalg.inv(identity + information),
+        np.zeros_like(information),
+        identity,
+        information,
+        sensor.scales,
+        along,
+        back,
+        found.compliance.ravel(),
+        along @ start,
+        mean
+        + np.linalg.pinv(information, rcond=_KNOWN / max(_KNOWN, np.abs(information).max(initial=0.0)), hermitian=True)
+        @ mean,
+    )
+
+
+def _is_told(cause: Cause, model: ReadingModel) -> bool:
+    """Return whether a campaign has the columns that an effect follows, with a number at every step."""
+    known = model.steps.covariates
+    return all(
+        name in model.known.channels or (name in known and bool(np.isfinite(known[name]).all()))
+        for name in cause.needs(model.leg_count)
+    )
+
+
+def _scale(compliance: NDArray) -> NDArray:
+    """Return in what the entries (36,) of a compliance are counted: alike for m and rad, N and N m."""
+    size = np.sqrt(np.abs(np.diag(compliance)))
+    size = np.where(size > 0.0, size, 1.0)
+    return np.outer(size, size).ravel()
+
+
+def _behind(sensor: UncertainSensor, compliance: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the smallest unknowns (n,) that a compliance follows from, and how its counted entries follow them."""
+    scale, unknowns = _scale(compliance), np.zeros(sensor.geometry_size + sensor.stiffness_size)
+    rows = np.zeros((_ENTRIES, len(unknowns)))
+    for _ in range(_ROUNDS):
+        geometry, stiffness = np.split(unknowns, [sensor.geometry_size])
+        rows = _by_unknowns(sensor, stiffness) / scale[:, None]
+        gap = (compliance - sensor.at(geometry, stiffness).compliance).ravel() / scale
+        unknowns = np.linalg.lstsq(rows, gap + rows @ unknowns, rcond=_LEAST)[0]
+    return unknowns, rows
+
+
+def _by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
+    """Return how the compliance (36, n) follows lengths and stiffnesses."""
+    slopes = np.concatenate([sensor.by_geometry.compliance, sensor.by_stiffness(stiffness).compliance])
+    return np.asarray(slopes.reshape(-1, _ENTRIES).T)
+
+
+def _parted(model: EffectsModel, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
+    """Return the sensor of a model of readings, with its lengths and its stiffnesses at shared unknowns (G,)."""
+    known: KnownReadings = model.known  # type: ignore[attr-defined]
+    return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]
+
+
+def _places(found: ExtendedSensor, number: int) -> NDArray:
+    first = _ENTRIES + sum(len(own) for own in found.values[:number])
+    return np.arange(first, first + len(found.values[number]))
+
+
+def _block(first: NDArray, second: NDArray) -> NDArray:
+    whole = np.zeros((first.shape[0] + second.shape[0], first.shape[1] + second.shape[1]))
+    whole[: first.shape[0], : first.shape[1]] = first
+    whole[first.shape[0] :, first.shape[1] :] = second
+    return whole
+
+
+def _parts(sensor: UncertainSensor, causes: tuple[Cause, ...], effects: list[NDArray]) -> tuple[Part, ...]:
+    geometry, stiffness = np.split(sensor.scales, [sensor.geometry_size])
+    own = [Part("geometry", geometry), Part("stiffness", stiffness)]
+    return (*own, *(Part(cause.key, sigma) for cause, sigma in zip(causes, effects, strict=True)))
