@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from pipeline.remembered import RememberedDigests
@@ -55,7 +56,7 @@ class SourceTree:
         key = f"imports of {package} {self._digest(path)}"
         known = self._remembered.fact(key)
         if known is None:
-            known = sorted(set(_executed_imports(ast.parse(path.read_bytes()), package)))
+            known = _imports_of(path.read_bytes(), package)
             self._remembered.note(key, known)
         return list(known)
 
@@ -76,6 +77,12 @@ class SourceTree:
         if folder not in self._data:
             self._data[folder] = tuple(_data_files(folder))
         return self._data[folder]
+
+
+@cache
+def _imports_of(source: bytes, package: str) -> list[str]:
+    """Project modules that a source executes; kept for all runs of this process, each of which remembers for itself."""
+    return sorted(set(_executed_imports(ast.parse(source), package)))
 
 
 def _executed_imports(node: ast.AST, package: str) -> Iterator[str]:

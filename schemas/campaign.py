@@ -370,6 +370,8 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
         raise CampaignFaults(_fault(file, detail) for detail in error.errors()) from None
 
 
+# The library writes a bound with all its digits.
+_BOUNDS = {"less_than_equal": ("at most", "le"), "greater_than_equal": ("at least", "ge")}
 _TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "none": NoMechanism}
 
 
@@ -382,8 +384,14 @@ def _fault(file: str, detail: Any) -> Fault:
         return Fault(file, "this key to be present", column=path)
     value = detail["input"]
     shown = None if isinstance(value, (dict, list, tuple)) else str(value)[:80]
-    wanted = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    return Fault(file, wanted, column=path, value=shown)
+    return Fault(file, _wanted(detail), column=path, value=shown)
+
+
+def _wanted(detail: Any) -> str:
+    word, key = _BOUNDS.get(detail["type"], ("", ""))
+    if word:
+        return f"{word} {detail['ctx'][key]:g}"
+    return str(detail["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
 
 
 def _suggestion(location: tuple[int | str, ...]) -> str:

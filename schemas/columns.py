@@ -6,6 +6,9 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+# No measurement, in whatever unit; its fourth power is still a number, so that nothing later overflows.
+LARGEST = 1e30
+
 Kind = Literal["identifier", "text", "integer", "real", "flag"]
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import Column
+from schemas.columns import LARGEST, Column
 from truing.formats.dictionaries import (
     as_dictionary,
     codes,
@@ -245,6 +245,10 @@ class _Work:
         if not finite.all():
             self._outside(~finite, values, name, "a finite number")
             self.broken.append(~finite)
+        immense = np.abs(plain) > LARGEST
+        if immense.any():
+            self._outside(immense & finite, values, name, f"at most {LARGEST:g} either way")
+            self.broken.append(immense)
         if column.minimum is not None:
             self._outside(plain < column.minimum, values, name, f"at least {column.minimum:g} {column.unit}".rstrip())
         if column.maximum is not None:

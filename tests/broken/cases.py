@@ -1,0 +1,18 @@
+"""Every broken campaign, and a command that writes them for a look: ``python -m tests.broken DIR``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.broken import campaign_files, load_tables, point_tables
+from tests.broken.good import CAMPAIGNS
+from tests.broken.spoiling import Broken
+
+CASES: tuple[Broken, ...] = (*campaign_files.CASES, *point_tables.CASES, *load_tables.CASES)
+
+
+def write_broken(case: Broken, folder: Path) -> Path:
+    """Write the good campaign into a folder that is not there yet, and spoil it."""
+    campaign = CAMPAIGNS[case.of](folder)
+    case.spoil(campaign)
+    return campaign
