@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 from pipeline.campaign_folder import CampaignFolder, run_folder_of
 from pipeline.executor import Workforce, results
 from pipeline.given_table import ENDINGS, table_bytes
+from pipeline.in_memory import call_stage
 from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from pipeline.run_campaign import usable_campaign
-from pipeline.settings_view import SettingsView
-from pipeline.stage_order import stage_module
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
@@ -112,7 +111,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
 
         source = CampaignFiles(campaign.folder, settings)
         planned = planned_loads(source, settings)
-        return _run("ingest", {}, settings, source) if planned is None else planned
+        return dict(call_stage("ingest", {}, settings, source).artifacts) if planned is None else planned
     if not settings.mechanism.is_legged:
         expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
@@ -120,7 +119,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     source = CampaignFiles(campaign.folder, settings)
     if not source.entries("points"):
         return _planning_tables(source, settings)
-    made = _run("ingest", {}, settings, source)
+    made = dict(call_stage("ingest", {}, settings, source).artifacts)
     return made if "observations" not in made else _posed(made, settings)
 
 
@@ -137,7 +136,7 @@ def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
 
 
 def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.Table]:
-    return {**tables, **_run("pose", tables, settings)}
+    return {**tables, **call_stage("pose", tables, settings).artifacts}
 
 
 def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign) -> dict[str, pa.Table]:
@@ -146,28 +145,8 @@ def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign)
 
     tables = plan.drawn(effects, np.random.default_rng(seed))
     for name in plan.through:
-        tables = {**tables, **_run(name, tables, settings)}
+        tables = {**tables, **call_stage(name, tables, settings).artifacts}
     return tables
-
-
-def _run(name: str, tables: Mapping[str, pa.Table], settings: Campaign, *more: Any) -> dict[str, pa.Table]:
-    """What a stage leaves, in memory."""
-    import pyarrow as pa
-
-    stage = stage_module(name)
-    wanted = {read.rstrip("?") for read in stage.DECLARATION.reads}
-    given = {key: table for key, table in tables.items() if key in wanted}
-    made = stage.run(given, SettingsView(settings, stage.DECLARATION.settings), lambda *_: None, *more).artifacts
-    whole = {key: left.read_all() if isinstance(left, pa.RecordBatchReader) else left for key, left in made.items()}
-    return {key: _plain(left) if isinstance(left, pa.Table) else left for key, left in whole.items()}
-
-
-def _plain(table: pa.Table) -> pa.Table:
-    """The table as its file gives it back: text without its dictionary."""
-    import pyarrow as pa
-
-    kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
-    return table.cast(pa.schema(kinds))
 
 
 def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerWish) -> list[Question]:
