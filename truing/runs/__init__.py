@@ -1,0 +1,1 @@
+"""Runs as they lie on the disk, opened for notebooks, exports and comparisons."""

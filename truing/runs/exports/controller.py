@@ -1,0 +1,106 @@
+"""The extended model for a machine's controller: its numbers as TOML and as a plain table, each with its sigma."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import tomllib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from schemas.artifacts import ARTIFACTS
+from truing.simulation.effect_text import toml_key, toml_value
+
+if TYPE_CHECKING:
+    from truing.runs.recorded_run import Run
+
+Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
+_LENGTHS, _XYZ = ("a_mm", "b_mm"), "xyz"
+_LOADS, _CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
+
+
+def controller(run: Run) -> Iterator[tuple[str, bytes]]:
+    """Yield ``controller.toml`` and ``controller.csv``: legs or compliance, effects, and a sensor's matrix G_B.
+
+    Nothing where the run has left no extended model.
+    """
+    path = run.folder / ARTIFACTS["model"].file
+    document = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if "model" not in document:
+        return
+    matrix = _matrix(run)
+    yield "controller.toml", "\n".join([*_text(document), *_matrix_text(matrix), ""]).encode()
+    yield "controller.csv", _csv([*_leg_numbers(document), *_compliance(document), *_effects(document), *matrix])
+
+
+def _text(document: dict[str, Any]) -> Iterator[str]:
+    """The mechanism as a campaign.toml has it, with the identified numbers, and what the effects add."""
+    about = document["model"]
+    yield f"# {about.get('campaign', '')}: identified by truing; a [mechanism] that simulates this machine"
+    yield "[mechanism]"
+    yield f"type = {toml_value(about['mechanism'])}"
+    yield f"reference_temperature_c = {toml_value(about['reference_temperature_c'])}"
+    if "legs" in document:
+        yield from ("legs = [", *(f"  {toml_value(leg['identified'])}," for leg in document["legs"]), "]")
+    if "compliance" in document:
+        rows = (f"  {toml_value(row)}," for row in document["compliance"]["identified"])
+        yield from ("", "[compliance]  # SI, rows dx dy dz rx ry rz, columns fx fy fz mx my mz", "identified = [", *rows, "]")
+    for effect in document.get("effects", ()):
+        yield from ("", "[[effects]]", f"cause = {toml_value(effect['cause'])}", f"subject = {toml_value(effect['subject'])}")
+        yield "[effects.parameters]"
+        yield from (f"{toml_key(name)} = {toml_value(told)}" for name, told in effect["parameters"].items())
+
+
+def _leg_numbers(document: dict[str, Any]) -> Iterator[Number]:
+    for number, leg in enumerate(document.get("legs", ()), start=1):
+        found, sigma, name = leg["identified"], leg.get("sigma", {}), f"leg{number}"
+        for point in _LENGTHS:
+            for axis, value, spread in zip(_XYZ, found[point], sigma.get(point, [None] * 3), strict=True):
+                yield name, f"{point.removesuffix('_mm')}_{axis}", value, spread, "mm"
+        for axis, value in zip(_XYZ, found.get("u", ()), strict=False):
+            yield name, f"u_{axis}", value, None, "1"
+        for length in ("length_mm", "rho0_mm"):
+            yield name, length.removesuffix("_mm"), found[length], sigma.get(length), "mm"
+
+
+def _compliance(document: dict[str, Any]) -> Iterator[Number]:
+    told = document.get("compliance")
+    if told is None:
+        return
+    for channel, values, sigmas in zip(_CHANNELS, told["identified"], told["sigma"], strict=True):
+        for load, value, sigma in zip(_LOADS, values, sigmas, strict=True):
+            unit = f"{'m' if channel[0] == 'd' else 'rad'}/{'N' if load[0] == 'f' else '(N m)'}"
+            yield "compliance", f"{channel} {load}", value, sigma, unit
+
+
+def _effects(document: dict[str, Any]) -> Iterator[Number]:
+    for effect in document.get("effects", ()):
+        of = f"{effect['cause']} {effect['subject']}".strip()
+        for name, told in effect["parameters"].items():
+            if not isinstance(told["value"], str):
+                yield of, name, told["value"], told.get("sigma"), told["unit"]
+
+
+def _matrix(run: Run) -> list[Number]:
+    if "sensor_matrix" not in run:
+        return []
+    table = run["sensor_matrix"]
+    rows = table[table["chosen"] & (table["matrix"] == "G_B")]
+    names = rows["row"] + " " + rows["column_name"]
+    return list(zip(rows["matrix"], names, rows["value"], rows["sigma"], rows["unit"], strict=True))
+
+
+def _matrix_text(matrix: list[Number]) -> Iterator[str]:
+    if matrix:
+        yield from ("", "[G_B]  # a load is the sum over the signals of number times signal")
+    for _, name, value, sigma, unit in matrix:
+        yield f"{json.dumps(name)} = {toml_value({'value': value, 'sigma': sigma, 'unit': unit})}"
+
+
+def _csv(numbers: list[Number]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("of", "name", "value", "sigma", "unit"))
+    writer.writerows((of, name, repr(float(v)), "" if s is None else repr(float(s)), unit) for of, name, v, s, unit in numbers)
+    return text.getvalue().encode()

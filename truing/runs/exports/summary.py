@@ -1,0 +1,80 @@
+"""What a run concludes, as JSON for a lab's own database: sentences, checks, causes, the calibration, requirements."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from truing.report.calibration.calibrations import chosen_calibration, rows_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from truing.runs.recorded_run import Run
+
+FORMAT = 1  # changes where a reader of the last one would fail
+
+
+def summary(run: Run) -> Iterator[tuple[str, bytes]]:
+    """Yield the summary; what a run did not evaluate is absent, and numbers that are none are null."""
+    told = {
+        "format": FORMAT,
+        "campaign": run.campaign,
+        "software_versions": sorted({run.origin(name)["software_version"] for name in run}),
+        "verdicts": [{"mark": mark, "sentence": sentence} for mark, sentence in run.verdicts],
+        **_quality(run),
+        **_causes(run),
+        **_calibration(run),
+        **_sensor(run),
+        "artifacts": {name: _artifact(run, name) for name in run},
+    }
+    yield "summary.json", (json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _artifact(run: Run, name: str) -> dict[str, Any]:
+    origin = run.origin(name)
+    rows = len(run.table(name))
+    return {"file": run.files[name].name, "rows": rows, "stage": origin["stage"], "digest": origin["digest"]}
+
+
+def _quality(run: Run) -> dict[str, Any]:
+    if "qa" not in run:
+        return {}
+    checks = run["qa"]
+    told = checks[checks["verdict"].isin(["warn", "fail"])]
+    return {"qa": {"verdicts": checks["verdict"].value_counts().sort_index().to_dict(), "told": _rows(told)}}
+
+
+def _causes(run: Run) -> dict[str, Any]:
+    if "diagnosis" not in run:
+        return {}
+    rows = _rows(run["diagnosis"])
+    for row in rows:
+        row["parameters"] = json.loads(row["parameters"] or "{}")
+    return {"causes": rows}
+
+
+def _calibration(run: Run) -> dict[str, Any]:
+    tables = {name: run[name] for name in ("model_choice", "calibration", "requirements") if name in run}
+    key = chosen_calibration(tables)
+    if key is None:
+        return {}
+    chosen = {name: _rows(rows_of(table, key)) for name, table in tables.items()}
+    return {"calibration": {"model": key[0], "deformation": key[1], **chosen}}
+
+
+def _sensor(run: Run) -> dict[str, Any]:
+    told = {}
+    if "sensor_matrix" in run:
+        matrix = run["sensor_matrix"]
+        told["sensor_matrix"] = _rows(matrix[matrix["chosen"]])
+    if "error_classes" in run:
+        told["error_classes"] = _rows(run["error_classes"])
+    return told
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as JSON has them: what is missing, or no finite number, is null."""
+    rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=15))
+    return rows

@@ -1,0 +1,131 @@
+"""One run, opened: tables as pandas, figures as plotly objects, sentences, and the extended model."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from schemas.artifacts import ARTIFACTS
+from truing.runs.page_parts import page_parts, provenance_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+    import pyarrow as pa
+
+    from truing.report.page import Head, Section
+    from truing.simulation.bench.extended_sensor import ExtendedSensor
+    from truing.simulation.extended_model import ExtendedModel
+
+
+@dataclass(frozen=True)
+class Run(Mapping[str, "pd.DataFrame"]):
+    """A run's tables by artifact name, read when first asked for.
+
+    In the ``attrs`` of each: ``units`` by column, and where it comes from (stage, digest, software_version, campaign).
+    """
+
+    folder: Path
+    files: Mapping[str, Path]  # by artifact name, tables alone
+    campaign: str
+    _read: dict[str, pa.Table] = field(default_factory=dict, repr=False, compare=False)
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        """Return a table, a fresh copy each time; raises KeyError where the run has none of this name."""
+        frame, origin = self.table(name).to_pandas(), self.origin(name)
+        frame.attrs |= {**origin, "units": json.loads(origin["units"])}
+        return frame
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.files)
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def table(self, name: str) -> pa.Table:
+        """Return a table as Arrow; raises KeyError for an unknown name, ValueError where it breaks its schema."""
+        if name not in self.files:
+            raise KeyError(f"{name}: this run has {', '.join(self.files)}")
+        if name not in self._read:
+            self._read[name] = _whole(name, self.files[name])
+        return self._read[name]
+
+    def origin(self, name: str) -> dict[str, str]:
+        """Return where a table comes from: stage, digest, software_version, campaign, and what its stage said."""
+        return provenance_of(self.table(name))
+
+    @property
+    def verdicts(self) -> tuple[tuple[str, str], ...]:
+        """The sentences at the top of the page, each with its mark: found, fail, warn, pass or none."""
+        return self._page[0].verdicts
+
+    @property
+    def sections(self) -> list[Section]:
+        """What the page consists of, in its order."""
+        return self._page[1]
+
+    @cached_property
+    def figures(self) -> dict[str, go.Figure]:
+        """Figures of the page by section and place in it, as ``evidence-0``."""
+        from truing.report.page import all_of
+
+        drawn = ((section.id, figures) for section in all_of(self.sections) if (figures := section.figures))
+        return {f"{name}-{k}": figure for name, figures in drawn for k, (figure, _) in enumerate(figures)}
+
+    @cached_property
+    def model(self) -> ExtendedModel | ExtendedSensor | None:
+        """The extended model that `predict_poses` or `predict_readings` takes; None where the run has left none."""
+        path = self.folder / ARTIFACTS["model"].file
+        if not path.is_file():
+            return None
+        from truing.simulation.bench.sensor_text import is_sensor, read_sensor
+        from truing.simulation.model_text import read_model
+
+        text = path.read_text(encoding="utf-8")
+        document = tomllib.loads(text)
+        if "model" not in document:
+            return None  # the stage was not evaluated, and says so in the file
+        return read_sensor(text) if is_sensor(document) else read_model(text)
+
+    @cached_property
+    def _page(self) -> tuple[Head, list[Section]]:
+        return page_parts(self.campaign, {name: self.table(name) for name in self.files})
+
+
+def load(folder: str | Path) -> Run:
+    """Open the folder of a run; raises FileNotFoundError where it holds no table that a run has left."""
+    folder = Path(folder)
+    found = {name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _known(path)}
+    if not found:
+        raise FileNotFoundError(f"{folder}: found no table of a run, expected a folder that `truing run` has filled")
+    names = [name for name in ARTIFACTS if name in found]
+    campaigns = {found[name][1].get("campaign", "") for name in names}
+    return Run(folder, {name: found[name][0] for name in names}, ", ".join(sorted(campaigns)))
+
+
+def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """The artifact that a file says it is, with its provenance; nothing for a file of another making."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        facts = provenance_of(pq.read_schema(path).empty_table())
+    except (OSError, pa.ArrowInvalid):
+        return
+    name = facts.get("schema", "")
+    if name in ARTIFACTS and ARTIFACTS[name].file == path.name:
+        yield name, facts
+
+
+def _whole(name: str, path: Path) -> pa.Table:
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    if faults := ARTIFACTS[name].faults(table):
+        raise ValueError("\n".join(str(fault) for fault in faults))
+    return table
