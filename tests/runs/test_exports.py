@@ -36,7 +36,10 @@ def _sheets(book: bytes) -> dict[str, list[list[str | float]]]:
     """Rows of every sheet, as a reader of the format sees them."""
     with zipfile.ZipFile(io.BytesIO(book)) as parts:
         texts = ["".join(item.itertext()) for item in ElementTree.fromstring(parts.read("xl/sharedStrings.xml"))]
-        names = [sheet.attrib["name"] for sheet in ElementTree.fromstring(parts.read("xl/workbook.xml")).iter(f"{_SPREADSHEET}sheet")]
+        names = [
+            sheet.attrib["name"]
+            for sheet in ElementTree.fromstring(parts.read("xl/workbook.xml")).iter(f"{_SPREADSHEET}sheet")
+        ]
         trees = [ElementTree.fromstring(parts.read(f"xl/worksheets/sheet{k}.xml")) for k in range(1, len(names) + 1)]
     rows = [[[_read(cell, texts) for cell in row] for row in tree.iter(f"{_SPREADSHEET}row")] for tree in trees]
     return dict(zip(names, rows, strict=True))
@@ -65,12 +68,14 @@ def test_the_workbook_lists_and_holds_every_table(run: truing.Run) -> None:
     heads, units, *rows = sheets["poses"]
     assert dict(zip(heads, units, strict=False))["px_mm"] == "mm"
     column = heads.index("px_mm")
-    assert np.allclose([row[column] for row in rows], run["poses"]["px_mm"], rtol=1e-15, atol=0)  # 16 digits are written
+    assert np.allclose(
+        [row[column] for row in rows], run["poses"]["px_mm"], rtol=1e-15, atol=0
+    )  # 16 digits are written
     assert dict(workbook(run))[name] == book
 
 
 def test_a_text_of_a_campaign_stays_text_in_a_workbook(run: truing.Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    hostile = "=HYPERLINK(\"http://elsewhere\")"
+    hostile = '=HYPERLINK("http://elsewhere")'
     qa = run.table("qa").slice(0, 3)
     told = qa.set_column(qa.schema.get_field_index("message"), "message", pa.array([hostile, "http://elsewhere", None]))
     small = truing.Run(run.folder, {"qa": run.files["qa"]}, run.campaign, {"qa": told})
@@ -106,7 +111,9 @@ def test_a_controller_gets_the_identified_machine(run: truing.Run) -> None:
 
 
 def test_the_command_writes_into_the_run_and_nowhere_else(run: truing.Run, tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["export", str(run.folder), "--to", "json, controller", "--out", str(tmp_path / "x")])
+    done = CliRunner().invoke(
+        app, ["export", str(run.folder), "--to", "json, controller", "--out", str(tmp_path / "x")]
+    )
     assert done.exit_code == ExitCode.DONE, done.output
     assert {path.name for path in (tmp_path / "x").iterdir()} == {"summary.json", "controller.toml", "controller.csv"}
 

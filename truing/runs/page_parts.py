@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from truing.runs.target_places import target_places
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow as pa
 
     from truing.report.page import Head, Section

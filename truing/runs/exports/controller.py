@@ -45,9 +45,20 @@ def _text(document: dict[str, Any]) -> Iterator[str]:
         yield from ("legs = [", *(f"  {toml_value(leg['identified'])}," for leg in document["legs"]), "]")
     if "compliance" in document:
         rows = (f"  {toml_value(row)}," for row in document["compliance"]["identified"])
-        yield from ("", "[compliance]  # SI, rows dx dy dz rx ry rz, columns fx fy fz mx my mz", "identified = [", *rows, "]")
+        yield from (
+            "",
+            "[compliance]  # SI, rows dx dy dz rx ry rz, columns fx fy fz mx my mz",
+            "identified = [",
+            *rows,
+            "]",
+        )
     for effect in document.get("effects", ()):
-        yield from ("", "[[effects]]", f"cause = {toml_value(effect['cause'])}", f"subject = {toml_value(effect['subject'])}")
+        yield from (
+            "",
+            "[[effects]]",
+            f"cause = {toml_value(effect['cause'])}",
+            f"subject = {toml_value(effect['subject'])}",
+        )
         yield "[effects.parameters]"
         yield from (f"{toml_key(name)} = {toml_value(told)}" for name, told in effect["parameters"].items())
 
@@ -102,5 +113,7 @@ def _csv(numbers: list[Number]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("of", "name", "value", "sigma", "unit"))
-    writer.writerows((of, name, repr(float(v)), "" if s is None else repr(float(s)), unit) for of, name, v, s, unit in numbers)
+    writer.writerows(
+        (of, name, repr(float(v)), "" if s is None else repr(float(s)), unit) for of, name, v, s, unit in numbers
+    )
     return text.getvalue().encode()

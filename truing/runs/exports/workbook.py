@@ -1,4 +1,4 @@
-"""Every table of a run as a sheet of one Excel workbook, after a sheet that lists them with the units of their columns."""
+"""Every table of a run as a sheet of one Excel workbook, after a sheet that lists them; units below the heads."""
 
 from __future__ import annotations
 
