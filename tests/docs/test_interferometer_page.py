@@ -15,6 +15,7 @@ from tests.real.interferometer_logs import LINES
 from tests.sensor_campaign import campaign_toml
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
+from truing.report.sensor.corrections import corrections
 
 PAGE = interferometer.PAGE.read_text(encoding="utf-8")
 
@@ -100,3 +101,9 @@ def test_the_example_of_what_is_known_of_beams_frame_and_surroundings_gives_its_
         assert (row["subject"], row["correction"], row["unit"]) == (shown_row["subject"], shown_row["correction"], "um")
         assert_close([row["largest"], row["sigma"]], [float(shown_row[k]) for k in ("largest", "sigma")], atol=6e-5)
     assert "corrected for the geometry of beams: dz by" in said["pose"].figure
+    told_on_page = corrections({"reading_corrections": tables["reading_corrections"].to_pandas()}).rows
+    assert [row[:2] for row in told_on_page] == [
+        ("dz", "refractive index of the air"),
+        ("dz", "temperature of the material"),
+    ]
+    assert "0.86" in told_on_page[1][2]

@@ -15,6 +15,7 @@ from stages.quality.loading_view import ChannelView
 from stages.quality.of_readings import noise
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
+from tests.tolerance import assert_close
 from truing.estimation.interferometry.flexible_response import ChannelFit
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
@@ -44,6 +45,25 @@ def test_a_good_campaign_passes(tmp_path, own_channel):
         assert not told(qa, "fail")
         assert not told(qa, "warn")
         assert (qa["verdict"] == "pass").sum() > 40
+
+
+def test_a_correction_that_is_less_well_known_than_its_channel_reads_is_told(tmp_path):
+    """Errors of 0.2 K at both ends of 300 mm of steel are worth 0.98 um, of 30 mm a tenth of that; noise 0.5 um."""
+    growth = "expansion_per_k = 11.5e-6"
+    more = f"[interferometer.material]\ndz = {{ length_mm = 300.0, {growth} }}\ndx = {{ length_mm = 30.0, {growth} }}\n"
+    toml = campaign_toml(more=f"{more}[interferometer.surroundings_sigma]\nmaterial_temperature_c = 0.2\n")
+    warm = 20.0 + 0.1 * np.sin(np.arange(102))
+
+    def measured_warm(readings, signals):
+        of_step = {(r.run, r.step): n for n, r in enumerate(readings[["run", "step"]].drop_duplicates().itertuples())}
+        places = [of_step[key] for key in zip(readings["run"], readings["step"], strict=True)]
+        return readings.assign(material_temperature_c=warm[places]), signals
+
+    qa = judged(tmp_path, measured_warm, toml=toml)
+    rows = qa[qa["check"] == "corrections"].set_index("subject")
+    assert dict(rows["verdict"]) == {"channel dz material": "warn", "channel dx material": "pass"}
+    assert_close(rows["value"], [0.0976, 0.976], atol=1e-3)
+    assert "which is known to 0.98 um" in rows.loc["channel dz material", "message"]
 
 
 def at(table: pd.DataFrame, run: int, **where: object) -> pd.Series:
