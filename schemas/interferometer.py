@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.section import Finite, NotNegative, Positive, Section
+from schemas.section import Finite, NotNegative, Positive, Section, Vector
 
 LINEAR = ("dx", "dy", "dz")
 _AXES = (*LINEAR, "rx", "ry", "rz")
@@ -16,7 +16,6 @@ _NEAREST_SQUARED = 0.75  # cos(30 degrees) squared
 # No solid grows faster; 11.5 for 11.5e-6 is what it keeps out.
 _LARGEST_EXPANSION = 1e-3
 
-Triple = tuple[Finite, Finite, Finite]
 Expansion = Annotated[float, Field(gt=0.0, lt=_LARGEST_EXPANSION, allow_inf_nan=False)]
 
 
@@ -31,14 +30,14 @@ class DeadPaths(Section):
 class Axis(Section):
     """What an angular channel turns about."""
 
-    direction: Triple | None = Field(None, description="fixed frame, of any length; absent: the channel's own axis")
+    direction: Vector | None = Field(None, description="fixed frame, of any length; absent: the channel's own axis")
     direction_sigma_rad: NotNegative = Field(0.0, description="one sigma of its angles across")
 
 
 class Beam(Axis):
     """How a linear channel's beam meets the platform: along a direction, at an arm from its origin."""
 
-    arm_mm: Triple = Field((0.0, 0.0, 0.0), description="from the platform's origin to the point that the beam meets")
+    arm_mm: Vector = Field((0.0, 0.0, 0.0), description="from the platform's origin to the point that the beam meets")
     arm_sigma_mm: NotNegative = Field(0.0, description="one sigma of the arm, in each direction")
 
 

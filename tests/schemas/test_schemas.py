@@ -116,6 +116,29 @@ def test_all_faults_come_at_once():
     assert len(caught.value.faults) == 5
 
 
+def test_every_fault_of_what_is_known_of_beams_and_material_comes_at_once():
+    beams = {"dx": {"direction": [0.0, 1.0, 0.0], "arm_mm": [1.0, 2.0]}, "dy": {"direction": [0.0, -1.0, 0.0]}}
+    beams |= {"rz": {"arm_mm": [1.0, 2.0, 3.0]}, "ry": {"direction": [0.0, 0.0, 0.0]}}
+    material = {"dz": {"expansion_per_k": 11.5}, "rx": {}}
+    spread = {"air_temp_c": 0.1, "index": -1.0}
+    section = {"beams": beams, "material": material, "surroundings_sigma": spread}
+    with pytest.raises(CampaignFaults) as caught:
+        read_campaign({"campaign": {"name": "c", "kind": "interferometer"}, "interferometer": section})
+    turned = "expected a direction within 30 degrees of the channel's own axis, the way in which it counts up"
+    told = [str(fault).removeprefix("campaign.toml, column interferometer.") for fault in caught.value.faults]
+    assert told == [
+        "beams.dx.arm_mm.3: expected this key to be present",
+        f"beams.dy: {turned}",
+        f"beams.ry: {turned}",
+        "beams.rz.arm_mm: expected a known key, one of: direction, direction_sigma_rad",
+        "material.dz.length_mm: expected this key to be present",
+        "material.dz.expansion_per_k: found '11.5'; expected less than 0.001",
+        "material.rx: expected a known key, one of: dx, dy, dz, axis",
+        "surroundings_sigma.index: found '-1.0'; expected at least 0",
+        "surroundings_sigma.air_temp_c: expected a known key; did you mean air_temperature_c?",
+    ]
+
+
 def test_a_fault_says_where_what_and_how_often():
     fault = Fault("points.csv", "a finite number in mm", row=17, column="x_mm", value="1,5", more=3)
     assert str(fault) == (
