@@ -305,14 +305,20 @@ class QualityLimits(Section):
 
 
 class Overrule(Section):
-    """[[exclude]], [[keep]]: a point left out or kept by a person, by name and with a reason.
+    """[[exclude]], [[keep]]: a point or a reading left out or kept by a person, by name and with a reason.
 
-    An absent key stands for all: ``body = "platform", target = "P07"`` concerns that target in every pose.
+    An absent key stands for all: ``body = "platform", target = "P07"`` concerns that target in every pose, ``run = 3,
+    channel = "dz"`` that channel in every step of the run.
     """
 
     pose: int | str | None = None
     body: str | None = None
     target: str | None = None
+    run: int | str | None = Field(None, description="interferometer: the run")
+    step: int | None = Field(None, description="interferometer: the load step within its run")
+    channel: Literal["dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v8"] | None = Field(
+        None, description="interferometer: what was read"
+    )
     by: str = Field(min_length=1, description="who decided")
     reason: str = Field(min_length=1)
 
@@ -353,6 +359,18 @@ class Campaign(Section):
     keep: tuple[Overrule, ...] = ()
     accept: tuple[Acceptance, ...] = ()
     files: dict[str, Annotated[tuple[FileMapping, ...], BeforeValidator(_listed)]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _overrules_fit_the_kind(self) -> Campaign:
+        if self.campaign.kind == "photogrammetry":
+            of_benches = [
+                rule for rule in (*self.exclude, *self.keep) if (rule.run, rule.step, rule.channel) != (None,) * 3
+            ]
+            if of_benches:
+                raise ValueError(
+                    "pose, body or target in [[exclude]] and [[keep]]: run, step and channel are a bench's"
+                )
+        return self
 
     @property
     def reference_body(self) -> str | None:

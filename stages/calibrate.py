@@ -73,6 +73,8 @@ DECLARATION = Stage(
         "noise.load_n",
         "noise.load_nm",
         "requirement",
+        "exclude",
+        "keep",
     ),
     summary="kinematic and stiffness models identified, with what the data can know of them",
 )

@@ -65,6 +65,8 @@ DECLARATION = Stage(
         "noise.load_n",
         "noise.load_nm",
         "diagnosis",
+        "exclude",
+        "keep",
     ),
     summary="what the simulation gets wrong: causes, their sizes, the extended model",
 )

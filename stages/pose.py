@@ -62,7 +62,7 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no readings of displacement")
     from stages.sensor.platform_poses import platform_poses
 
-    return platform_poses(tables["readings"], _geometry(tables, settings))
+    return platform_poses(tables["readings"], _geometry(tables, settings), settings)
 
 
 def _geometry(tables: Mapping[str, pa.Table], settings: Campaign) -> BeamGeometry | None:

@@ -43,7 +43,7 @@ DECLARATION = Stage(
             "bodies",
             "noise.actuator_mm",
         ),
-        *("noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
+        *("noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept", "exclude", "keep"),
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
 )

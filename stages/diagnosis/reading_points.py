@@ -14,6 +14,7 @@ from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from stages.sensor.declared_optics import declared_optics
 from stages.sensor.exchanged_rows import exchanged_rows
+from stages.sensor.overruled import decided, excluded_words, without_excluded
 from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import zeros_of_runs
 from truing.estimation.diagnosis.fitted_model import Poses
@@ -50,12 +51,15 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> Reading
 
 def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
-    steps = load_steps(tables)
+    steps, out = without_excluded(load_steps(tables), settings)
     sensor = simulated_sensor(tables, settings, steps)
     exchanged = told_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
     sigma, words = _noise(steps, settings, exchanged)
+    words += [said for said in (excluded_words(out),) if said]
     points, seen = _points(steps, sigma)
-    told = seen.any(1) & np.isfinite(steps.time_s)
+    kept = decided(steps, settings.keep, "kept").chosen
+    # the load of a step that was left out was applied all the same
+    told = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
     fitted, held = told & ~steps.held_out, told & steps.held_out
     if fitted.sum() < _FEWEST_STEPS:
         raise ValueError(f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}")
@@ -65,8 +69,8 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
     return Gathered(
         model,
-        _poses(steps, points, seen, sigma, fitted),
-        _poses(steps, points, seen, sigma, held) if held.any() else None,
+        replace(_poses(steps, points, seen, sigma, fitted), kept=kept[fitted]),
+        replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
         "; ".join(words),
         _FRAMING,
         exchanged,

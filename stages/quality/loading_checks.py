@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from stages.quality.check import Check, without
 from stages.quality.loading_view import LoadingView
+from stages.quality.of_decisions import overruled
 from stages.quality.of_labels import exchanged_channels
 from stages.quality.of_readings import (
     answers,
@@ -37,6 +38,7 @@ _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chan
 def loading_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
     """Every check: of the programme, channel by channel, of the surroundings, of signals."""
     share = settings.qa.false_alarm / _CHANCE_CHECKS
+    yield from overruled(view, settings)
     yield steps_there(view)
     yield runs_whole(view)
     yield pauses(view)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from stages.declaration import Outcome
 from stages.responses.tables import Rows
 from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
+from stages.sensor.overruled import Decided, decided, excluded_words, without_excluded
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import at_starts, begun_far, start_rows
 from stages.sensor.seen_motion import BeamGeometry, SeenMotion
@@ -24,6 +25,8 @@ from truing.estimation.interferometry.run_curves import RunCurves, run_curves
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,12 +43,13 @@ class PlatformPoses:
     """Displacements of K cases, and the runs' terms that they are counted from.
 
     zero, drift (R, 6) and their sigmas, NaN where a run did not read a channel, or did not tell its drift; drift per s.
-    geometry: what the declared geometry of beams made of the cases; None without any.
+    kept: by a person. geometry: what the declared geometry of beams made of the cases; None without any.
     """
 
     steps: RecordedSteps
     cases: LoadCases
     curves: RunCurves
+    kept: Decided
     value: Array
     covariance: Array
     zero: Array
@@ -55,27 +59,32 @@ class PlatformPoses:
     geometry: SeenMotion | None = None
 
 
-def platform_poses(readings: pa.Table, geometry: BeamGeometry | None) -> Outcome:
+def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: Campaign) -> Outcome:
     """The tables of the pose stage: displacement, reading_residuals, run_terms."""
-    found = find_poses(load_steps({"readings": readings}), geometry)
+    whole = load_steps({"readings": readings})
+    steps, out = without_excluded(whole, settings)
+    found = find_poses(steps, geometry, decided(steps, settings.keep, "kept"))
     steps, identifier = found.steps, "int64" if isinstance(found.steps.runs[0], int) else "string"
     tables = {
-        "displacement": _displacement_rows(found).table(identifier),
-        "reading_residuals": _residual_rows(found).table(identifier),
+        "displacement": _displacement_rows(found, out).table(identifier),
+        "reading_residuals": _residual_rows(found, whole, out).table(identifier),
         "run_terms": _term_rows(found).table(identifier),
     }
     count = int(np.isfinite(steps.reading).sum())
     read = f"{count} readings of {len(steps.runs)} runs in {len(found.value)} load cases"
-    return Outcome(tables, read=read, left_out=_left_out(found), figure=_figure(found))
+    left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
+    return Outcome(tables, read=read, left_out=left_out, figure=_figure(found))
 
 
-def find_poses(steps: RecordedSteps, geometry: BeamGeometry | None = None) -> PlatformPoses:
+def find_poses(steps: RecordedSteps, geometry: BeamGeometry | None, kept: Decided) -> PlatformPoses:
     """Join readings to displacements, each channel by itself: their errors have nothing in common.
 
-    What channels read are the platform's components, but for the declared geometry of their beams.
+    What channels read are the platform's components, but for the declared geometry of their beams. ``kept`` are no
+    gross errors, for a person says so.
     """
     cases = load_cases(steps)
     curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
+    curves = replace(curves, rejected=curves.rejected & ~kept.readings)
     origin = _origins(steps, curves)
     counted = replace(steps, reading=steps.reading - origin[steps.run])
     count, runs = len(cases.load), len(steps.runs)
@@ -91,7 +100,7 @@ def find_poses(steps: RecordedSteps, geometry: BeamGeometry | None = None) -> Pl
         sigma = np.sqrt(np.diag(one.shared_covariance))
         terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
         terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
-    found = PlatformPoses(steps, cases, curves, value, covariance, *terms)
+    found = PlatformPoses(steps, cases, curves, kept, value, covariance, *terms)
     if geometry is None:
         return found
     seen = geometry.solved(cases.load, value, covariance)
@@ -141,12 +150,12 @@ def _comes_back(case: NDArray[np.int64], time: Array) -> bool:
     return bool(np.any(high > low))
 
 
-def _displacement_rows(found: PlatformPoses) -> Rows:
+def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
     cases, rows = found.cases, Rows("displacement")
     used, rejected = (np.zeros(len(cases.load), np.int64) for _ in range(2))
     seen = np.isfinite(found.steps.reading)
     np.add.at(used, cases.of_step, (seen & ~found.curves.rejected).sum(1))
-    np.add.at(rejected, cases.of_step, found.curves.rejected.sum(1))
+    np.add.at(rejected, cases.of_step, (found.curves.rejected | out.readings).sum(1))
     variance = np.where(np.isfinite(found.covariance), found.covariance, np.nan)
     entries = {f"cov_{i}_{j}": variance[:, i, j] for i in range(6) for j in range(i, 6)}
     known = np.isfinite(found.value)
@@ -166,14 +175,16 @@ def _displacement_rows(found: PlatformPoses) -> Rows:
     return rows
 
 
-def _residual_rows(found: PlatformPoses) -> Rows:
+def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided) -> Rows:
+    """A row per reading, those of ``whole`` that a person left out among them."""
     steps, curves, rows = found.steps, found.curves, Rows("reading_residuals")
-    at, k = np.nonzero(np.isfinite(steps.reading))
-    rejected, residual = curves.rejected[at, k], curves.residual[at, k] / READING_SI[k]
+    at, k = np.nonzero(np.isfinite(whole.reading))
+    rejected, residual = (curves.rejected | out.readings)[at, k], curves.residual[at, k] / READING_SI[k]
     sigma = curves.sigma[at, k] / READING_SI[k]
+    decisions = out.words + found.kept.words
     reasons = [
-        f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if out else None
-        for out, r, s in zip(rejected, residual, sigma, strict=True)
+        said or (f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if gross else None)
+        for said, gross, r, s in zip(decisions[at, k], rejected, residual, sigma, strict=True)
     ]
     rows.add(
         run=[steps.runs[r] for r in steps.run[at]],
@@ -223,7 +234,7 @@ def _term_rows(found: PlatformPoses) -> Rows:
 def _left_out(found: PlatformPoses) -> str:
     at, k = np.nonzero(found.curves.rejected)
     if not len(at):
-        return "no reading"
+        return ""
     steps = found.steps
     places = zip(k, steps.run[at], steps.step[at], strict=True)
     named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in places]

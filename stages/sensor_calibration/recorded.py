@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.sensor.exchanged_rows import exchanged_rows, put_right
+from stages.sensor.overruled import decided, without_excluded
 from stages.sensor.reading_arrays import LOADS, RecordedSteps, load_steps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import LoadTable, load_table
@@ -32,7 +33,8 @@ class Recorded:
 
     steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or
     found; covariate (B, K). load (B, 6): as written down, or as it acts by the diagnosis' ``causes``, in words.
-    left_out: steps with a gross error in a signal; put_right: those whose loads were exchanged.
+    left_out: steps with a gross error in a signal; excluded: those of which a person left one out; put_right: those
+    whose loads were exchanged.
     """
 
     steps: RecordedSteps
@@ -45,6 +47,7 @@ class Recorded:
     covariate_names: tuple[str, ...]
     tared: bool
     left_out: int
+    excluded: int
     put_right: int
 
     def table(self, rows: NDArray[np.bool_], case: NDArray) -> LoadTable:
@@ -65,6 +68,7 @@ class Recorded:
 def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     """The signals of a campaign; raises ValueError where no step has a reading of every channel."""
     steps = load_steps({name: tables[name] for name in ("signals", "readings") if name in tables})
+    steps, out = without_excluded(steps, settings)
     steps = steps.chosen(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
     if not len(steps.run):
         raise ValueError("no load step has a reading of every signal channel")
@@ -74,7 +78,8 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     declared = settings.noise.signal_mv
     given = np.full(signal.shape, np.nan if declared is None else declared)
     curves = run_curves(steps.load, steps.time_s, steps.run, signal, given)
-    good = np.asarray(~curves.rejected.any(axis=1))
+    by_person = decided(steps, settings.keep, "kept").signals
+    good = np.asarray(~(curves.rejected & ~by_person).any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
     covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
     zero, apart = _zeros(steps, signal, sigma, covariate, good)
@@ -92,6 +97,7 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
         names,
         apart,
         int((~good).sum()),
+        int(out.signals.any(axis=1).sum()),
         len({row for one in exchanged for row in one.rows}),
     )
 

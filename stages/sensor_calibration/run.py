@@ -45,6 +45,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
     words = [f"{found.left_out} load steps with a gross error in a signal"] if found.left_out else []
+    words += [f"{found.excluded} with a signal excluded by a person"] if found.excluded else []
     words += [f"no load of {found.put_right} steps that were exchanged: they are put right"] if found.put_right else []
     left_out = "; ".join(words) or "nothing"
     read = f"{len(found.steps.run)} load steps with {found.signal.shape[1]} signals"

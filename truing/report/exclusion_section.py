@@ -60,6 +60,12 @@ def _decisions(tables: Tables) -> Listing | None:
         decided = residuals[residuals["reason"].astype("string").str.contains(_BY_A_PERSON, na=False)]
         for (reason, body, target), part in decided.groupby(["reason", "body", "target"], sort=False):
             rows.append((*_who(reason), f"{body} {target}", f"{count(len(part), 'pose')}: {_named(part['pose'])}"))
+    readings = filled(tables, "reading_residuals")
+    if readings is not None:
+        decided = readings[readings["reason"].astype("string").str.contains(_BY_A_PERSON, na=False)]
+        for (reason, run, channel), part in decided.groupby(["reason", "run", "channel"], sort=False):
+            steps = f"{count(len(part), 'step')}: {_named(part['step'])}"
+            rows.append((*_who(reason), f"run {run} {channel}", steps))
     if qa is not None and "accepted" in qa:
         for r in qa[qa["accepted"].notna()].itertuples():
             rows.append(
@@ -128,17 +134,22 @@ def _off(r: object) -> str:
 
 
 def _readings(tables: Tables) -> Listing | None:
-    """Readings of a loaded platform that were kept out as gross errors."""
+    """Readings of a loaded platform that were kept out, as gross errors or by a person."""
     readings = filled(tables, "reading_residuals")
     if readings is None or not readings["rejected"].any():
         return None
     out = readings[readings["rejected"]]
     rows = tuple(
-        (str(r.run), str(r.step), r.channel, quantity(r.residual, r.unit), cell(r.reason)) for r in out.itertuples()
+        (str(r.run), str(r.step), r.channel, _far(r.residual, r.unit), cell(r.reason)) for r in out.itertuples()
     )
     heads = ("run", "step", "channel", "off by", "reason")
     caption = f"{count(len(rows), 'reading')} kept out of the displacement"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
+
+
+def _far(residual: float, unit: str) -> str:
+    """How far a reading is off; nothing is held against one that a person left out."""
+    return quantity(residual, unit) if residual == residual else "–"
 
 
 def _no_part(tables: Tables) -> Listing | None:

@@ -115,11 +115,19 @@ class CausalModel(Protocol):
 
 @dataclass(frozen=True)
 class Poses:
-    """Measured points of some poses, the conditions that the model needs there, and frames to start from."""
+    """Measured points of some poses, the conditions that the model needs there, and frames to start from.
+
+    ``kept`` (B, K): points that are no gross errors, for a person says so.
+    """
 
     measured: MeasuredPoints
     conditions: Any
     frames: Frames
+    kept: NDArray | None = None
+
+    def judged(self, wrong: NDArray) -> NDArray:
+        """Return which points (B, K) are to be taken out, of those that look grossly wrong."""
+        return wrong if self.kept is None else wrong & ~self.kept
 
     def without(self, wrong: NDArray) -> Poses:
         """Return the poses without some points (B, K)."""
@@ -269,12 +277,14 @@ class Fitter:
         axes = axes @ stand.model.turns(stand.fit.shared, stand.fit.local)
         order = stand.scene.covariates.get("order")
         wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, stand.model.zeros)
+        wrong = self.calibration.judged(wrong)
         self.calibration = self.calibration.without(wrong)
         count = int(wrong.sum())
         if self.held_out is not None and stand.held_out is not None:
             unseen = gross_errors(
                 stand.held_out.whitened, self.held_out.measured.seen, zeros=stand.held_out.model.zeros
             )
+            unseen = self.held_out.judged(unseen)
             self.held_out = self.held_out.without(unseen)
             count += int(unseen.sum())
         self.gross += count

@@ -1,0 +1,129 @@
+"""Readings that a person left out or kept, by run, step and channel: gone from every stage, counted and named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from schemas.campaign import read_campaign
+from schemas.faults import CampaignFaults
+from stages.diagnose import gathered_of
+from stages.diagnosis.mechanism_points import Gathered
+from stages.sensor_calibration.recorded import recorded
+from tests.blind.generator.sensor.campaign import draw_campaign
+from tests.blind.generator.sensor.folder import write_campaign
+from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
+from tests.stages.line import run_line, settings_of
+from truing.estimation.diagnosis.fitted_model import Fitter
+from truing.report.exclusion_section import excluded
+
+LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
+WRONG_UM = 40.0
+STAGES = ("ingest", "qa", "pose", "deformation")
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bench one reading of which is far off: dz at step 7 of run 1."""
+    made = draw_campaign(LAYOUT, [], np.random.default_rng(3))
+    folder = write_campaign(made, tmp_path_factory.mktemp("hand") / "bench", 1)
+    readings = pd.read_csv(folder / "interferometer.csv")
+    readings.loc[(readings["run"] == 1) & (readings["step"] == 7) & (readings["channel"] == "dz"), "reading"] += (
+        WRONG_UM
+    )
+    readings.to_csv(folder / "interferometer.csv", index=False)
+    return folder
+
+
+def ruled(folder: Path, home: Path, *rules: str) -> Path:
+    """The same campaign with rules of a person."""
+    for name in ("interferometer.csv", "signals.csv"):
+        (home / name).write_bytes((folder / name).read_bytes())
+    by = 'by = "M. Keller"\nreason = "leaned on it"\n'
+    decisions = "".join(f"\n[[{table}]]\n{keys}\n{by}" for table, keys in (rule.split(": ") for rule in rules))
+    (home / "campaign.toml").write_text((folder / "campaign.toml").read_text() + decisions)
+    return home
+
+
+def gathered(folder: Path) -> Gathered:
+    return gathered_of(run_line(folder, "ingest")[0], settings_of(folder))
+
+
+def residuals(tables: dict[str, Any]) -> pd.DataFrame:
+    return tables["reading_residuals"].to_pandas().set_index(["run", "step", "channel"])
+
+
+def test_what_is_excluded_enters_nothing_and_is_counted(measured: Path, tmp_path: Path) -> None:
+    rules = ("exclude: run = 1\nstep = 3", 'exclude: run = 2\nchannel = "ry"', 'exclude: step = 5\nchannel = "v4"')
+    folder = ruled(measured, tmp_path, *rules)
+    (plain, _), (tables, said) = run_line(measured, *STAGES), run_line(folder, *STAGES)
+    rows = residuals(tables)
+    out = rows[rows["reason"].astype("string").str.startswith("excluded by M. Keller: leaned on it", na=False)]
+    assert len(out) == 6 + 21
+    assert out["rejected"].all()
+    assert len(rows) == len(residuals(plain))
+    assert said["pose"].left_out == "1 readings as gross errors: dz of run 1 step 7; 27 readings excluded by a person"
+    signals = recorded({"signals": tables["signals"]}, settings_of(folder))
+    assert (signals.excluded, len(signals.steps.run)) == (3, 42 - 3)
+    used = [made["displacement"].to_pandas()[["n_used", "n_rejected"]].sum().to_numpy() for made in (plain, tables)]
+    assert (used[0] - used[1]).tolist() == [27, -27]
+    checks = tables["qa"].to_pandas().set_index(["check", "subject"]).loc["overruled"]
+    assert checks["value"].tolist() == [12.0, 21.0, 2.0]
+    assert (checks["verdict"] == "pass").all()
+    page = excluded({name: made.to_pandas() for name, made in tables.items() if hasattr(made, "to_pandas")})
+    decisions = page.listings[0].rows
+    assert ("excluded", "M. Keller: leaned on it", "run 2 ry", "21 steps: 0, 1, 2, 3, 4, 5, 6, 7 …") in decisions
+
+
+def test_the_diagnosis_leaves_it_out_and_knows_that_the_load_was_there(measured: Path, tmp_path: Path) -> None:
+    found = gathered(ruled(measured, tmp_path, "exclude: run = 1\nstep = 3", 'exclude: run = 2\nchannel = "v4"'))
+    plain = gathered(measured)
+    gone = plain.calibration.measured.seen & ~found.calibration.measured.seen
+    assert np.array_equal(np.argwhere(gone)[:12], [[3, k] for k in range(12)])
+    assert np.array_equal(np.argwhere(gone)[12:], [[21 + step, 9] for step in range(21)])
+    assert np.array_equal(found.calibration.conditions.load, plain.calibration.conditions.load)
+    assert found.left_out == "6 readings and 27 signals excluded by a person"
+    assert np.isfinite(Fitter(found.model, found.calibration, None, 0).prepared().fit.shared).all()
+
+
+def test_what_is_kept_is_no_gross_error_in_displacement_and_diagnosis(measured: Path, tmp_path: Path) -> None:
+    folder = ruled(measured, tmp_path, 'keep: run = 1\nstep = 7\nchannel = "dz"')
+    gross = [residuals(run_line(one, "ingest", "pose")[0]).loc[(1, 7, "dz")] for one in (measured, folder)]
+    assert gross[0]["rejected"]
+    assert gross[0]["reason"].startswith("gross error")
+    assert not gross[1]["rejected"]
+    assert gross[1]["reason"] == "kept by M. Keller: leaned on it"
+    for one, count in ((measured, 1), (folder, 0)):
+        found = gathered(one)
+        fitter = Fitter(found.model, found.calibration, None, 0)
+        fitter.prepared()
+        assert fitter.gross == count
+
+
+def test_a_rule_that_names_nothing_warns_and_is_no_failure(measured: Path, tmp_path: Path) -> None:
+    folder = ruled(measured, tmp_path, 'exclude: run = 9\nchannel = "dx"', 'keep: pose = 3\nbody = "platform"')
+    tables, said = run_line(folder, "ingest", "qa")
+    checks = tables["qa"].to_pandas().set_index(["check", "subject"]).loc["overruled"]
+    assert checks["verdict"].tolist() == ["warn", "warn"]
+    assert (
+        checks["message"].iloc[0] == "Run 9, channel dx: no reading is so called, and none was excluded by M. Keller."
+    )
+    assert not said["qa"].failed_checks
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ({"run": 3}, "pose, body or target in [[exclude]] and [[keep]]: run, step and channel are a bench's"),
+        ({"channel": "d"}, "exclude.1.channel"),
+    ],
+)
+def test_keys_that_cannot_be_are_faults(keys: dict[str, Any], told: str) -> None:
+    rule = {**keys, "by": "M. Keller", "reason": "leaned on it"}
+    with pytest.raises(CampaignFaults) as caught:
+        read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "exclude": [rule]})
+    assert told in str(caught.value)
