@@ -22,6 +22,7 @@ from truing.simulation.targets import BASE, PLATFORM
 from truing.simulation.unknowns import FREE_LENGTH_M, Unknowns
 
 _SAME_M = 1e-9
+_TOLD = 1e-9  # information below this share of the largest, or of what was known before, says nothing
 _GEOMETRY = ("a", "b", "u", "l")
 
 
@@ -39,8 +40,9 @@ class Earlier:
 
     ``causes`` are its effects that last. mean (n,) and covariance (n, n): where it left the numbers; frames (n, n):
     what another survey adds to that; shared (n, n): the information in it that the next campaign has too (tolerances,
-    and the survey where that is the same); information (n, n): what is new to the next campaign. In units of the
-    parts' scales.
+    and the survey where that is the same); information (n, n): what is new to the next campaign, centred at middle
+    (n,), where that alone would have put the numbers: what is shared drew the estimate away from there, and comes in
+    again with the next campaign. In units of the parts' scales.
     """
 
     causes: tuple[Cause, ...]
@@ -50,6 +52,7 @@ class Earlier:
     frames: NDArray
     shared: NDArray
     information: NDArray
+    middle: NDArray
 
     @property
     def scale(self) -> NDArray:
@@ -65,10 +68,6 @@ class Earlier:
         """Return the numbers (n,) at a model's shared unknowns (G,)."""
         return shared[self.places(model)]
 
-    def middle(self) -> NDArray:
-        """Return where the knowledge (n,) is centred."""
-        return self.mean
-
     def slopes(self, model: EffectsModel, shared: NDArray) -> NDArray:
         """Return how the numbers follow their own unknowns (n, n): they are these."""
         return np.eye(len(self.mean))
@@ -80,7 +79,7 @@ class Earlier:
         factor = directions[:, kept].T * np.sqrt(variances[kept])[:, None]
         derivative = np.zeros((len(factor), model.shared_size))
         derivative[:, self.places(model)] = factor @ self.slopes(model, shared)
-        return factor @ (self.middle() - self.values(model, shared)), derivative
+        return factor @ (self.middle - self.values(model, shared)), derivative
 
     def without(self, free: Sequence[int]) -> Earlier:
         """Return the same where some numbers, by their places (of n), may have changed since: nothing is known then."""
@@ -108,17 +107,26 @@ def earlier_knowledge(found: ExtendedModel, model: Unknowns) -> Earlier:
     identity = np.eye(len(found.shared))
     told = clipped(np.linalg.inv(found.covariance) - identity)
     told = _marginal(told + np.diag(np.isin(np.arange(len(told)), others).astype(float)), others)[np.ix_(own, own)]
-    back = np.linalg.inv(bridge)
+    back, nominal = np.linalg.inv(bridge), _offset(old, wider, names)
+    mean, shared, information = bridge @ found.shared[own] + nominal, back.T @ back, clipped(back.T @ told @ back)
     earlier = Earlier(
         causes,
         parts,
-        bridge @ found.shared[own] + _offset(old, wider, names),
+        mean,
         bridge @ found.covariance[np.ix_(own, own)] @ bridge.T,
         np.zeros_like(bridge),
-        back.T @ back,
-        clipped(back.T @ told @ back),
+        shared,
+        information,
+        centred(information, information @ mean + shared @ (mean - nominal)),
     )
     return _by_survey(earlier, found, wider)
+
+
+def centred(information: NDArray, pull: NDArray) -> NDArray:
+    """Return where information (n, n) with its pull (n,), their product, is centred; zero where nothing is told."""
+    variances, directions = np.linalg.eigh(information)
+    told = variances > _TOLD * max(1.0, variances.max(initial=0.0))
+    return np.asarray(directions[:, told] @ ((directions[:, told].T @ pull) / variances[told]))
 
 
 def _is_told(cause: Cause, model: Unknowns) -> bool:
@@ -186,9 +194,13 @@ def _marginal(information: NDArray, free: NDArray) -> NDArray:
 def _by_survey(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> Earlier:
     """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
     if _same_survey(found, model):
-        rows = model.survey_rows(np.zeros(model.shared_size))[1][:, earlier.places(model)]
-        common = rows.T @ rows
-        return replace(earlier, shared=earlier.shared + common, information=clipped(earlier.information - common))
+        away, slopes = model.survey_rows(np.zeros(model.shared_size))
+        rows = slopes[:, earlier.places(model)]
+        common, information = rows.T @ rows, clipped(earlier.information - rows.T @ rows)
+        pull = earlier.information @ earlier.middle - rows.T @ away
+        return replace(
+            earlier, shared=earlier.shared + common, information=information, middle=centred(information, pull)
+        )
     moves, spread = _frames(earlier, found, model)
     if not len(spread):
         return earlier

@@ -12,10 +12,11 @@ from scipy.stats import chi2
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults
 from stages import diagnose
-from stages.diagnosis.earlier_campaign import changes_table, started
+from stages.diagnosis.earlier_campaign import changes_table, started, with_earlier
 from tests.blind.generator.effects import ActuatorGain
 from tests.stages.line import run_line
 from tests.stages.two_campaigns import MACHINE, fitted, gathered, longer, measured, model_text, rows_by_name
+from tests.tolerance import assert_close
 from truing.simulation.causes.drive import ActuatorGain as Gain
 from truing.simulation.causes.warmth import LegThermal
 from truing.simulation.earlier import earlier_knowledge
@@ -141,6 +142,24 @@ def test_a_survey_that_both_rest_on_is_counted_once(home: Path) -> None:
     surveyed = (same.model.known.geometry["b"] / found.survey_sigma.mean()) ** 2
     assert (np.diag(common.shared)[joints] > 0.3 * surveyed).all()
     assert (np.diag(common.shared)[joints] < 3.0 * surveyed).all()
+
+
+def test_before_anything_new_is_measured_the_machine_is_where_the_earlier_campaign_left_it(home: Path) -> None:
+    """Tolerances, the common survey and what is handed on pull in balance there: none of them twice."""
+    stand = fitted(gathered(measured(home, 8, [hidden(GAIN)])), Gain((LEG,)))
+    found = read_model(model_text(stand, "first"))
+    handed_on = earlier_knowledge(found, stand.model.with_causes(()))
+    model = with_earlier(stand.model.with_causes(()), handed_on)
+    own, at = handed_on.places(model), np.zeros(model.shared_size)
+    at[own] = handed_on.mean
+    (surveyed, slopes), (told, by_told) = model.survey_rows(at), handed_on.rows(model, at)
+    pull = (slopes.T @ surveyed + by_told.T @ told - at)[own]
+    curvature = np.eye(len(own)) + (slopes.T @ slopes + by_told.T @ by_told)[np.ix_(own, own)]
+    away = np.linalg.solve(curvature, pull) / np.sqrt(np.diag(np.linalg.inv(curvature)))
+    assert np.abs(handed_on.mean).max() > 1.0  # in sigmas of the tolerances: there is something to be pulled back from
+    assert np.abs(away).max() < 0.1  # not zero: the noise was learned, and the survey's weight with it
+    ratio = np.sqrt(np.diag(np.linalg.inv(curvature)) / np.diag(handed_on.covariance))
+    assert_close(ratio, np.ones(len(own)), atol=0.02)
 
 
 def test_an_effect_whose_column_is_missing_is_left_out_and_said(unchanged) -> None:

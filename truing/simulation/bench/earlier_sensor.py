@@ -16,7 +16,7 @@ from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Cause
-from truing.simulation.earlier import Earlier, Part, clipped
+from truing.simulation.earlier import Earlier, Part, centred, clipped
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
@@ -24,7 +24,6 @@ _ENTRIES = 36
 # Combinations that move the compliance by less than this share of what the strongest does are told by rounding alone.
 _LEAST = 1e-6
 _ROUNDS = 6
-_KNOWN = 1e-6  # information below this share of what was known before says nothing
 
 
 @dataclass(frozen=True)
@@ -34,8 +33,7 @@ class EarlierSensor(Earlier):
 
     Its numbers are counted in the sigmas (m,) ``counted`` of lengths and stiffnesses as that campaign had them. along
     (r, m): the combinations that move the compliance; back (r, 36): how they follow it, counted from ``compliance``
-    (36,), where they are ``start`` (r,). told (n,): what the campaign's data alone say,
-    which its estimate ``mean`` was drawn away from, to what was known before.
+    (36,), where they are ``start`` (r,).
     """
 
     counted: NDArray
@@ -43,11 +41,6 @@ class EarlierSensor(Earlier):
     back: NDArray
     compliance: NDArray
     start: NDArray
-    told: NDArray
-
-    def middle(self) -> NDArray:
-        """Return where the knowledge (n,) is centred: what was known before comes in with the next campaign."""
-        return self.told
 
     def values(self, model: EffectsModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,): unknowns, of which the told combinations are those that the compliance tells."""
@@ -99,14 +92,12 @@ def earlier_sensor(found: ExtendedSensor, model: ReadingModel) -> EarlierSensor:
         np.zeros_like(information),
         identity,
         information,
+        centred(information, information @ mean + mean),
         sensor.scales,
         along,
         back,
         found.compliance.ravel(),
         along @ start,
-        mean
-        + np.linalg.pinv(information, rcond=_KNOWN / max(_KNOWN, np.abs(information).max(initial=0.0)), hermitian=True)
-        @ mean,
     )
 
 
