@@ -25,6 +25,8 @@ Mask = NDArray[np.bool_]
 
 TEMPERATURES = ("air_temperature_c", "material_temperature_c")
 UNITS = ("um",) * 3 + ("arcsec",) * 3
+_MAIN = 0.3  # of a channel's largest expected answer: where its sign is beyond doubt
+_CLEAR = 10.0  # sigmas that an expected answer spans where its size can be told
 _FEWEST = 6  # readings of a channel that anything can be said of
 
 
@@ -56,6 +58,16 @@ class ChannelView:
         """Scatter over declared noise, 1 where it is less or cannot be told."""
         return float(np.sqrt(max(self.fit.chi_square / self.fit.dof, 1.0))) if self.fit.dof > 0 else 1.0
 
+    @cached_property
+    def sigma(self) -> float:
+        """The typical noise of its readings, SI."""
+        return float(np.median(self.fit.sigma))
+
+    @cached_property
+    def of_runs(self) -> tuple[Index, ...]:
+        """Which of its readings are those of each run: steps stand in the order of runs."""
+        return tuple(np.split(np.arange(len(self.run)), np.flatnonzero(np.diff(self.run)) + 1))
+
     @property
     def in_files(self) -> float:
         """What makes SI the unit in files."""
@@ -63,16 +75,40 @@ class ChannelView:
 
 
 @dataclass(frozen=True)
-class LoadingView:
-    """The load steps of a campaign, and readings (B, 6), SI, as they are simulated (None where nothing is).
+class ExpectedReadings:
+    """Readings (B, 6), SI, as they are expected, NaN where nothing is; and what such loads could move at most."""
 
-    ``at_most`` (B, 6): what such loads could move at most, by the energy that they store.
+    value: Array
+    at_most: Array | None = None
+
+    @cached_property
+    def _span(self) -> Array:
+        known = np.isfinite(self.value)
+        return np.maximum(
+            np.max(self.value, axis=0, where=known, initial=-np.inf)
+            - np.min(self.value, axis=0, where=known, initial=np.inf),
+            0.0,
+        )
+
+    def is_clear(self, place: int, rows: Index, sigma: float) -> bool:
+        """Whether a channel's answer at some rows is a main one, and clear of the noise sigma."""
+        answer = self.value[rows, place]
+        if not np.ptp(answer) > max(_MAIN * self._span[place], _CLEAR * sigma):
+            return False
+        # what a load hardly moves may well turn round as the sensor is built
+        return self.at_most is None or bool(np.abs(answer).max() > _MAIN * self.at_most[rows, place].max())
+
+
+@dataclass(frozen=True)
+class LoadingView:
+    """The load steps of a campaign, and readings as they are simulated (None where nothing is).
+
+    What loads could move at most is known by the energy that they store.
     """
 
     steps: RecordedSteps
-    simulated: Array | None
+    simulated: ExpectedReadings | None
     load_sigma: Array
-    at_most: Array | None = None
 
     @cached_property
     def channels(self) -> tuple[ChannelView, ...]:
@@ -125,7 +161,7 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
     gives = np.maximum(np.diag(compliance), 0.0)
     at_most = np.sqrt((steps.load**2 @ gives)[:, None] * gives)
     seen = channel_rows(settings.interferometer.beams) @ compliance
-    return LoadingView(steps, steps.load @ seen.T, load_sigma, at_most)
+    return LoadingView(steps, ExpectedReadings(steps.load @ seen.T, at_most), load_sigma)
 
 
 def _compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.check import FAIL, PASS, Check, without
-from stages.quality.loading_view import ChannelView, LoadingView
-from stages.quality.of_readings import FEWEST, is_clear, slope_of
+from stages.quality.loading_view import ChannelView, ExpectedReadings, LoadingView
+from stages.quality.of_readings import FEWEST, slope_of
 from stages.sensor.reading_arrays import CHANNELS
 
 Array = NDArray[np.float64]
@@ -43,14 +43,14 @@ def exchanged_channels(view: LoadingView) -> Iterator[Check]:
         yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, said)
 
 
-def _read_as(view: LoadingView, expected: Array) -> tuple[list[tuple[int, int, int, bool]], int]:
+def _read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[int, int, int, bool]], int]:
     """Run, channel, the other that it reads like, and whether that other's answer is the larger; and how many runs and
     channels were asked."""
     found, count = [], 0
     for channel in view.channels:
         beside = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
-        for own, run in enumerate(channel.runs.tolist()):
-            rows = channel.rows[channel.run == own]  # all: a run of another channel's readings may stand out as gross
+        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[own]  # all: a run of another channel's readings may stand out as gross
             asked = [_nearness(view, channel, expected, rows, other) for other in beside]
             count += any(one is not None for one in asked)
             for other, one in zip(beside, asked, strict=True):
@@ -60,32 +60,32 @@ def _read_as(view: LoadingView, expected: Array) -> tuple[list[tuple[int, int, i
 
 
 def _nearness(
-    view: LoadingView, channel: ChannelView, expected: Array, rows: Index, other: int
+    view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
 ) -> tuple[float, bool] | None:
     """How far a channel's readings are from another's answer, over how far that is from its own; whether the other's is
     the larger. None where these are too near to each other, or too small."""
     if len(rows) < FEWEST:
         return None
-    answer = expected[rows][:, [channel.place, other]]
+    answer = expected.value[rows][:, [channel.place, other]]
     answer = answer - answer.mean(axis=0)
     size = np.sqrt(np.mean(answer**2, axis=0))
     apart = float(np.sqrt(np.mean((answer[:, 0] - answer[:, 1]) ** 2)))
     larger = int(size.argmax())
     if not apart > _APART * size[larger]:
         return None
-    if not is_clear(view, expected, (channel.place, other)[larger], rows, float(np.median(channel.fit.sigma))):
+    if not expected.is_clear((channel.place, other)[larger], rows, channel.sigma):
         return None
     off = view.steps.reading[rows, channel.place] - answer[:, 1]
     square = np.sort((off - np.median(off)) ** 2)[: int(np.ceil(_REGULAR * len(rows)))]
     return float(np.sqrt(np.mean(square))) / apart, larger == 1
 
 
-def _as_others(view: LoadingView) -> Array:
-    """Readings (B, 6) as the other runs under the same axis answer, by their median; NaN where they are too few."""
+def _as_others(view: LoadingView) -> ExpectedReadings:
+    """Readings as the other runs under the same axis answer, by their median; NaN where they are too few."""
     slope = np.full((len(view.steps.runs), 6), np.nan)
     for channel in view.channels:
-        for own, run in enumerate(channel.runs.tolist()):
-            rows = channel.rows[(channel.run == own) & channel.fit.kept]
+        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[own[channel.fit.kept[own]]]
             if view.loaded_alone[run] and len(rows) >= FEWEST:
                 load, reading = view.steps.load[rows, view.axis[run]], view.steps.reading[rows, channel.place]
                 slope[run, channel.place] = slope_of(load, reading)[0]
@@ -95,4 +95,4 @@ def _as_others(view: LoadingView) -> Array:
         enough = np.isfinite(slope[others]).sum(axis=0) >= _OTHERS
         typical[run, enough] = np.nanmedian(slope[others][:, enough], axis=0)
     along = np.take_along_axis(view.steps.load, np.maximum(view.axis, 0)[view.steps.run, None], axis=1)
-    return along * typical[view.steps.run]
+    return ExpectedReadings(along * typical[view.steps.run])

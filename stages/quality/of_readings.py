@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
 _NOTED = 1.1
 _REPEATS_NOTED = 1.5
-_MAIN = 0.3  # of a channel's largest simulated answer: where its sign is beyond doubt
-_CLEAR = 10.0  # sigmas that a simulated answer spans where its size can be told
 FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
@@ -61,8 +59,8 @@ def answers(view: LoadingView) -> Answers:
     """The answers of all runs and channels that are clear enough to be compared."""
     found = []
     for channel in view.channels:
-        for own, run in enumerate(channel.runs.tolist()):
-            rows = channel.rows[channel.run == own]
+        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[own]
             drive, kind = _drive(view, channel, run, rows)
             if drive is not None and len(rows) >= FEWEST:
                 found.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
@@ -86,17 +84,8 @@ def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.i
     if view.simulated is None:
         axis = int(view.axis[run])
         return (view.steps.load[rows, axis] if view.loaded_alone[run] else None), 6 * axis + channel.place
-    clear = is_clear(view, view.simulated, channel.place, rows, float(np.median(channel.fit.sigma)))
-    return (view.simulated[rows, channel.place] if clear else None), channel.place
-
-
-def is_clear(view: LoadingView, expected: Array, place: int, rows: NDArray[np.int64], sigma: float) -> bool:
-    """Whether the expected answer (B, 6) of a channel is a main one at some rows, and clear of the noise sigma."""
-    answer = expected[:, place]
-    if not np.ptp(answer[rows]) > max(_MAIN * (np.nanmax(answer) - np.nanmin(answer)), _CLEAR * sigma):
-        return False
-    # what a load hardly moves may well turn round as the sensor is built
-    return view.at_most is None or bool(np.abs(answer[rows]).max() > _MAIN * view.at_most[rows, place].max())
+    clear = view.simulated.is_clear(channel.place, rows, channel.sigma)
+    return (view.simulated.value[rows, channel.place] if clear else None), channel.place
 
 
 def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
@@ -216,7 +205,7 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     z = np.where(known, np.abs(value) / np.where(known, sigma, 1.0), 0.0)
     limit = -float(ndtri(0.5 * share / known.sum()))
     worst = int(np.argmax(z))
-    noise = 3.0 * float(np.median(channel.fit.sigma))
+    noise = 3.0 * channel.sigma
     walks = z[worst] > limit and abs(value[worst]) > noise
     run = view.run_name(int(channel.runs[worst]))
     shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
@@ -230,8 +219,7 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
     name = f"channel {channel.name}"
     steps, square, dof = view.steps, 0.0, 0
     alike: dict[bytes, list[NDArray[np.int64]]] = {}
-    for own in range(len(channel.runs)):
-        mine = np.flatnonzero(channel.run == own)
+    for mine in channel.of_runs:
         alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
     for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
         used = channel.fit.kept[group].all(axis=0)

@@ -94,7 +94,7 @@ def _air(view: LoadingView, optics: Interferometer) -> Check:
         reading = view.steps.reading[channel.rows, channel.place]
         dead = _MM * getattr(optics.dead_path_mm, channel.name)
         worth = worth_of_air(np.nan_to_num(change)[view.steps.run[channel.rows]], dead, reading)
-        noise = min(noise, _NOISES * float(np.median(channel.fit.sigma)))
+        noise = min(noise, _NOISES * channel.sigma)
         if worth.max() >= worst:
             worst, at = float(worth.max()), channel.name
     if not at:

@@ -17,7 +17,7 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
     """Does every run count from its own start, or were runs begun without setting their channels to zero?"""
     sigma, kept = np.full(6, np.nan), np.zeros(view.steps.reading.shape, dtype=bool)
     for channel in view.channels:
-        sigma[channel.place] = np.median(channel.fit.sigma) * channel.noise_ratio
+        sigma[channel.place] = channel.sigma * channel.noise_ratio
         kept[channel.rows[channel.fit.kept], channel.place] = True
     found = zeros_of_runs(view.steps, np.where(kept, view.steps.reading, np.nan), sigma)
     for channel in view.channels:
@@ -39,14 +39,14 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     """Does a channel come back to its zero once the load is taken off?"""
     steps = view.steps
-    good = [channel.rows[(channel.run == own) & channel.fit.kept] for own in range(len(channel.runs))]
+    good = [channel.rows[own[channel.fit.kept[own]]] for own in channel.of_runs]
     empty = [rows[~steps.load[rows].any(axis=1)] for rows in good]
     back = [own for own, (rows, at) in enumerate(zip(good, empty, strict=True)) if _came_back(rows, at)]
     if not back:
         return without("zero return", "zero-return", f"channel {channel.name}", "no run ends without load as it began")
     reading = steps.reading[:, channel.place]
     off = np.array([reading[empty[own][-1]] - reading[empty[own][0]] for own in back])
-    sigma = np.sqrt(2.0) * float(np.median(channel.fit.sigma)) * channel.noise_ratio
+    sigma = np.sqrt(2.0) * channel.sigma * channel.noise_ratio
     limit = -float(ndtri(0.5 * share / len(back))) * sigma
     worst = int(np.argmax(np.abs(off)))
     value, unit = float(off[worst] * channel.in_files), channel.unit

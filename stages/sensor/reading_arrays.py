@@ -72,7 +72,8 @@ def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
     at = [np.array([place[key] for key in _key_rows(table)]) for table in found]
     arrays = _common(found, at, len(keys))
     reading, sigma = _readings(found, at, len(keys))
-    number = np.array([runs.index(run) for run, _ in keys])
+    place_of = {run: number for number, run in enumerate(runs)}
+    number = np.array([place_of[run] for run, _ in keys])
     order = np.lexsort((arrays["time_s"], number))
     columns = {name: values[order] for name, values in arrays.items()}
     return RecordedSteps(

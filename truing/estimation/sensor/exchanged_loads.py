@@ -7,6 +7,7 @@ components of the load, each misses by just the difference of the two, which a g
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,41 +67,70 @@ def _exchange(loads: NDArray, one: RowExchange) -> None:
     loads[np.ix_([one.first, one.second], places)] = loads[np.ix_([one.second, one.first], places)]
 
 
-def _zeros(table: LoadTable, loads: NDArray) -> NDArray:
-    """Return which rows (N, Z) share a zero: those of a run, or all of them."""
-    member = (table.case[:, None] == table.cases).astype(float)
-    rows = len(loads) / (table.signals.shape[1] + member.shape[1])
-    within = loads - member @ (member.T @ loads / member.sum(0)[:, None])
+def _zeros(table: LoadTable, loads: NDArray) -> _Zeros:
+    """Return which rows share a zero: those of a run, or all of them."""
+    runs = _Zeros.of(np.unique(table.case, return_inverse=True)[1].ravel())
+    rows = len(loads) / (table.signals.shape[1] + runs.count)
+    within = runs.without(loads, np.ones(len(loads)))
     tell = np.sum(within**2, 0) >= _WITHIN * np.sum((loads - loads.mean(0)) ** 2, 0)
-    return member if rows >= _ROWS_PER_COLUMN and tell.all() else np.ones((len(loads), 1))
+    return runs if rows >= _ROWS_PER_COLUMN and tell.all() else _Zeros.of(np.zeros(len(loads), int))
 
 
-def _robust_residuals(signals: NDArray, loads: NDArray, zeros: NDArray) -> tuple[NDArray, NDArray]:
+@dataclass(frozen=True)
+class _Zeros:
+    """Which zero (N,) of Z each row counts from, as a matrix (Z, N) that sums rows by zero as well."""
+
+    of_row: NDArray
+    sums: Any
+
+    @classmethod
+    def of(cls, number: NDArray) -> _Zeros:
+        from scipy.sparse import csr_array
+
+        size = len(number)
+        return cls(
+            number, csr_array((np.ones(size), (number, np.arange(size))), (int(number.max(initial=0)) + 1, size))
+        )
+
+    @property
+    def count(self) -> int:
+        return int(self.sums.shape[0])
+
+    def without(self, values: NDArray, weight: NDArray) -> NDArray:
+        """Return values (N, K) less their mean by zero, weighted (N,); as they are where nothing has any weight."""
+        mass = self.sums @ weight
+        mean = (self.sums @ (weight[:, None] * values)) / np.where(mass > 0.0, mass, 1.0)[:, None]
+        return np.asarray(values - mean[self.of_row])
+
+
+def _robust_residuals(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArray, NDArray]:
     """Return loads less what signals tell (N, W) by a fit that gross errors do not bend, and its scatter (W,).
 
-    Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself. zeros:
-    which rows (N, Z) share one.
+    Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself.
     """
-    columns = np.column_stack([signals, zeros])
-    size = np.sqrt(np.mean(columns**2, 0))
-    columns = columns / np.where(size > 0.0, size, 1.0)
-    rest = _rest(columns, loads, np.ones_like(loads))
+    size = np.sqrt(np.mean(zeros.without(signals, np.ones(len(signals))) ** 2, 0))
+    columns = signals / np.where(size > 0.0, size, 1.0)
+    parameters = columns.shape[1] + zeros.count
+    rest = _rest(columns, loads, np.ones_like(loads), zeros)
     for _ in range(_L1_ROUNDS):
-        far = np.abs(rest) / _scatter(rest, columns.shape[1])
-        rest = _rest(columns, loads, 1.0 / np.maximum(far, _CLOSE))
+        far = np.abs(rest) / _scatter(rest, parameters)
+        rest = _rest(columns, loads, 1.0 / np.maximum(far, _CLOSE), zeros)
     for _ in range(_SELECTIONS):
-        near = np.abs(rest) < _GROSS * _scatter(rest, columns.shape[1])
-        rest = _rest(columns, loads, near.astype(float))
-    return rest, _scatter(rest, columns.shape[1])
+        near = np.abs(rest) < _GROSS * _scatter(rest, parameters)
+        rest = _rest(columns, loads, near.astype(float), zeros)
+    return rest, _scatter(rest, parameters)
 
 
-def _rest(columns: NDArray, loads: NDArray, weight: NDArray) -> NDArray:
-    """Return residuals (N, W) of a fit to columns (N, Q) with weights (N, W)."""
-    normal = np.einsum("np,nw,nq->wpq", columns, weight, columns, optimize=True)
-    right = np.einsum("np,nw->wp", columns, weight * loads)
-    inverse = np.linalg.pinv(normal, rcond=_OPEN, hermitian=True)  # channels may repeat one another
-    values = (inverse @ right[..., None])[..., 0]
-    return loads - columns @ values.T
+def _rest(columns: NDArray, loads: NDArray, weight: NDArray, zeros: _Zeros) -> NDArray:
+    """Return residuals (N, W) of a fit to columns (N, Q) and zeros, with weights (N, W)."""
+    rest = np.empty_like(loads)
+    for k, own in enumerate(weight.T):
+        within = zeros.without(np.column_stack([columns, loads[:, k]]), own)
+        weighed = own[:, None] * within[:, :-1]
+        # channels may repeat one another
+        inverse = np.linalg.pinv(weighed.T @ within[:, :-1], rcond=_OPEN, hermitian=True)
+        rest[:, k] = within[:, -1] - within[:, :-1] @ (inverse @ (weighed.T @ within[:, -1]))
+    return rest
 
 
 def _scatter(rest: NDArray, parameters: int) -> NDArray:
