@@ -12,7 +12,8 @@ from stages.declaration import Outcome, Progress, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, LeggedMechanism
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
 
 DECLARATION = Stage(
     name="deformation",

@@ -11,7 +11,8 @@ from stages.declaration import Outcome, Progress, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, LeggedMechanism
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
     from stages.diagnosis.mechanism_points import Gathered
     from stages.diagnosis.shown import Channels
     from truing.estimation.diagnosis.acceptance import Diagnosis, Settings

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
-    from schemas.campaign import Acceptance, Campaign, LeggedMechanism
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
+    from schemas.sections import Acceptance
     from stages.quality.bodies import BodyView
     from stages.quality.check import Check
 

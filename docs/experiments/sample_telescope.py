@@ -20,7 +20,7 @@ from truing.simulation.parameters import Parameter, ParameterSet
 from truing.simulation.structure import Machine, Structure, poses_at
 
 if TYPE_CHECKING:
-    from schemas.campaign import LeggedMechanism
+    from schemas.mechanism import LeggedMechanism
 
 PROJECT = Path(__file__).resolve().parents[2]
 CAMPAIGN = PROJECT / "sample_data" / "telescope" / "campaign.toml"

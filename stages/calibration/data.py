@@ -18,8 +18,9 @@ from truing.simulation.structure import Machine, Section
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, LeggedMechanism
-    from schemas.campaign import Rod as RodSection
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
+    from schemas.mechanism import Rod as RodSection
 
 LEAST_FRAME = 3  # targets away from the attachments that make a frame of the platform
 

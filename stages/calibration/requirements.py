@@ -11,7 +11,7 @@ from stages.calibration.accuracy import PoseErrors
 from stages.responses.tables import Rows
 
 if TYPE_CHECKING:
-    from schemas.campaign import Requirement
+    from schemas.sections import Requirement
 
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations

@@ -32,7 +32,7 @@ from stages.responses.tables import Rows
 from truing.simulation.structures import structures
 
 if TYPE_CHECKING:
-    from schemas.campaign import Requirement
+    from schemas.sections import Requirement
 
 LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
 ESTIMATORS = {maximum_likelihood: "by errors in variables", implicit: "by the closure alone"}

@@ -25,7 +25,8 @@ from truing.simulation.structure import Machine, poses_at
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, LeggedMechanism, Tolerance
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism, Tolerance
 
 FILE = "campaign.toml"
 _POSE = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")

@@ -31,7 +31,8 @@ from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, LeggedMechanism
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
 
 
 @dataclass(frozen=True)

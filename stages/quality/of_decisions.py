@@ -10,7 +10,8 @@ from stages.quality.loading_view import LoadingView
 from stages.sensor.overruled import decided
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign, Overrule
+    from schemas.campaign import Campaign
+    from schemas.sections import Overrule
 
 _VERBS = {"exclude": "excluded", "keep": "kept"}
 _KEYS = ("run", "step", "channel", "pose", "body", "target")

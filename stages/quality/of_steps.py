@@ -15,7 +15,7 @@ from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
 
 if TYPE_CHECKING:
-    from schemas.campaign import Loading
+    from schemas.sections import Loading
 
 _NOTED, _MOST_MISSING = 0.1, 0.3
 _LONG_PAUSE = 10.0

@@ -31,7 +31,8 @@ from truing.estimation.response_structure import gain_p_value, holm_significant,
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, Noise
+    from schemas.campaign import Campaign
+    from schemas.sections import Noise
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from stages.rigid_poses.body_fit import BodyFit, fit_by_itself, fit_to_survey
 from truing.estimation.rigid_poses.rigid import RigidFit
 
 if TYPE_CHECKING:
-    from schemas.campaign import Overrule
+    from schemas.sections import Overrule
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

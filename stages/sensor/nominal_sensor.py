@@ -19,7 +19,7 @@ from truing.simulation.six_upur.tolerances import sigma_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Element, SensorMechanism
+    from schemas.sensor_mechanism import Element, SensorMechanism
 
 Array = NDArray[np.float64]
 _MM = 1e-3

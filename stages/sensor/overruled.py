@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from stages.sensor.reading_arrays import CHANNELS, RecordedSteps
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign, Overrule
+    from schemas.campaign import Campaign
+    from schemas.sections import Overrule
 
 Mask = NDArray[np.bool_]
 

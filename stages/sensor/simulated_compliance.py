@@ -19,7 +19,8 @@ from truing.simulation.six_upur.compliance_change import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, SensorMechanism
+    from schemas.campaign import Campaign
+    from schemas.sensor_mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,8 @@ from truing.simulation.six_upur.tolerances import first_order_covariances
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, SensorMechanism
+    from schemas.campaign import Campaign
+    from schemas.sensor_mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
 

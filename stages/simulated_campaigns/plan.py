@@ -24,7 +24,8 @@ from truing.simulation.unknowns import Conditions, Known
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign, LeggedMechanism
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
 
 _FEWEST_POSES = 3
 

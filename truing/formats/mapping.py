@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from schemas.campaign import FileMapping
 from schemas.columns import Column
+from schemas.mapping import FileMapping
 from truing.formats.raw import Kind
 from truing.formats.shapes import COORDINATES, Shape
 from truing.formats.units import UnknownUnit, conversion

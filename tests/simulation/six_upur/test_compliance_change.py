@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from numpy.typing import NDArray
 
-from schemas.campaign import SensorTolerance
+from schemas.sensor_mechanism import SensorTolerance
 from tests.simulation.six_upur.sensors import (
     SEEDS,
     STEP,

@@ -1,0 +1,97 @@
+"""[mechanism]: legs with actuators that carry a platform, or none; what is common to all types."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from schemas.section import TYPED, Finite, NotNegative, Positive, Section, Vector
+
+# A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
+CLOSURES = "truing.closures"
+
+
+class Leg(Section):
+    """One leg of a legged mechanism: joints, actuator direction and lengths."""
+
+    a_mm: Vector = Field(description="actuator's zero on the base, base frame")
+    b_mm: Vector = Field(description="joint on the platform, platform frame")
+    u: Vector | None = Field(None, description="unit direction of the actuator, base frame")
+    length_mm: Positive = Field(description="leg length (ups: at zero reading)")
+    rho0_mm: Finite = Field(0.0, description="actuator reading in the reference configuration")
+    flexure_length_mm: Positive | None = Field(None, description="length of the flexures at its ends")
+
+    @model_validator(mode="after")
+    def _direction_is_unit(self) -> Leg:
+        if self.u is not None and abs(sum(c * c for c in self.u) - 1.0) > TYPED:
+            raise ValueError("u must have unit length")
+        return self
+
+
+class Rod(Section):
+    """A circular elastic part: flexure or leg tube."""
+
+    diameter_mm: Positive
+    youngs_gpa: Positive
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)]
+
+
+class Tolerance(Section):
+    """[mechanism.tolerance]: one standard deviation of manufacturing and assembly, the prior of calibration."""
+
+    a_mm: NotNegative | None = None
+    b_mm: NotNegative | None = None
+    u: NotNegative | None = None
+    length_mm: NotNegative | None = None
+    rho0_mm: NotNegative | None = None
+
+
+class MechanismSection(Section):
+    """[mechanism], whatever its type."""
+
+    type: str
+    reference_temperature_c: Finite = 20.0
+
+    @property
+    def is_legged(self) -> bool:
+        """Whether legs with actuators carry a platform, whose readings say where it is."""
+        return self.type not in ("none", "6-upur")
+
+
+def _known_closure(kind: str) -> str:
+    """Own types first: asking what is installed takes time."""
+    if kind not in ("6-pus", "ups"):
+        added = sorted(entry_points(group=CLOSURES).names)
+        if kind not in added:
+            raise ValueError(f"one of {', '.join(('6-pus', 'ups', '6-upur', 'none', *added))}")
+    return kind
+
+
+class NoMechanism(MechanismSection):
+    """[mechanism] absent or type = "none": bodies of any names, and nothing that says how they move."""
+
+    type: Literal["none"] = "none"
+
+
+class LeggedMechanism(MechanismSection):
+    """[mechanism] of type 6-pus, ups or an installed package's own: nominal geometry and its tolerance."""
+
+    type: Annotated[str, AfterValidator(_known_closure)]
+    legs: tuple[Leg, ...]
+    flexure: Rod | None = None
+    leg_tube: Rod | None = None
+    tolerance: Tolerance = Tolerance()
+    actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
+    model: str | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
+
+    @model_validator(mode="after")
+    def _legs_fit_the_type(self) -> LeggedMechanism:
+        if self.type == "6-pus" and len(self.legs) != 6:
+            raise ValueError(f"six legs for a 6-pus, not {len(self.legs)}")
+        if self.type == "6-pus" and any(leg.u is None for leg in self.legs):
+            raise ValueError("the actuator direction u for every leg of a 6-pus")
+        if len(self.legs) < 3:
+            raise ValueError(f"at least three legs for a {self.type}, not {len(self.legs)}")
+        return self

@@ -1,0 +1,125 @@
+"""Sections of campaign.toml beside [mechanism]: what is loaded, how well it is measured, what is decided of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.section import NotNegative, Positive, Section
+
+
+class CampaignSection(Section):
+    """[campaign]: its name, its kind, and the columns that deformation may follow."""
+
+    name: str = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="names the run's folder")
+    kind: Literal["photogrammetry", "interferometer"]
+    drives: tuple[str, ...] = Field((), description="columns of configurations.csv that deformation may follow")
+
+
+class Loading(Section):
+    """[loading]: the range of each load; beyond it a load is a fault."""
+
+    fx_n: Positive | None = None
+    fy_n: Positive | None = None
+    fz_n: Positive | None = None
+    mx_nm: Positive | None = None
+    my_nm: Positive | None = None
+    mz_nm: Positive | None = None
+
+
+class Signals(Section):
+    """[signals]: what is known of the gain of the signal channels."""
+
+    sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = None
+    sensitivity_tolerance: NotNegative | None = None
+    zero_mv: NotNegative | None = Field(
+        None, description="one sigma of a signal's zero where each run was tared; absent: unknown"
+    )
+    range_mv: Positive | None = Field(None, description="what the amplifier passes either way; at it, a signal is cut")
+
+
+class PoseComponents(Section):
+    """A number for each component of a pose; absent where nothing is said of one."""
+
+    x_mm: Positive | None = None
+    y_mm: Positive | None = None
+    z_mm: Positive | None = None
+    rx_deg: Positive | None = None
+    ry_deg: Positive | None = None
+    rz_deg: Positive | None = None
+
+
+class Workspace(PoseComponents):
+    """[workspace]: half ranges, for pose selection and the requirements table."""
+
+    rho_mm: Positive | None = None
+
+
+class Requirement(PoseComponents):
+    """[requirement]: desired accuracy."""
+
+
+class Noise(Section):
+    """[noise]: one standard deviation, as specified for the instrument."""
+
+    point_mm: Positive | None = None
+    actuator_mm: NotNegative = 0.0
+    linear_um: Positive | None = Field(None, description="interferometer, linear channels")
+    angular_arcsec: Positive | None = Field(None, description="interferometer, angular channels")
+    signal_mv: Positive | None = Field(None, description="signal channels")
+    displacement_mm: Positive | None = Field(None, description="six-component displacement, translation")
+    rotation_rad: Positive | None = Field(None, description="six-component displacement, rotation")
+    load_n: NotNegative = Field(0.0, description="applied force")
+    load_nm: NotNegative = Field(0.0, description="applied torque")
+
+
+class Bodies(Section):
+    """[bodies]: which body the others are seen from; absent, poses are in the measurement frame.
+
+    ``still`` names bodies that should stand still before an instrument whose frame is one for the campaign.
+    """
+
+    reference: str | None = None
+    still: tuple[str, ...] = ()
+
+
+class Diagnosis(Section):
+    """[diagnosis]: how sure a finding must be."""
+
+    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    seed: int = Field(0, ge=0, description="seed of the simulated null draws")
+
+
+class QualityLimits(Section):
+    """[qa]: the probability that all failing checks together trip on a good campaign."""
+
+    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+
+
+class Overrule(Section):
+    """[[exclude]], [[keep]]: a point or a reading left out or kept by a person, by name and with a reason.
+
+    An absent key stands for all: ``body = "platform", target = "P07"`` concerns that target in every pose, ``run = 3,
+    channel = "dz"`` that channel in every step of the run.
+    """
+
+    pose: int | str | None = None
+    body: str | None = None
+    target: str | None = None
+    run: int | str | None = Field(None, description="interferometer: the run")
+    step: int | None = Field(None, description="interferometer: the load step within its run")
+    channel: Literal["dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v8"] | None = Field(
+        None, description="interferometer: what was read"
+    )
+    by: str = Field(min_length=1, description="who decided")
+    reason: str = Field(min_length=1)
+
+
+class Acceptance(Section):
+    """[[accept]]: a QA verdict accepted by a person, by name and with a reason."""
+
+    check: str = Field(min_length=1)
+    subject: str | None = None
+    by: str = Field(min_length=1, description="who decided")
+    reason: str = Field(min_length=1)
