@@ -101,7 +101,7 @@ class Rate:
 def expected_sights(gathered: Gathered, settings: Campaign) -> list[Sight]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
     from stages.diagnose import kinds_of, rule_of
-    from truing.estimation.diagnosis.candidate_round import search_of
+    from truing.estimation.diagnosis.candidate_proposals import search_of
     from truing.estimation.diagnosis.fitted_model import Fitter
 
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)

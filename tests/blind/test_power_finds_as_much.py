@@ -22,7 +22,7 @@ from tests.blind.hidden_twice import Ground, as_hidden
 from tests.blind.judging import UNLUCKY
 from tests.blind.two_rates import Pair, unlike
 from truing.estimation.diagnosis.acceptance import Acceptance
-from truing.estimation.diagnosis.candidate_round import search_of
+from truing.estimation.diagnosis.candidate_proposals import search_of
 from truing.estimation.diagnosis.detectable import sights
 from truing.estimation.diagnosis.fitted_model import Fitter
 from truing.estimation.diagnosis.verdicts import FOUND

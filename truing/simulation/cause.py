@@ -219,6 +219,10 @@ class Cause:
         """Return the positions of parameters that are of like size: those of parts that were made alike; or none."""
         return ()
 
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the positions of parameters that nature makes no less than zero: a gap, a loss; or none."""
+        return ()
+
     def follows(self, legs: int) -> tuple[str, ...]:
         """Return the columns that it follows where it is no cause of the catalogue; else none."""
         return ()

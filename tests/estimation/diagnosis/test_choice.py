@@ -26,7 +26,13 @@ COURSES = np.random.default_rng(1).uniform(-1, 1, (3, toy.POSES))
 
 def _cause(name: str, catalogued: bool) -> Any:
     return SimpleNamespace(
-        key=name, catalogued=catalogued, alike=lambda legs: (), goes_on=name.startswith("further"), subject=name
+        key=name,
+        catalogued=catalogued,
+        alike=lambda legs: (),
+        one_sided=lambda legs: (0,) if name.startswith("gap") else (),
+        further=lambda scene: (),
+        goes_on=name.startswith("further"),
+        subject=name.partition(" of ")[2] or name,
     )
 
 
@@ -44,7 +50,7 @@ def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unna
     whitened = toy.measured(np.random.default_rng(2), effect)
     own, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
     stand: Any = SimpleNamespace(
-        noise=noise, model=SimpleNamespace(leg_count=0), fit=SimpleNamespace(whitened=whitened), causes=()
+        noise=noise, model=SimpleNamespace(leg_count=0), fit=SimpleNamespace(whitened=whitened), causes=(), scene=None
     )
     found = [Candidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
     shares = dict.fromkeys(designs, 1.0)
@@ -82,6 +88,41 @@ def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() 
     assert {choice.candidate.key, *names} == {"own", "twin"}
 
 
+@pytest.mark.parametrize(("size", "expected"), [(15.0, "gap"), (-15.0, "form")])
+def test_a_name_is_not_given_to_what_has_the_sign_that_nature_does_not_have(size: float, expected: str) -> None:
+    designs = {"gap": _design(COURSES[0], 0), "form": _design(COURSES[0] + 0.3 * COURSES[2], 0)}
+    choice = choose(_round(designs, {"gap": size}, ("form",)), set(), LEVEL)
+    assert choice is not None
+    assert choice.candidate.key == expected
+
+
+def test_a_name_goes_first_only_where_another_form_of_the_same_does_not_explain_as_much_beside_what_is_stronger() -> (
+    None
+):
+    designs = {"weak": _design(COURSES[0], 0), "strong of x": _design(COURSES[1], 1)}
+    twin = _design(COURSES[0] + 0.02 * COURSES[2], 0)
+    sizes = {"weak": 20.0, "strong of x": 25.0}
+    for other, expected in (("other of x", "strong of x"), ("other of y", "weak")):
+        choice = choose(_round({**designs, other: twin}, sizes, ("strong of x", other)), set(), LEVEL)
+        assert choice is not None
+        assert choice.candidate.key == expected
+
+
+@pytest.mark.parametrize(("held", "late", "expected"), [(20.0, False, True), (20.0, True, False), (6.0, False, False)])
+def test_what_is_small_beside_a_form_that_the_model_holds_is_a_remainder_where_it_acts_on_the_same(
+    held: float, late: bool, expected: bool
+) -> None:
+    """The form acts on the first half of the poses; a signal of 8 is small beside one of 20, not of 6."""
+    first = np.arange(toy.POSES) < toy.POSES // 2
+    own = _design(np.where(first ^ late, COURSES[0], 0.0), 0)
+    current = _round({"name": own}, {"name": 8.0}, ())
+    form = _design(np.where(first, COURSES[1], 0.0), 0)
+    stand: Any = current.stand
+    stand.causes, stand.designer = (_cause("form", False),), lambda cause: form
+    stand.values = lambda cause: (np.array([held]), np.eye(1))
+    assert current.is_remainder(current.candidates[0]) is expected
+
+
 @dataclass(frozen=True)
 class _Told:
     """A round of which only the log posterior odds of its candidates are known; all are real, unless ``p`` is large."""
@@ -92,6 +133,7 @@ class _Told:
     kinds: dict[str, str] = field(default_factory=dict)
     best_pair: Any = None
     p: float = 1e-9
+    small: tuple[str, ...] = ()  # beside a form without a name that the model holds
 
     @property
     def stand(self) -> Any:
@@ -119,6 +161,9 @@ class _Told:
     def p_value(self, candidate: Any) -> float:
         return self.p
 
+    def is_remainder(self, candidate: Any) -> bool:
+        return candidate.key in self.small
+
 
 def _accepted(told: _Told) -> str | None:
     choice = choose(cast("Round", told), set(), LEVEL)
@@ -138,6 +183,17 @@ def test_what_is_left_of_a_form_without_a_name_is_given_none(name: float, furthe
     odds = {"name": name, **({"further": further} if further else {})}
     assert _accepted(_Told(odds, ("further",), (_cause("form", False),))) == expected
     assert _accepted(_Told(odds, ("further",))) == ("name" if name > further else expected)
+
+
+@pytest.mark.parametrize(
+    ("other", "small", "expected"),
+    [("other of x", (), "other of x"), ("other of y", (), "name"), ("other of y", ("name",), "other of y")],
+)
+def test_beside_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
+    other: str, small: tuple[str, ...], expected: str
+) -> None:
+    told = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
+    assert _accepted(told) == expected
 
 
 @pytest.mark.parametrize(("beside", "expected"), [(23.0, False), (28.0, True)])

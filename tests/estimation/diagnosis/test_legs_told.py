@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
-from truing.estimation.diagnosis.candidate_round import _log_evidence
+from truing.estimation.diagnosis.candidate_scores import log_evidence_of
 from truing.simulation.causes.per_leg import choice_share, choices
 
 FREEDOM = 4000.0
@@ -36,7 +36,7 @@ def _evidence(scores: NDArray, legs: tuple[int, ...]) -> float:
         signature=SimpleNamespace(strengths=strengths, loadings=vectors),
         cause=SimpleNamespace(alike=lambda _: tuple(range(len(own)))),
     )
-    return _log_evidence(candidate, STAND, vectors.T @ scores[own] / strengths, 1.0)
+    return log_evidence_of(candidate, STAND, vectors.T @ scores[own] / strengths, 1.0)
 
 
 # Amounts near to each other, of one sign or of either: whoever knew how they are drawn would tell nearly all.

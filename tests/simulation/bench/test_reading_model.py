@@ -20,6 +20,7 @@ from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, Zero
 from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
 from truing.simulation.causes.bench.load_history import Creep
 from truing.simulation.causes.bench.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
+from truing.simulation.causes.bench.readings_followed import BEYOND, GAIN
 from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
     JointClearance,
@@ -27,6 +28,7 @@ from truing.simulation.causes.bench.stiffness import (
     StiffnessNonlinear,
     StiffnessScale,
 )
+from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
 from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.loading import AXES
 
@@ -162,6 +164,18 @@ def _effects() -> dict[str, tuple[Cause, list[float], int, NDArray]]:
         "lost": (CosineError("rx", along=True), [0.001], 3, -0.001 * motion[:, 3]),
         "arm": (AbbeOffset("dz"), [0.01, 0.02], 2, np.cross(motion[:, 3:], [0.01, 0.02, 0.0])[:, 2]),
         "slip": (FringeSlip("dz", 3, 7, 7), [-2.0], 2, -2 * 316.495e-9 * ((run == 3) & (own.conditions.step >= 7))),
+        "jump": (
+            UnexplainedReadings("rx", ("fz_n",), (0.0,), (4e3,), BEYOND, 2),
+            [2 * ARCSEC, -ARCSEC],
+            3,
+            2 * ARCSEC * (fz > 4e3) - ARCSEC * (fz < -4e3),
+        ),
+        "gain": (
+            UnexplainedReadings("dy", ("fz_n", AIR), (0.0, 20.0), (1e4, 2.0), GAIN, 2),
+            [1e-6, 3e-6],
+            1,
+            fz / 1e4 * (1e-6 + 3e-6 * (air[AIR] - 20.0) / 2.0),
+        ),
         "crosstalk": (Crosstalk("v3", "v5"), [0.02], 8, 0.02 * GAINS[4] * load @ forces[4]),
     }
 

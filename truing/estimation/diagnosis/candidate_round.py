@@ -11,42 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.alike_evidence import alike_log_evidence
-from truing.estimation.diagnosis.candidate_search import Candidate, Profiles, Search
-from truing.estimation.diagnosis.evidence import log_evidence, probabilities
+from truing.estimation.diagnosis.candidate_proposals import FURTHER_SHARE, candidate_of, opened, search_of
+from truing.estimation.diagnosis.candidate_scores import Score, log_evidence_of, raw_scores, score_of, total_of
+from truing.estimation.diagnosis.candidate_search import Candidate, Search
+from truing.estimation.diagnosis.evidence import log_evidence, log_possible, probabilities
 from truing.estimation.diagnosis.fitted_model import Stand
 from truing.estimation.diagnosis.judge import Judge
-from truing.estimation.diagnosis.profile_signatures import TurnedPoints, profile_signatures, turned_points
-from truing.estimation.diagnosis.signatures import POINTS, Channels, Signature, joint, signature
+from truing.estimation.diagnosis.signatures import Channels, Signature, joint, signature
 
-# Single targets with the most evidence that become candidates of their own.
-_BEST_MEMBERS = 4
 # How many of the most probable candidates are tried in pairs.
 _PAIRED = 20
 _OF_A_KIND = 3
-# The probability that parameters of parts that were made alike are of like size, and not independent of each other.
-_ALIKE = 0.7
+# Beside a form that nobody declared, on most of what it acts on, a name explains at least this share of its squares:
+# half its amplitude.
+_OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
 # A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
 NAMED = float(np.log(3.0))
 # Rivals within this factor of the best in evidence cannot be told from it.
 RIVAL_FACTOR = 20.0
 # Plausible scales are also tried this many times as large.
 STRETCH = 3.0
-
-
-@dataclass(frozen=True)
-class Score:
-    """What the data say of one candidate."""
-
-    squares: float  # by which it lowers the sum of squares
-    log_evidence: float  # marginal likelihood over that of the model without it
-    log_posterior: float  # the same with what was probable beforehand
-    along: NDArray  # (r,) scores along its directions
-
-    @property
-    def signal_to_noise(self) -> float:
-        """Return the root of the reduction of the sum of squares."""
-        return float(np.sqrt(self.squares))
 
 
 @dataclass(frozen=True)
@@ -114,7 +98,7 @@ class Round:
         if not candidate.signature.rank:
             return score.log_posterior
         beforehand = score.log_posterior - score.log_evidence
-        return _log_evidence(candidate, self.stand, score.along, STRETCH) + beforehand
+        return log_evidence_of(candidate, self.stand, score.along, STRETCH) + score.log_signs + beforehand
 
     @cached_property
     def best_pair(self) -> Pair | None:
@@ -122,16 +106,86 @@ class Round:
         if len(self.candidates) < 2 or self.search is None:
             return None
         tried = self._paired
-        odds = {pair: self._pair_evidence(self.search.channels, *pair) for pair in _index_pairs(tried)}
-        if not odds:
-            return None
-        best = max(odds, key=lambda pair: odds[pair] - NAMED * _unnamed(tried[i] for i in pair))
-        if odds[best] < max(self.posterior(candidate) for candidate in tried) + np.log(RIVAL_FACTOR):
+        odds = {(i, j): self._pair_evidence(self.search.channels, tried[i], tried[j]) for i, j in _index_pairs(tried)}
+        least = max((self.posterior(candidate) for candidate in tried), default=0.0) + np.log(RIVAL_FACTOR)
+        for best in sorted(odds, key=lambda pair: odds[pair] - NAMED * _unnamed(tried[i] for i in pair), reverse=True):
+            if odds[best] < least:
+                return None
+            if odds[best] >= self._least_of_pair([tried[i] for i in best]):
+                break
+        else:
             return None
         first, second = sorted(best, key=lambda i: (_unnamed([tried[i]]), -self.posterior(tried[i])))
         behind = {sum(pair) - second: own - odds[best] for pair, own in odds.items() if second in pair}
         rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
         return Pair(tried[first], tried[second], tuple(rivals))
+
+    def _least_of_pair(self, pair: Sequence[Candidate]) -> float:
+        """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
+        that what is left of it is its own further terms, or another form of the same subject, unless the name is far
+        more probable."""
+        unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
+        if len(unnamed) != 1:
+            return -np.inf
+        return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
+
+    def _with_rest(self, form: Candidate) -> float:
+        """Return the log odds of a form that nobody declared with what speaks most for it in forms of its subject."""
+        if form.key not in self._rests:
+            assert self.search is not None
+            channels = self.search.channels
+            others = [c for c in self._unnamed_best if c is not form and c.cause.subject == form.cause.subject]
+            beside = [self._pair_evidence(channels, form, c) for c in (*self._further(form), *others)]
+            self._rests[form.key] = max([self.posterior(form), *beside])
+        return self._rests[form.key]
+
+    def is_remainder(self, candidate: Candidate) -> bool:
+        """Return whether a candidate is small beside a form that nobody declared and that the model holds, where it
+        acts on the same."""
+        if self.search is None:
+            return False
+        channels, squares = self.search.channels, self.scores[candidate.key].squares
+        larger = (own for own, held in self._forms_held if squares < _OF_ITS_SIZE * held)
+        return any(candidate.signature.share_on(channels, own) > _SAME_GROUND for own in larger)
+
+    @cached_property
+    def _forms_held(self) -> list[tuple[Signature, float]]:
+        """Return the forms that nobody declared and that the model holds: how they act, and their squares."""
+        assert self.search is not None
+        found = []
+        for cause in self.stand.causes:
+            if not cause.catalogued:
+                values, covariance = self.stand.values(cause)
+                squares = float(values @ np.linalg.solve(covariance, values))
+                found.append((signature(self.search.channels, self.stand.designer(cause)), squares))
+        return found
+
+    @cached_property
+    def _rests(self) -> dict[str, float]:
+        return {}
+
+    @cached_property
+    def _unnamed_best(self) -> list[Candidate]:
+        """Return the most probable forms that nobody declared, those of an accepted one's further terms among them."""
+        ranked = sorted(self.candidates, key=self.posterior, reverse=True)
+        unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
+        return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.goes_on]
+
+    def _further(self, form: Candidate) -> list[Candidate]:
+        """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
+        assert self.search is not None
+        channels, proposed = self.search.channels, opened(self.stand, form.cause.further(self.stand.scene))
+        prior = FURTHER_SHARE / max(len(proposed), 1)
+        found = [candidate_of(self.stand, channels, cause, form.kind, prior) for cause in proposed]
+        return [candidate for candidate in found if candidate.signature.rank]
+
+    def _score(self, candidate: Candidate) -> Score:
+        """Return what the data say of a candidate, of one that is not yet proposed as well."""
+        if candidate.key in self.scores or self.search is None:
+            return self.scores[candidate.key]
+        channels = self.search.channels
+        along = channels.along(self.stand.fit.whitened.rest[None])[0]
+        return score_of(candidate, self.stand, channels, along)
 
     @cached_property
     def _paired(self) -> list[Candidate]:
@@ -142,19 +196,30 @@ class Round:
                 taken.append(candidate)
         return taken[:_PAIRED]
 
-    def _pair_evidence(self, channels: Channels, first: int, second: int) -> float:
-        pair = self._paired[first], self._paired[second]
+    def _pair_evidence(self, channels: Channels, *pair: Candidate) -> float:
         strengths, loadings = joint(channels, pair[0].signature, pair[1].signature)
-        raw = np.concatenate([_raw_scores(c.signature, self.scores[c.key]) for c in pair])
+        raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths
-        total, freedom = _total(self.stand)
+        total, freedom = total_of(self.stand)
         beforehand = sum(np.log(c.prior) + self._of_likeness(c) for c in pair)
-        return float(log_evidence(along, strengths, total, freedom)) + float(beforehand)
+        values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
+        signs = self._signs(pair, values, covariance)
+        return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
+
+    def _signs(self, pair: Sequence[Candidate], values: NDArray, covariance: NDArray) -> float:
+        """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
+        legs, first, found = self.stand.model.leg_count, 0, 0.0
+        for candidate in pair:
+            own = np.s_[first : first + candidate.signature.parameters]
+            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(legs))
+            first = own.stop
+        return found
 
     def _of_likeness(self, candidate: Candidate) -> float:
         """Return what a candidate's log evidence owes to parameters of like size."""
-        score, (total, freedom) = self.scores[candidate.key], _total(self.stand)
-        return score.log_evidence - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
+        score, (total, freedom) = self._score(candidate), total_of(self.stand)
+        owed = score.log_evidence - score.log_signs
+        return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
 
 
 def _index_pairs(tried: Sequence[Candidate]) -> list[tuple[int, int]]:
@@ -176,16 +241,6 @@ def _apart(first: Candidate, second: Candidate) -> bool:
     return not np.isin(first.signature.index, second.signature.index).any()
 
 
-def _raw_scores(own: Signature, score: Score) -> NDArray:
-    """Return the scores (P,) of a candidate's parameters, from those along its directions."""
-    return np.asarray(own.loadings @ (score.along * own.strengths))
-
-
-def _total(stand: Stand) -> tuple[float, float]:
-    noise = stand.noise
-    return noise.points_total + noise.readings_total, noise.points + noise.readings
-
-
 def score_round(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Round:
     """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
     return scored(stand, search_of(stand, kinds, draws, rng))
@@ -194,91 +249,5 @@ def score_round(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.G
 def scored(stand: Stand, search: Search) -> Round:
     """Return what a fitted model leaves for all candidates of a search."""
     along = search.channels.along(stand.fit.whitened.rest[None])[0]
-    scores = {c.key: _score(c, stand, search.channels, along) for c in search.candidates}
+    scores = {c.key: score_of(c, stand, search.channels, along) for c in search.candidates}
     return Round(stand, search.judge, tuple(search.candidates), scores, len(search.candidates), search)
-
-
-def search_of(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Search:
-    """Return the search over all candidates that the kinds of cause propose, on what a fitted model leaves."""
-    channels = stand.channels()
-    candidates, profiles = _proposed(stand, channels, kinds), _profiles(stand, channels, kinds)
-    along = channels.along(stand.fit.whitened.rest[None])[0]
-    for own in profiles:
-        candidates += _best_members(stand, channels, own, along)
-    shares = {kind.id: kind.share for kind in kinds}
-    return Search(channels, stand.noise, candidates, profiles, shares, draws, rng)
-
-
-def _proposed(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Candidate]:
-    found = []
-    for kind in kinds:
-        further = _open(stand, [c for own in stand.causes if own.id == kind.id for c in own.further(stand.scene)])
-        for proposed in (_open(stand, kind.candidates(stand.scene)), further):
-            weights = np.array([cause.prior(stand.scene) for cause in proposed])
-            whole = max(weights.sum(), 1e-300) * (2.0 if further else 1.0)
-            for cause, weight in zip(proposed, weights / whole, strict=True):
-                found.append(_candidate(stand, channels, cause, kind.id, float(weight)))
-    return found
-
-
-def _open(stand: Stand, proposed: Sequence[Any]) -> list[Any]:
-    """Return the causes that the model of a stand has a place for."""
-    return [cause for cause in proposed if not any(own.excludes(cause) for own in stand.causes)]
-
-
-def _candidate(stand: Stand, channels: Channels, cause: Any, kind: str, prior: float) -> Candidate:
-    return Candidate(cause, kind, signature(channels, stand.designer(cause)), prior)
-
-
-def _profiles(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Profiles]:
-    found = []
-    turns, scene = stand.model.turns(stand.fit.shared, stand.fit.local), stand.scene
-    points: dict[bytes, TurnedPoints] = {}  # mostly the same for all
-    for kind in kinds:
-        for own in kind.profiles(scene):
-            key = own.targets.tobytes()
-            points[key] = points.get(key) or turned_points(channels, own.targets, turns)
-            signatures = profile_signatures(points[key], own.values * own.scale, own.usable)
-            if signatures.seen.any():
-                found.append(Profiles(own, kind.id, signatures))
-    return found
-
-
-def _best_members(stand: Stand, channels: Channels, own: Profiles, along: NDArray) -> list[Candidate]:
-    """Return the candidates over single targets with the most evidence, each target at its best shape."""
-    signatures = own.signatures
-    scores = signatures.scores(signatures.points.along(along[None][:, :, channels.places[POINTS]]))[..., 0]
-    values, vectors = np.linalg.eigh(signatures.gram)
-    strengths = np.sqrt(np.maximum(values, 1e-12))
-    parts = np.einsum("stpr,stp->str", vectors, scores) / strengths
-    total, freedom = _total(stand)
-    odds = np.where(signatures.seen, log_evidence(parts, strengths, total, freedom), -np.inf)
-    found = []
-    for target in np.argsort(-odds.max(0), kind="stable")[:_BEST_MEMBERS]:
-        shape = int(np.argmax(odds[:, target]))
-        cause = own.cause.member(int(target), shape) if np.isfinite(odds[shape, target]) else None
-        if cause is not None and cause.key not in stand.model.layout:
-            found.append(_candidate(stand, channels, cause, own.kind, own.prior))
-    return found
-
-
-def _score(candidate: Candidate, stand: Stand, channels: Channels, along: NDArray) -> Score:
-    own = candidate.signature
-    if not own.rank:
-        return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
-    parts = along[:, own.index].ravel() @ own.unit_design
-    odds = _log_evidence(candidate, stand, parts)
-    return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts)
-
-
-def _log_evidence(candidate: Candidate, stand: Stand, parts: NDArray, stretch: float = 1.0) -> float:
-    """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
-    own, (total, freedom) = candidate.signature, _total(stand)
-    independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
-    members = candidate.cause.alike(stand.model.leg_count)
-    if not members:
-        return independent
-    scores = own.loadings @ (parts * own.strengths)
-    gram = (own.loadings * own.strengths**2) @ own.loadings.T
-    alike = alike_log_evidence(scores, gram, members, total, freedom, stretch)
-    return float(np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + independent))

@@ -43,12 +43,11 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     if not rivals:
         return None
     pair = current.best_pair if pairs else None
-    if pair is not None and is_real(current, pair.first, level) and pair.first.kind not in refused:
+    if pair is not None and pair.first.kind not in refused and _stands(current, pair.first, level):
         also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
         return Choice(pair.first, also, True, _other_subjects(current, pair.first))
     unnamed = [c for c in rivals if not c.cause.catalogued]
     least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
-    least = max(least, _least_beside_unnamed(current))
     named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
     chosen = min(named or unnamed, key=lambda c: (c.signature.parameters, -current.posterior(c)), default=None)
     if chosen is None:
@@ -82,22 +81,28 @@ def is_real(current: Round, candidate: Candidate, level: float) -> bool:
 
 
 def _equals(current: Round, level: float, refused: set[str]) -> list[Candidate]:
-    """Return the best candidates of those kinds that are real and within a factor 20 of the best in evidence."""
-    real = [c for c in current.best.values() if c.kind not in refused and is_real(current, c, level)]
+    """Return the best candidates of those kinds that stand and are within a factor 20 of the best in evidence."""
+    real = [c for c in current.best.values() if c.kind not in refused and _stands(current, c, level)]
     best = max((current.posterior(c) for c in real), default=0.0)
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
 
-def _least_beside_unnamed(current: Round) -> float:
-    """Return the least log posterior odds of a named cause beside what was accepted.
+def _stands(current: Round, candidate: Candidate, level: float) -> bool:
+    """Return whether a candidate is real, and a name no remainder of a form that nobody declared.
 
-    Forms that nobody declared are rough, so that something is left of them: beside one, a name has to be told from its
-    further terms, real or not, and from chance.
+    Such forms are rough, so that something is left of them: beside one, a name has to be told from its further terms,
+    real or not, from other forms of its subject, and from chance, and must not be small beside it where it acts on the
+    same.
     """
-    if all(cause.catalogued for cause in current.stand.causes):
-        return -np.inf
-    left = max((current.posterior(c) for c in current.candidates if c.cause.goes_on), default=0.0)
-    return max(left, 0.0) + float(np.log(RIVAL_FACTOR))
+    if not is_real(current, candidate, level):
+        return False
+    told = {cause.subject for cause in current.stand.causes if not cause.catalogued}
+    if not candidate.cause.catalogued or not told:
+        return True
+    unnamed = [c for c in current.candidates if not c.cause.catalogued]
+    rests = (current.posterior(c) for c in unnamed if c.cause.goes_on or c.cause.subject in told)
+    least = max(max(rests, default=0.0), 0.0) + float(np.log(RIVAL_FACTOR))
+    return current.posterior(candidate) >= least and not current.is_remainder(candidate)
 
 
 def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float], ...]:

@@ -21,6 +21,8 @@ from truing.estimation.diagnosis.whitening import Whitened
 # Directions in which a plausible effect stays below this many sigma carry no test.
 _INFORMATIVE = 0.3
 POINTS = "points"
+# Where an effect moves less than this share of the squares that it moves elsewhere, it does not act.
+_MOVED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,18 @@ class Signature:
         full = np.zeros((len(channels.whitened.rest), self.rank))
         full[: own.shape[0] * own.shape[1]] = own.reshape(-1, self.rank)
         return full - channels.whitened.basis @ (self.explained @ (self.loadings / self.strengths))
+
+    def share_on(self, channels: Channels, other: Signature) -> float:
+        """Return the share of what it moves, in squares, that lies where another moves something as well."""
+        mine, theirs = self._moved_squares(channels), other._moved_squares(channels)
+        shared = mine[theirs > _MOVED * theirs.max(initial=0.0)].sum()
+        return float(shared / max(float(mine.sum()), 1e-300))
+
+    def _moved_squares(self, channels: Channels) -> NDArray:
+        """Return by how much it moves each coordinate of the points at every pose (B, d K), in squares."""
+        place = channels.places[POINTS]
+        rows = channels.columns[:, : place.stop - place.start, self.index]
+        return np.asarray(np.sum((rows @ self.design.reshape(len(rows), len(self.index), -1)) ** 2, -1))
 
     def fitted(self, along: NDArray) -> NDArray:
         """Return the parameters (P,), in plausible scales, that fit scores along the unit design (r,) best."""

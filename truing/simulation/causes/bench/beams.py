@@ -63,6 +63,10 @@ class CosineError(OfChannel):
             return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2 * _LARGEST),)
         return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._others)
 
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the loss: no cosine is larger than one."""
+        return (0,) if self.along else ()
+
     @property
     def _own(self) -> int:
         return CHANNELS.index(self.channel)

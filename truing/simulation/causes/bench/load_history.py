@@ -78,6 +78,10 @@ class Creep(OfLoad):
         """Return the time."""
         return (TIME,)
 
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the fraction: what creeps goes on the way it was pushed."""
+        return (0,)
+
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the fraction, then the logarithm of the time constant where it is free."""
         fraction = (Parameter("fraction", "1", _PLAUSIBLE),)

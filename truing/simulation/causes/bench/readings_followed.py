@@ -33,6 +33,11 @@ UNLOADING, SO_FAR, WAY = "unloading ", "largest so far ", "direction of "
 # Functions of a load, of one and of two steps before; sine and cosine of a period.
 MEMORY, PERIOD = "memory", "period"
 REMEMBERED = 2
+# A jump where a load is beyond a size, on either side by an amount of its own: between two levels, so many at most.
+BEYOND, SIDES = "beyond", 2
+_MOST_SIZES = 5
+# A load with a factor, and with one that follows a column: nobody knows at which value of that the factor is one.
+GAIN, FACTORS = "gain", 2
 SMOOTH = 3
 _WAVES = 6
 # What the catalogue has in proportion to a column already.
@@ -86,7 +91,7 @@ def followings(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[Follow
     for load in loads if not is_signal(channel) else ():
         for column in others:
             if levels(load) > 1:
-                yield (load, column), POLYNOMIAL, 1
+                yield (load, column), GAIN, FACTORS
 
 
 def _columns(steps: LoadSteps, seen: NDArray) -> list[str]:
@@ -97,6 +102,18 @@ def _columns(steps: LoadSteps, seen: NDArray) -> list[str]:
         if values.ndim == 1 and values.dtype.kind in "fiu" and np.isfinite(values).all() and np.ptp(values[seen]) > 0
     ]
     return [name for name in found if name != ORDER or TIME not in found]
+
+
+def sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
+    """Return sizes of a load, N or N m, between those that were applied while a channel was seen (B,); none below the
+    smallest, where it is the load itself that is there or not."""
+    sizes = np.sort(np.abs(values_of(steps, load)[seen]))
+    one_level = _ONE_LEVEL * sizes.max(initial=0.0)
+    sizes = sizes[sizes > one_level]
+    apart = np.flatnonzero(np.diff(sizes) > one_level)
+    between = (sizes[apart] + sizes[apart + 1]) / 2.0
+    chosen = np.linspace(0, max(len(between) - 1, 0), min(_MOST_SIZES, len(between))).round().astype(int)
+    return np.asarray(between[chosen])
 
 
 def range_of(steps: LoadSteps, column: str) -> tuple[float, float]:

@@ -200,6 +200,10 @@ class Hysteresis(Deflection):
         """Return whether an axis was unloaded step by step."""
         return int(np.sum(steps.unloading[:, axis] & (steps.load[:, axis] != 0.0))) >= _LEVELS
 
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the width: on unloading a passive body stays behind, and never runs ahead."""
+        return (0,)
+
     def course(self, steps: LoadSteps) -> NDArray:
         """Return 4 (1 - x) where an axis is unloaded: times x, which the deflection is in proportion to, the loop."""
         return np.where(steps.unloading, 4.0 * (1.0 - np.abs(steps.share)), 0.0)
@@ -230,6 +234,10 @@ class JointClearance(OfLoad):
         steps = steps_of(scene)
         return [JointClearance(axis) for axis in seen_axes(scene) if _is_seen(scene, AXES.index(axis), own=True)
                 and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS]  # fmt: skip
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the clearance: there is no less than no gap."""
+        return (0,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the clearance, the full gap."""

@@ -15,14 +15,18 @@ from truing.simulation.bench.reading_state import IN_RUN, LINEAR, LOADS, ORDER, 
 from truing.simulation.cause import Cause, Parameter, Profiles, Scene, Step
 from truing.simulation.causes.bench.of_readings import ReadingCause, seen_channels, seen_of, steps_of, unit_of, whose
 from truing.simulation.causes.bench.readings_followed import (
+    BEYOND,
+    GAIN,
     MEMORY,
     PERIOD,
     REMEMBERED,
+    SIDES,
     followings,
     follows_of,
     periods_of,
     range_of,
     remembered,
+    sizes_between,
     values_of,
     words,
 )
@@ -35,7 +39,7 @@ _IN_PROPORTION = 4.0
 _EDGE = 1e-6
 # Plausible, in sigmas of the channel.
 _PLAUSIBLE_SIGMAS = 4.0
-_LETTERS = {POLYNOMIAL: "degree", MEMORY: "before", PERIOD: "part"}
+_LETTERS = {POLYNOMIAL: "degree", MEMORY: "before", PERIOD: "part", BEYOND: "side", GAIN: "gain"}
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,9 @@ class UnexplainedReadings(ReadingCause):
     """A channel follows columns (several: their product), brought to -1 .. 1 by centre and half range.
 
     Forms are Chebyshev polynomials of degree ``first`` .. ``degree``, so many slow waves (cosines), a load at so many
-    steps before, or sine and cosine of a period of time or a load, which is the half range. ``scale`` is plausible, SI.
+    steps before, sine and cosine of a period of time or a load, which is the half range, a jump where a load is beyond
+    the half range, on its positive and its negative side, or a load and its product with a column. ``scale`` is
+    plausible, SI; ``weight`` how likely beforehand among forms.
     """
 
     channel: str = "dz"
@@ -54,6 +60,7 @@ class UnexplainedReadings(ReadingCause):
     degree: int = 1
     first: int = 1
     scale: float = 1.0
+    weight: float = 1.0
 
     id = "unexplained"
     catalogued = False
@@ -69,7 +76,7 @@ class UnexplainedReadings(ReadingCause):
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
         degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
-        if self.form == PERIOD:
+        if self.form in (PERIOD, BEYOND):
             degrees = f"{self.half_ranges[0]:.6g}"
         return f"{self.id} {self.channel} {' '.join(self.columns)} {self.form} {degrees}"
 
@@ -102,6 +109,10 @@ class UnexplainedReadings(ReadingCause):
             return (
                 f"{said[0]}, to and fro with a period of {self.half_ranges[0]:.4g} {_unit_of_column(self.columns[0])}"
             )
+        if self.form == BEYOND:
+            return f"{said[0]}, by a jump beyond {self.half_ranges[0]:.4g} {_unit_of_column(self.columns[0])}"
+        if self.form == GAIN:
+            return f"{said[0]}, with a factor that follows {said[1]}"
         if len(said) == 1:
             return said[0]
         return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
@@ -109,7 +120,7 @@ class UnexplainedReadings(ReadingCause):
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the steps (B,) within the range of what it follows, beyond which its form says nothing."""
         inside = np.ones(poses, bool)
-        if self.form == PERIOD:
+        if self.form in (PERIOD, BEYOND):
             return inside
         for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
             if (values := covariates.get(column)) is not None:
@@ -131,6 +142,7 @@ class UnexplainedReadings(ReadingCause):
             for columns, form, degree in followings(steps, seen[:, place], channel):
                 if count >= _PER_FUNCTION * degree:
                     found.append(_following(steps, channel, columns, form, degree, scale))
+            found += _jumping(steps, seen[:, place], channel, scale)
         return found
 
     def profiles(self, scene: Scene) -> Sequence[Profiles]:
@@ -142,13 +154,13 @@ class UnexplainedReadings(ReadingCause):
 
     def further(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms."""
-        if self.form in (MEMORY, PERIOD):
+        if self.form in (MEMORY, PERIOD, BEYOND, GAIN):
             return ()
         return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, _FURTHER + 1)]
 
     def prior(self, scene: Scene) -> float:
         """Return the weight: what is in proportion to one column is likelier than other forms."""
-        return _IN_PROPORTION if len(self.columns) == self.degree == 1 else 1.0
+        return _IN_PROPORTION if len(self.columns) == self.degree == 1 else self.weight
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function."""
@@ -166,12 +178,20 @@ class UnexplainedReadings(ReadingCause):
         """Return the functions' values (B, degree)."""
         if self.form == MEMORY:
             return remembered(steps, self.columns[0])
-        x = np.ones(len(steps.load))
-        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
-            x = x * (values_of(steps, column) - centre) / half
+        if self.form == GAIN:
+            load, other = self._brought(steps)
+            return np.stack([load, load * other], -1)
+        x = np.prod(self._brought(steps), axis=0)
+        if self.form == BEYOND:
+            return np.stack([x > 1.0, x < -1.0], -1).astype(float)[:, : self.degree]
         if self.form == PERIOD:
             return np.stack([np.sin(2.0 * np.pi * x), np.cos(2.0 * np.pi * x)], -1)
         return (waves if self.form == WAVES else chebyshev)(x, self.degree)
+
+    def _brought(self, steps: LoadSteps) -> list[NDArray]:
+        """Return the columns (B,) each, brought to their ranges."""
+        ranges = zip(self.columns, self.centres, self.half_ranges, strict=True)
+        return [(values_of(steps, column) - centre) / half for column, centre, half in ranges]
 
 
 def _unit_of_column(column: str) -> str:
@@ -209,3 +229,17 @@ def _following(
     ranges = [range_of(steps, column) for column in columns]
     centres, halves = tuple(c for c, _ in ranges), tuple(h for _, h in ranges)
     return UnexplainedReadings(channel, columns, centres, halves, form, degree, 1, scale)
+
+
+def _jumping(steps: LoadSteps, seen: NDArray, channel: str, scale: float) -> list[Cause]:
+    """Return jumps of a channel, seen at steps (B,), beyond sizes of each load, where there are readings enough."""
+    found: list[Cause] = []
+    for load in (name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded):
+        values, sizes = values_of(steps, load)[seen], sizes_between(steps, load, seen)
+        for size in sizes:
+            beyond = int(np.sum(values > size)), int(np.sum(values < -size))
+            sides = SIDES if min(beyond) else 1
+            if beyond[0] >= _PER_FUNCTION and len(values) >= _PER_FUNCTION * sides:
+                form = UnexplainedReadings(channel, (load,), (0.0,), (float(size),), BEYOND, sides, 1, scale)
+                found.append(replace(form, weight=1.0 / len(sizes)))
+    return found
