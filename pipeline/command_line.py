@@ -192,6 +192,12 @@ def design(
     at_once: Annotated[
         int, typer.Option("--at-once", min=1, max=6, help="Interferometer: components of a load that act together.")
     ] = 6,
+    causes: Annotated[
+        str,
+        typer.Option(
+            "--causes", metavar="NAMES", help="Interferometer: loads that show these, not those to calibrate by."
+        ),
+    ] = "",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
@@ -200,9 +206,12 @@ def design(
     """Choose where to measure: the configurations from which a calibration learns most, and how near the best they are.
 
     A campaign.toml with a mechanism and a [workspace] is enough; poses measured already are judged by the same measure.
-    Of an interferometer campaign: load steps within [loading] that tell most of the sensor's calibration matrix.
+    Of an interferometer campaign: load steps within [loading] that tell most of the sensor's calibration matrix; with
+    --causes, runs of loads after which these causes are known twice as well, beside the steps measured or planned.
 
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
+
+    Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
     """
 
     def choose() -> ExitCode:
@@ -210,7 +219,8 @@ def design(
         from stages.design import DesignWish
 
         names = tuple(name.strip() for name in parameters.split(",") if name.strip())
-        wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed, at_once)
+        shown = tuple(name.strip() for name in causes.split(",") if name.strip())
+        wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
         return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
 
     _end(choose)

@@ -37,7 +37,9 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
     campaign = open_campaign(place)
     voice = Voice(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
-        return _plan_loads(campaign, wish, files, voice)
+        return (_loads_for_causes if wish.causes else _plan_loads)(campaign, wish, files, voice)
+    if wish.causes:
+        raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     found = design(campaign.validated(), wish, _tables(campaign, files))
     for line in words_of(found):
         voice.say(line)
@@ -49,13 +51,32 @@ def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, 
     """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
     from stages.load_design import plan_loads, words_of_loads
 
-    given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(wish.parameters) or None}
-    if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
-        raise CampaignFaults(of_poses)
+    _check_of_loads(wish, files)
     found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
     for line in words_of_loads(found):
         voice.say(line)
     _hand_over(found.table, files.out, voice, f"{found.table.num_rows} load steps, in the order in which to apply them")
+    return ExitCode.DONE
+
+
+def _loads_for_causes(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
+    """Choose runs of loads that show causes, beside the campaign's own load steps, measured or planned."""
+    from pipeline.bench_tables import bench_tables
+    from pipeline.power_command import check_causes
+    from stages.cause_loads import loads_for_causes
+
+    _check_of_loads(wish, files)
+    settings = campaign.validated()
+    check_causes(wish.causes, settings)
+    tables, measured = bench_tables(campaign, settings)
+    try:
+        found = loads_for_causes(tables, settings, wish.causes, measured=measured, seed=wish.seed)
+    except ValueError as why:
+        raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
+    for line in found.sentences or ("nothing in this campaign that these causes could concern",):
+        voice.say(line)
+    if found.table.num_rows:
+        _hand_over(found.table, files.out, voice, f"{found.table.num_rows} load steps, by purpose and run", "")
     return ExitCode.DONE
 
 
@@ -73,14 +94,23 @@ def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
     return {} if log else found.artifacts
 
 
-def _hand_over(table: pa.Table, out: Path | None, voice: Voice, what: str) -> None:
+def _check_of_loads(wish: DesignWish, files: DesignFiles) -> None:
+    """Raise CampaignFaults for what only poses have."""
+    given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(wish.parameters) or None}
+    if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
+        raise CampaignFaults(of_poses)
+
+
+def _hand_over(
+    table: pa.Table, out: Path | None, voice: Voice, what: str, then: str = "; fill in time_s when measuring"
+) -> None:
     from pipeline.whole_file import write_whole
 
     if out is None:
         voice.say(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
     write_whole(out, table_bytes(table, out.suffix))
-    voice.say(f"{what}: {out}; fill in time_s when measuring")
+    voice.say(f"{what}: {out}{then}")
 
 
 def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipeline.bench_tables import bench_tables
 from pipeline.campaign_folder import CampaignFolder, run_folder_of
 from pipeline.executor import Workforce, results
 from pipeline.given_table import ENDINGS, table_bytes
@@ -65,12 +66,17 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
 
 
 def _check(wish: PowerWish, out: Path | None, settings: Campaign) -> None:
-    from stages.diagnose import kinds_of
-
     if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
+    check_causes(wish.causes, settings)
+
+
+def check_causes(names: Sequence[str], settings: Campaign) -> None:
+    """Raise CampaignFaults for names that are no causes of this kind of campaign."""
+    from stages.diagnose import kinds_of
+
     known = [name for name, kind in kinds_of(settings).items() if kind.catalogued]
-    strange = [name for name in wish.causes if name not in known]
+    strange = [name for name in names if name not in known]
     if strange:
         raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
 
@@ -107,11 +113,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     from truing.formats.source import CampaignFiles
 
     if settings.campaign.kind == "interferometer":
-        from stages.ingestion.planned_loads import planned_loads
-
-        source = CampaignFiles(campaign.folder, settings)
-        planned = planned_loads(source, settings)
-        return dict(call_stage("ingest", {}, settings, source).artifacts) if planned is None else planned
+        return bench_tables(campaign, settings)[0]
     if not settings.mechanism.is_legged:
         expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)

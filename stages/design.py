@@ -35,7 +35,7 @@ class DesignWish:
 
     method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
     readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`;
-    at_once: components of a load that may act together.
+    at_once: components of a load that may act together; causes: what loads are to show, not a calibration.
     """
 
     poses: int
@@ -46,6 +46,7 @@ class DesignWish:
     trade_off: float = TRADE_OFF
     seed: int = 0
     at_once: int = 6
+    causes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ class PossibleRuns:
         return [
             {
                 "step": step,
-                "time_s": run.step_s * step,
+                "time_s": round(run.step_s * step, 3),
                 **dict(zip(LOAD_COLUMNS, map(float, run.load[step] + 0.0), strict=True)),
                 "branch": branch,
                 "channels": " ".join(self._read(k)),

@@ -119,12 +119,13 @@ def next_measurements(
 
 
 def planned(
-    reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
+    reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
 ) -> tuple[list[Plan], dict[str, str]]:
     """Return what to measure next, and the sentence on it by a cause's key: for each found cause without rivals, and
     for each pair of rivals.
 
-    ``found`` are causes with the model that holds them. A cause with several rivals is told the hardest of them.
+    ``found`` are causes with the model that holds them, of which the largest parameter is to be known better, or the
+    least known. A cause with several rivals is told the hardest of them.
     """
     plans: list[Plan] = []
     sentences: dict[str, str] = {}
@@ -135,7 +136,7 @@ def planned(
             sentences[own.key] = _told_apart(plan, other, pair.legs)
     for cause, fitted in found:
         if cause.key not in sentences:
-            largest = _largest(cause, fitted)
+            largest = _largest(cause, fitted, least_known)
             if largest is None:
                 sentences[cause.key] = cause.confirm
                 continue
@@ -203,8 +204,8 @@ class _Largest:
         return f"± {plain_size(self.told.name, times * self.told.sigma, self.told.unit)}"
 
 
-def _largest(cause: Any, fitted: Fitted) -> _Largest | None:
-    """Return the largest parameter; None where the cause has none that is measured."""
+def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
+    """Return the largest parameter, or the least known; None where the cause has none that is measured."""
     part, legs = fitted.model.layout[cause.key], fitted.model.leg_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
@@ -213,7 +214,7 @@ def _largest(cause: Any, fitted: Fitted) -> _Largest | None:
     alike = [k for k in measured if told[k].unit == told[measured[0]].unit]
     if not alike:
         return None
-    best = max(alike, key=lambda k: abs(told[k].value))
+    best = max(alike, key=lambda k: told[k].sigma if least_known else abs(told[k].value))
     direction = np.zeros(len(fitted.shared))
     for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
         nudge = step * (np.arange(len(values)) == place)

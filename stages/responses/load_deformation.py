@@ -249,8 +249,11 @@ def _r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
 
 
 def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
-    rejected = int(np.sum(tables["reading_residuals"].column("rejected").to_numpy(zero_copy_only=False)))
-    said = [f"{rejected} readings as gross errors"] if rejected else []
+    rows = tables["reading_residuals"].select(["rejected", "reason"]).to_pylist()
+    by_person = sum(row["rejected"] and str(row["reason"]).startswith("excluded by") for row in rows)
+    gross = sum(row["rejected"] for row in rows) - by_person
+    said = [f"{gross} readings as gross errors"] if gross else []
+    said += [f"{by_person} reading{'s' * (by_person > 1)} excluded by a person"] if by_person else []
     said += [f"the drift of {loaded.drifts} runs and channels"] if loaded.drifts else []
     return ", ".join(said) or "nothing"
 

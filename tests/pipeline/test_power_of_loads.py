@@ -79,6 +79,27 @@ def test_a_plan_is_answered_and_left_as_it_is(planned: Path, tmp_path: Path) -> 
     assert (told["expected_80"] > 0).all()
 
 
+def test_loads_are_chosen_that_show_a_wanted_cause_beside_those_planned(planned: Path, tmp_path: Path) -> None:
+    out = tmp_path / "loads.csv"
+    words = ["design", str(planned), "--causes", "creep", "--out", str(out)]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "creep load fz: To know fraction twice as well, apply th" in said
+    told = pd.read_csv(out)
+    assert set(told["purpose"]) == {"creep: fraction", "creep load fz: fraction", "creep load mx: fraction"}
+    # creep shows best where a load stays
+    held = (
+        told[told["purpose"] == "creep load fz: fraction"]
+        .groupby("run")["fz_n"]
+        .agg(lambda load: load.duplicated().sum())
+    )
+    assert held.max() >= 6
+    refused = CliRunner().invoke(app, [*words[:3], "creeep"])
+    assert refused.exit_code == 2
+    assert "found 'creeep'" in " ".join(refused.output.split())
+
+
 def _without(key: str) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
         file = folder / "campaign.toml"

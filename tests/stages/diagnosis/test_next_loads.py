@@ -105,7 +105,9 @@ def test_the_loads_tell_apart_as_much_as_they_promise(soft: tuple[list[Stand], P
     """Both causes refitted to readings that are drawn with either of them: the odds that can be expected at least."""
     rng, (stands, options, plan) = np.random.default_rng(9), soft
     further = _conditions(options, plan.choice.chosen, stands[0].model)
-    gains = np.array([[_gain(stands, options, further, n, rng) for _ in range(DRAWS)] for n in (0, 1)])
+    before = _log_odds(*(_fit(stand.model, stand.model.conditions, stands[0].measured) for stand in stands))
+    after = np.array([[_odds_after(stands, options, further, n, rng) for _ in range(DRAWS)] for n in (0, 1)])
+    gains = after - before * np.array([[1.0], [-1.0]])
     worse = int(np.argmin(gains.mean(1)))
     error = 4 * gains[worse].std(ddof=1) / np.sqrt(DRAWS)
     promised = float(np.log(plan.choice.final))
@@ -123,10 +125,10 @@ def _conditions(options: PossibleRuns, chosen: Sequence[int], model: ReadingMode
     return ReadingConditions(run, whole.step[at], whole.time_s[at], whole.load[at], covariates, whole.span_s)
 
 
-def _gain(
+def _odds_after(
     stands: Sequence[Stand], options: PossibleRuns, further: ReadingConditions, right: int, rng: np.random.Generator
 ) -> float:
-    """By how much the log odds of the right one grow with further runs, whose truth is drawn as it is known."""
+    """The log odds of the right one after further runs, whose truth is drawn as it is known."""
     fitted, measured = next_run(stands[right]), stands[0].measured
     truth = rng.multivariate_normal(fitted.shared, fitted.covariance)
     exact = fitted.model.at(further).points(truth, np.zeros((len(further.load), 0)))[..., 0]
@@ -138,10 +140,8 @@ def _gain(
     )
     names = ("points", "covariance", "seen")
     both = MeasuredPoints(*(np.concatenate([getattr(measured, name), getattr(more, name)]) for name in names))
-    before = [_fit(stand.model, stand.model.conditions, measured) for stand in stands]
     after = [_fit(stand.model, _joined(stand.model.conditions, further), both) for stand in stands]
-    gained = _log_odds(*after) - _log_odds(*before)
-    return gained if right == 0 else -gained
+    return _log_odds(*after) if right == 0 else -_log_odds(*after)
 
 
 def _joined(first: ReadingConditions, second: ReadingConditions) -> ReadingConditions:

@@ -1,0 +1,66 @@
+"""Which loads show given causes best, found or not: what to apply where one is wanted that a campaign sees weakly.
+
+As `stages.load_design`, no stage of a run: tables in, a table and sentences out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stages.diagnose import gathered_of, kinds_of
+from stages.diagnosis.next_loads import next_run, possible_runs
+from stages.diagnosis.next_measurement import planned
+from stages.diagnosis.next_plan import plan_table
+from stages.simulated_campaigns.reading_plan import reading_plan
+from truing.estimation.diagnosis.fitted_model import Fitter
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from truing.simulation.cause import Cause, Scene
+
+
+@dataclass(frozen=True)
+class CauseLoads:
+    """Runs of loads as rows of next_loads.parquet, and a sentence per cause and subject."""
+
+    table: pa.Table
+    sentences: tuple[str, ...]
+
+
+def loads_for_causes(
+    tables: Mapping[str, pa.Table], settings: Campaign, wanted: Sequence[str], *, measured: bool, seed: int
+) -> CauseLoads:
+    """Choose runs after which each wanted cause is known twice as well, beside the load steps of the tables.
+
+    measured: whether these hold readings, or are a plan that is drawn first. Raises ValueError, saying why, where the
+    campaign cannot be simulated.
+    """
+    drawn = dict(tables) if measured else reading_plan(tables, settings).drawn((), np.random.default_rng(seed))
+    gathered = gathered_of(drawn, settings)
+    fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
+    plain = fitter.prepared(gathered.given)
+    known = kinds_of(settings)
+    causes = [one for name in wanted for one in _members(known[name], plain.scene)]
+    fits = [(cause, next_run(fitter.stand((*gathered.given, cause), plain))) for cause in causes]
+    plans, sentences = planned(partial(possible_runs, settings, plain), fits, (), least_known=True)
+    told = [f"{cause.id} {cause.subject}".strip() + f": {sentences[cause.key]}" for cause in causes]
+    return CauseLoads(plan_table("next_loads", plans), tuple(told))
+
+
+def _members(kind: Cause, scene: Scene) -> Iterator[Cause]:
+    """A cause per subject that a kind may concern: of its forms the middle one; none of what ends with a campaign's
+    runs."""
+    by_subject: dict[str, list[Cause]] = {}
+    for cause in kind.candidates(scene):
+        by_subject.setdefault(cause.subject, []).append(cause)
+    for forms in by_subject.values():
+        middle = forms[len(forms) // 2]
+        if not middle.subject.startswith("run "):
+            yield middle
