@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from tests.blind.generator.folder import truth_path
+from tests.blind.generator.named_effect import as_record
 from tests.blind.generator.sensor import effects as hidden
 from tests.blind.generator.sensor import recording
 from tests.blind.generator.sensor.campaign import Campaign, draw_campaign
-from tests.blind.generator.sensor.effects import Effect, as_record
+from tests.blind.generator.sensor.effects import Effect
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.force_sensor import LAYOUT, SEED, force_sensor_campaign, write_force_sensor
 from tests.blind.generator.sensor.layout import ARCSEC, AXES, CHANNELS, Layout, Noise, Programme

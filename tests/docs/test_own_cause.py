@@ -19,10 +19,11 @@ import pytest
 from schemas.faults import CampaignFaults
 from stages.predict import predict
 from tests.blind.generator.campaign import draw_campaign
-from tests.blind.generator.effects import Effect, Parameter, Setting
+from tests.blind.generator.effects import Effect, Setting
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets
 from tests.blind.generator.machine import Machine
+from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.schedule import random_moves
 from tests.conftest import PROJECT
 from tests.docs.shown import shown

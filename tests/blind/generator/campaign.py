@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.blind.generator.effects import Effect, Setting, as_record
+from tests.blind.generator.effects import Effect, Setting
 from tests.blind.generator.instrument import (
     Record,
     back_to_body,
@@ -29,6 +29,7 @@ from tests.blind.generator.machine import (
     place_marks,
     stand,
 )
+from tests.blind.generator.named_effect import as_record
 from tests.blind.generator.quaternions import Array, rotate, to_vector
 from tests.blind.generator.schedule import Schedule, plan
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -13,47 +12,27 @@ import numpy as np
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.draw import LAYOUTS, Plan, draw_plan
 from tests.blind.generator.effects import Effect, Setting
-from tests.blind.generator.folder import truth_path, write_campaign
+from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.hidden import BENDING, KINDS, OfSize
+from tests.blind.generator.hidden_case import HiddenCase, PlannedMeasure
 from tests.blind.generator.strength import Fit, change, fit_of, strength, strength_of_noise
 
 FIRST = 1e-5  # mm, 1/K or no unit: small enough for any effect to be in proportion
-NEAR = 0.01  # a strength is met to this share
-ROUNDS = 12
 
 
 @dataclass(frozen=True)
-class Case:
-    """A campaign with effects in it, each as strong alone as it is told (inf where size is not to be chosen)."""
+class Case(HiddenCase):
+    """Effects hidden in a photogrammetric campaign."""
 
-    plan: Plan
-    effects: tuple[Effect, ...]
-    strengths: tuple[float, ...]
-
-    def write(self, folder: Path) -> Path:
-        """Writes the campaign under the folder's name, and its truth beside it."""
-        plan = replace(self.plan, layout=replace(self.plan.layout, name=folder.name))
-        write_campaign(plan.campaign(self.effects), folder, plan.seed)
-        truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-        truth["layout"] = plan.kind
-        truth["strengths"] = [round(value, 3) for value in self.strengths]
-        truth_path(folder).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-        return folder
+    def put(self, campaign: Campaign, folder: Path) -> None:
+        write_campaign(campaign, folder, self.plan.seed)
 
 
 @dataclass(frozen=True)
-class Measure:
+class Measure(PlannedMeasure):
     """Measures how strongly effects show in a planned campaign."""
 
     plan: Plan
-
-    @cached_property
-    def plain(self) -> Campaign:
-        return self.plan.campaign()
-
-    @cached_property
-    def _exact(self) -> Campaign:
-        return self.plan.campaign(exact=True)
 
     @cached_property
     def _fit(self) -> Fit:
@@ -64,7 +43,7 @@ class Measure:
         scatter = effect.scatter(np.ones(self.plain.record.seen.shape), self._setting)
         if np.any(scatter != 1.0):
             return strength_of_noise(self.plain, scatter)
-        return strength(self._fit, change(self._exact, self.plan.campaign([effect], exact=True)))
+        return strength(self._fit, change(self.exact, self.plan.campaign([effect], exact=True)))
 
     @property
     def _setting(self) -> Setting:
@@ -74,14 +53,7 @@ class Measure:
 
     def of_strength(self, of_size: OfSize, wanted: float) -> tuple[Effect, float]:
         """The effect of the size at which it is as strong as wanted, and its strength."""
-        size = FIRST
-        for _ in range(ROUNDS):
-            effect = of_size(size)
-            found = self.strength(effect)
-            if abs(found / wanted - 1) < NEAR:
-                break
-            size *= wanted / found
-        return effect, found
+        return self.sized(of_size, wanted, FIRST)[:2]
 
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:

@@ -4,19 +4,16 @@ acts.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 
 from tests.blind.generator.machine import BODIES, Machine, Marks, Standing, shift_attachments
+from tests.blind.generator.named_effect import NamedEffect, Parameter
 from tests.blind.generator.quaternions import Array, rotate
 from tests.blind.generator.schedule import Schedule
-
-Parameter = tuple[float | str, str]  # value, unit
 
 
 @dataclass(frozen=True)
@@ -31,26 +28,10 @@ class Setting:
     actuator_mm: float
 
 
-class Effect:
+class Effect(NamedEffect):
     """An effect changes the chain at one or more of its steps; where it does nothing, the step is left as it
     is.
     """
-
-    id: ClassVar[str]
-
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Name to value and unit, named as in the campaign format."""
-        raise NotImplementedError
-
-    @property
-    def subject(self) -> str:
-        """What it concerns, empty for the whole."""
-        return ""
-
-    @property
-    def drivers(self) -> tuple[str, ...]:
-        """Columns that it follows, of an effect that is in no catalogue and known by these alone."""
-        return ()
 
     def drive(self, drho: Array, setting: Setting) -> Array:
         """True displacements (N, 6) of the actuators from those that they indicate, mm."""
@@ -62,19 +43,6 @@ class Effect:
     def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
         """Points (N, M, 3) as they are recorded, from those that are there; base frame."""
         return points
-
-    def scatter(self, scatter: Array, setting: Setting) -> Array:
-        """How many times the instrument's noise each point has (N, M)."""
-        return scatter
-
-
-def as_record(effect: Effect) -> dict[str, object]:
-    """The effect as it stands in the file of truths."""
-    values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
-    told = {"cause": effect.id, "subject": effect.subject, "parameters": values}
-    if effect.id == "unexplained":
-        told |= {"kind": type(effect).__name__, "follows": " ".join(effect.drivers)}
-    return json.loads(json.dumps(told))
 
 
 def _per_leg(name: str, legs: tuple[int, ...], values: Array, unit: str) -> dict[str, Parameter]:

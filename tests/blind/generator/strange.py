@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.blind.generator.effects import Effect, Parameter, PerLeg, Setting
+from tests.blind.generator.effects import Effect, PerLeg, Setting
 from tests.blind.generator.machine import BODIES, Machine, Standing
+from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.quaternions import Array, rotate
 
 DAY_S = 86400.0

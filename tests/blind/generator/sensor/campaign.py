@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tests.blind.generator.named_effect import as_record
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.sensor import air
-from tests.blind.generator.sensor.effects import Effect, Setting, as_record
+from tests.blind.generator.sensor.effects import Effect, Setting
 from tests.blind.generator.sensor.layout import CHANNELS, Layout
 from tests.blind.generator.sensor.machine import LEGS, Errors, Machine, build, flawless
 from tests.blind.generator.sensor.schedule import Schedule, plan

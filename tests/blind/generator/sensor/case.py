@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from tests.blind.generator.folder import truth_path
+from tests.blind.generator.hidden_case import HiddenCase, PlannedMeasure
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.sensor.campaign import Campaign
 from tests.blind.generator.sensor.draw import LAYOUTS, Plan, draw_plan
@@ -20,8 +19,6 @@ from tests.blind.generator.sensor.hidden import KINDS, OfSize
 from tests.blind.generator.sensor.strange import Strange
 from tests.blind.generator.sensor.strength import Fit, fit_of, fitted, rows_of, strength_of_noise
 
-NEAR = 0.01  # a strength is met to this share
-ROUNDS = 12
 PLAUSIBLE = 25.0  # sizes beyond that many times the common one are no laboratory's
 ATTEMPTS = 12
 WITHOUT_SIZE = frozenset({"rows-exchanged"})
@@ -29,39 +26,24 @@ OF_A_BEAM = frozenset({"cosine-error", "abbe-offset", "dead-path", "fringe-slip"
 
 
 @dataclass(frozen=True)
-class Case:
-    """A campaign with effects in it, each as strong alone as it is told (inf where size is not to be chosen)."""
+class Case(HiddenCase):
+    """Effects hidden in a force sensor's campaign."""
 
     plan: Plan
-    effects: tuple[Effect, ...]
-    strengths: tuple[float, ...]
 
-    def write(self, folder: Path) -> Path:
-        """Writes the campaign under the folder's name, and its truth beside it."""
-        plan = replace(self.plan, layout=replace(self.plan.layout, name=folder.name))
-        write_campaign(plan.campaign(self.effects), folder, plan.seed)
-        truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-        programme = plan.layout.programme
-        truth["layout"] = plan.kind
-        truth["channels"] = programme.channels
-        truth["strengths"] = [round(value, 3) for value in self.strengths]
-        truth_path(folder).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-        return folder
+    def put(self, campaign: Campaign, folder: Path) -> None:
+        write_campaign(campaign, folder, self.plan.seed)
+
+    @property
+    def told(self) -> Mapping[str, str]:
+        return {**super().told, "channels": self.plan.layout.programme.channels}
 
 
 @dataclass(frozen=True)
-class Measure:
+class Measure(PlannedMeasure):
     """Measures how strongly effects show in a planned campaign."""
 
     plan: Plan
-
-    @cached_property
-    def plain(self) -> Campaign:
-        return self.plan.campaign()
-
-    @cached_property
-    def _exact(self) -> Campaign:
-        return self.plan.campaign(exact=True)
 
     @cached_property
     def _fit(self) -> Fit:
@@ -75,11 +57,11 @@ class Measure:
         changed = self.plan.campaign([effect], exact=True)
         if isinstance(effect, Strange) and effect.as_noise:
             return strength_of_noise(self.plain, self._as_noise(changed))
-        return self._fit.strength(rows_of(changed) - rows_of(self._exact))
+        return self._fit.strength(rows_of(changed) - rows_of(self.exact))
 
     def _as_noise(self, changed: Campaign) -> Array:
         """How many times the instrument's noise readings (S, 6) have whose change adds to it without a shape."""
-        off = (changed.readings - self._exact.readings) / self.plain.layout.noise.channels
+        off = (changed.readings - self.exact.readings) / self.plain.layout.noise.channels
         used = fitted(self.plain)
         mean_square = np.sum(np.where(used, off, 0.0) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1)
         return np.sqrt(1 + mean_square) * np.ones(off.shape)
@@ -91,14 +73,7 @@ class Measure:
 
     def of_strength(self, of_size: OfSize, wanted: float) -> tuple[Effect, float, float]:
         """The effect of the size at which it is as strong as wanted, its strength, and that size."""
-        size = 1.0
-        for _ in range(ROUNDS):
-            effect = of_size(size)
-            found = self.strength(effect)
-            if abs(found / wanted - 1) < NEAR or found == 0.0:
-                break
-            size *= wanted / found
-        return effect, found, size
+        return self.sized(of_size, wanted, 1.0)
 
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:

@@ -5,19 +5,18 @@ Axes of load and channels are told by their place, 0 to 5. ``Per`` one of them i
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from tests.blind.generator.named_effect import NamedEffect, Parameter
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.sensor.layout import AXES, FILE_UNIT, UNITS
 from tests.blind.generator.sensor.machine import Machine
 from tests.blind.generator.sensor.schedule import Schedule, unloading
 
-Parameter = tuple[float | str | None, str]  # value, unit
 XYZ = ("x", "y", "z")
 SMALLEST = 0.02  # of the range: over so much load a joint goes through its clearance
 
@@ -31,24 +30,8 @@ class Setting:
     wavelength: float
 
 
-class Effect:
+class Effect(NamedEffect):
     """An effect changes the chain at one or more of its steps; where it does nothing, the step is left as it is."""
-
-    id: ClassVar[str]
-
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Name to value and unit, named as in the campaign format."""
-        raise NotImplementedError
-
-    @property
-    def subject(self) -> str:
-        """What it concerns, empty for the whole."""
-        return ""
-
-    @property
-    def drivers(self) -> tuple[str, ...]:
-        """Columns that it follows, of an effect that is in no catalogue and known by these alone."""
-        return ()
 
     def drive(self, wrench: Array, setting: Setting) -> Array:
         """What the load of each axis really brings (S, 6 axes, 6), N and N m."""
@@ -65,19 +48,6 @@ class Effect:
     def electric(self, signals: Array, setting: Setting) -> Array:
         """Signals (S, C), mV, without their noise."""
         return signals
-
-    def scatter(self, scatter: Array, setting: Setting) -> Array:
-        """How many times the instrument's noise each reading has (S, 6)."""
-        return scatter
-
-
-def as_record(effect: Effect) -> dict[str, object]:
-    """The effect as it stands in the file of truths."""
-    values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
-    told = {"cause": effect.id, "subject": effect.subject, "parameters": values}
-    if effect.id == "unexplained":
-        told |= {"kind": type(effect).__name__, "follows": " ".join(effect.drivers)}
-    return json.loads(json.dumps(told))
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.quaternions import Array, unit
 from tests.blind.generator.sensor import air
-from tests.blind.generator.sensor.effects import XYZ, Effect, Parameter, Setting
+from tests.blind.generator.sensor.effects import XYZ, Effect, Setting
 from tests.blind.generator.sensor.layout import CHANNELS, FILE_UNIT, UNITS
 from tests.blind.generator.sensor.schedule import HOUR_S
 

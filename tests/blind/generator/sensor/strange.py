@@ -11,8 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.quaternions import Array
-from tests.blind.generator.sensor.effects import Effect, Parameter, Setting
+from tests.blind.generator.sensor.effects import Effect, Setting
 from tests.blind.generator.sensor.layout import CHANNELS, FILE_UNIT, LOADS, UNITS
 from tests.blind.generator.sensor.schedule import Schedule
 

@@ -1,0 +1,45 @@
+"""What every hidden effect is, whatever it changes: an id, its sizes, what it concerns; and how the file of truths
+tells it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import ClassVar
+
+from tests.blind.generator.quaternions import Array
+
+Parameter = tuple[float | str | None, str]  # value, unit
+
+
+class NamedEffect:
+    """An effect as it is told of."""
+
+    id: ClassVar[str]
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Name to value and unit, named as in the campaign format."""
+        raise NotImplementedError
+
+    @property
+    def subject(self) -> str:
+        """What it concerns, empty for the whole."""
+        return ""
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Columns that it follows, of an effect that is in no catalogue and known by these alone."""
+        return ()
+
+    def scatter(self, scatter: Array, setting: object) -> Array:
+        """How many times the instrument's noise each point (N, M) or reading (S, 6) has."""
+        return scatter
+
+
+def as_record(effect: NamedEffect) -> dict[str, object]:
+    """The effect as it stands in the file of truths."""
+    values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
+    told = {"cause": effect.id, "subject": effect.subject, "parameters": values}
+    if effect.id == "unexplained":
+        told |= {"kind": type(effect).__name__, "follows": " ".join(effect.drivers)}
+    return json.loads(json.dumps(told))
