@@ -59,11 +59,15 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality.bodies import body_views, surroundings
     from stages.quality.checks import all_checks
+    from stages.quality.of_decisions import overruled_points
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)
     attachments = _attachments(settings)
-    found = all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm)
+    found = chain(
+        all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm),
+        overruled_points(tables["observations"], settings),
+    )
     read = f"{tables['observations'].num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
     return _judged(found, read, settings, progress)
 

@@ -1,4 +1,4 @@
-"""What a person left out or kept of a bench: how much that is, and whether it names anything that was read."""
+"""What a person left out or kept: how much that is, and whether it names anything that was measured."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from stages.quality.loading_view import LoadingView
 from stages.sensor.overruled import decided
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from schemas.campaign import Campaign
     from schemas.sections import Overrule
 
@@ -19,19 +21,47 @@ _KEYS = ("run", "step", "channel", "pose", "body", "target")
 
 def overruled(view: LoadingView, settings: Campaign) -> Iterator[Check]:
     """A row per [[exclude]] and [[keep]]; one that names nothing that was read warns, for it does nothing."""
+    for table, number, rule in _rules(settings):
+        count = int(decided(view.steps, [rule], _VERBS[table]).chosen.sum())
+        yield _check(table, number, rule, count, "reading")
+
+
+def overruled_points(observations: pa.Table, settings: Campaign) -> Iterator[Check]:
+    """The same of points of bodies, in any pose where none is named."""
+    for table, number, rule in _rules(settings):
+        yield _check(table, number, rule, _points(observations, rule), "point")
+
+
+def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:
     for table, rules in (("exclude", settings.exclude), ("keep", settings.keep)):
-        for number, rule in enumerate(rules, 1):
-            count = int(decided(view.steps, [rule], _VERBS[table]).chosen.sum())
-            said = f"{_VERBS[table]} by {rule.by}: {rule.reason}"
-            message = (
-                f"{_named(rule)}: {count} reading{'s' * (count > 1)} {said}."
-                if count
-                else f"{_named(rule)}: no reading is so called, and none was {_VERBS[table]} by {rule.by}."
-            )
-            yield Check("overruled", f"{table} {number}", float(count), 1.0, "", PASS if count else WARN, message)
+        yield from ((table, number, rule) for number, rule in enumerate(rules, 1))
+
+
+def _points(observations: pa.Table, rule: Overrule) -> int:
+    """How many points a rule names."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    found = observations
+    for key in ("body", "target", "pose"):
+        value = getattr(rule, key)
+        if value is not None:
+            found = found.filter(pc.equal(found.column(key).cast(pa.string()), str(value)))
+    return int(found.num_rows)
+
+
+def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Check:
+    said = f"{_VERBS[table]} by {rule.by}: {rule.reason}"
+    message = (
+        f"{_named(rule)}: {count} {what}{'s' * (count > 1)} {said}."
+        if count
+        else f"{_named(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.by}."
+    )
+    return Check("overruled", f"{table} {number}", float(count), 1.0, "", PASS if count else WARN, message)
 
 
 def _named(rule: Overrule) -> str:
     """What a rule names, as campaign.toml has it."""
     given = [f"{key} {value}" for key in _KEYS if (value := getattr(rule, key)) is not None]
-    return ", ".join(given).capitalize() if given else "Everything"
+    said = ", ".join(given) or "everything"
+    return said[0].upper() + said[1:]

@@ -146,6 +146,18 @@ def test_many_missing_targets_fail(tmp_path):
     assert "completeness base" in said.failed_checks
 
 
+def test_what_a_person_overrules_is_counted_and_a_name_that_nothing_bears_warns(tmp_path):
+    by = 'by = "M. Keller"\nreason = "loose"\n'
+    extra = f'\n[[exclude]]\nbody = "platform"\ntarget = "P02"\n{by}\n[[keep]]\npose = 4\ntarget = "P77"\n{by}'
+    qa, said = _qa(tmp_path, extra=extra)
+    rows = _rows(qa, "overruled")
+    assert rows["verdict"].tolist() == ["pass", "warn"]
+    seen = f"{len(published_moves())} points"
+    assert rows.loc["exclude 1", "message"] == f"Body platform, target P02: {seen} excluded by M. Keller: loose."
+    assert rows.loc["keep 1", "message"] == "Pose 4, target P77: no point is so called, and none was kept by M. Keller."
+    assert not said.failed_checks
+
+
 def test_a_person_accepts_a_verdict_by_name(tmp_path):
     extra = (
         '\n[[accept]]\ncheck = "exchanged-labels"\nsubject = "targets P02 P05"\nby = "M. Keller"\nreason = "known"\n'
