@@ -43,7 +43,7 @@ class Tolerance(Section):
 
     a_mm: NotNegative | None = None
     b_mm: NotNegative | None = None
-    u: NotNegative | None = None
+    u: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     length_mm: NotNegative | None = None
     rho0_mm: NotNegative | None = None
 
@@ -94,4 +94,15 @@ class LeggedMechanism(MechanismSection):
             raise ValueError("the actuator direction u for every leg of a 6-pus")
         if len(self.legs) < 3:
             raise ValueError(f"at least three legs for a {self.type}, not {len(self.legs)}")
+        return self
+
+    @model_validator(mode="after")
+    def _parts_are_smaller_than_the_legs(self) -> LeggedMechanism:
+        """A tolerance or flexure as long as a leg contradicts the drawing: a slipped decimal, or another unit."""
+        shortest = min(leg.length_mm for leg in self.legs)
+        sizes = {f"tolerance.{name}": size or 0.0 for name, size in self.tolerance if name.endswith("_mm")}
+        sizes["two flexures of a leg"] = max(2.0 * (leg.flexure_length_mm or 0.0) for leg in self.legs)
+        large = [f"{name} ({size:g})" for name, size in sizes.items() if size >= shortest]
+        if large:
+            raise ValueError(f"less than the shortest leg, {shortest:g} mm: {', '.join(large)}")
         return self

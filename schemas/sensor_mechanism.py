@@ -78,7 +78,7 @@ class SensorTolerance(Section):
     lower_clearance_um: NotNegative | None = None
     middle_clearance_um: NotNegative | None = None
     sensor_installation_um: NotNegative | None = None
-    stiffness: NotNegative = Field(0.0, description="one sigma, relative, of the elastic parameters")
+    stiffness: float = Field(0.0, ge=0.0, lt=1.0, description="one sigma, relative, of the elastic parameters")
 
 
 class SensorMechanism(MechanismSection):
