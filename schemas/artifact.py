@@ -144,3 +144,18 @@ def _bound_faults(file: str, column: Column, name: str, values: pa.ChunkedArray 
         wrong = pc.filter(values, pc.fill_null(outside(values, bound), False))
         if len(wrong):
             yield Fault(file, f"{word} {bound:g}", column=name, value=str(wrong[0]), more=len(wrong) - 1)
+
+
+def parquet(
+    name: str,
+    meaning: str,
+    columns: tuple[str, ...],
+    *,
+    optional: tuple[str, ...] = (),
+    families: tuple[str, ...] = (),
+    covariates: bool = False,
+    key: tuple[str, ...] = (),
+    version: int = 1,
+) -> Artifact:
+    """A table in the file of its name."""
+    return Artifact(name, f"{name}.parquet", meaning, columns, optional, families, covariates, key, version)

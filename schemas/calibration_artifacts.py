@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.artifact import Artifact
+from schemas.artifact import parquet
 
 _ABSORPTION = ("effect", "model", "deformation", "estimator", "leg", "parameter")
 _CALIBRATION = ("model", "deformation", "leg", "parameter", "unit", "nominal", "identified", "sigma", "tolerance")
@@ -11,149 +11,129 @@ _ACCURACY_PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcs
 _ACCURACY_NOISE = ("position_noise_um", "orientation_noise_arcsec")
 
 CALIBRATION = (
-    Artifact(
+    parquet(
         "deformation",
-        "deformation.parquet",
         "shift of each attachment along z of the platform",
         ("pose", "leg", "delta_rho_mm", "delta_bz_um", "sigma_um"),
         optional=("own_sigma_um", "p_value", "significant", "rejected", "reason"),
         key=("pose", "leg"),
     ),
-    Artifact(
+    parquet(
         "target_deformation",
-        "target_deformation.parquet",
         "shift of each target in its body frame, where no mechanism says what drives it",
         ("pose", "body", "target", "axis", "displacement_um", "sigma_um"),
         key=("pose", "body", "target", "axis"),
     ),
-    Artifact(
+    parquet(
         "deformation_models",
-        "deformation_models.parquet",
         "coefficients of the deformation models",
         ("model", "leg", "column", "coefficient", "sigma"),
         optional=("unit", "body", "target", "axis", "drive", "p_value", "significant"),
     ),
-    Artifact(
+    parquet(
         "deformation_errors",
-        "deformation_errors.parquet",
         "error figures of each deformation model",
         ("model", "leg", "figure", "value", "unit"),
         optional=("subject",),
     ),
-    Artifact(
+    parquet(
         "compliance",
-        "compliance.parquet",
         "displacement per load, entry by entry: by each model as far as it is known, and simulated",
         ("model", "response", "load", "coefficient", "sigma", "unit"),
         optional=("p_value", "significant", "simulated", "simulated_sigma", "pull", "verdict"),
         key=("model", "response", "load"),
     ),
-    Artifact(
+    parquet(
         "positioning",
-        "positioning.parquet",
         "positioning of an axis by ISO 230-2: quantities of each target, and of the axis (empty subject)",
         ("run", "figure", "subject", "value", "unit"),
         optional=("sigma", "low", "high"),
         key=("run", "figure", "subject"),
     ),
-    Artifact(
+    parquet(
         "axis_curves",
-        "axis_curves.parquet",
         "displacement against load of the load cases along one axis alone: measured, and simulated where that is known",
         ("load", "channel", "case", "branch", "applied", "measured", "sigma", "unit"),
         optional=("simulated", "simulated_sigma"),
         key=("load", "channel", "case"),
     ),
-    Artifact(
+    parquet(
         "calibration",
-        "calibration.parquet",
         "parameters identified by errors in variables, tolerances as prior; and those of the extended model",
         (*_CALIBRATION, "pull", "identifiable", "status"),
         optional=("effect_of",),
         key=("model", "deformation", "leg", "parameter", "effect_of"),
     ),
-    Artifact(
+    parquet(
         "implicit_calibration",
-        "implicit_calibration.parquet",
         "the same by least squares on the closure alone, as the telescope report does (eq. 30-33)",
         (*_CALIBRATION, "pull", "identifiable", "status"),
         key=("model", "deformation", "leg", "parameter"),
     ),
-    Artifact(
+    parquet(
         "correlations",
-        "correlations.parquet",
         "correlated pairs of identified parameters in calibration.parquet, |correlation| of 0.05 and more",
         ("model", "deformation", "leg", "parameter", "other_leg", "other_parameter", "correlation"),
     ),
-    Artifact(
+    parquet(
         "accuracy",
-        "accuracy.parquet",
         "measured minus predicted pose for every model of calibration.parquet",
         _ACCURACY,
         optional=(*_ACCURACY_PARTS, *_ACCURACY_NOISE),
         key=("model", "deformation", "pose"),
     ),
-    Artifact(
+    parquet(
         "implicit_accuracy",
-        "implicit_accuracy.parquet",
         "the same for every model of implicit_calibration.parquet",
         _ACCURACY,
         optional=(*_ACCURACY_PARTS, *_ACCURACY_NOISE),
         key=("model", "deformation", "pose"),
     ),
-    Artifact(
+    parquet(
         "model_choice",
-        "model_choice.parquet",
         "figures of every calibration, by which one is chosen",
         ("model", "deformation", "estimator", "figure", "value", "unit"),
         key=("model", "deformation", "estimator", "figure"),
     ),
-    Artifact(
+    parquet(
         "observability",
-        "observability.parquet",
         "what the data can know of the parameters: rank, indices, and what cannot be told apart",
         ("model", "deformation", "leg", "figure", "value", "unit", "combination"),
     ),
-    Artifact(
+    parquet(
         "absorption",
-        "absorption.parquet",
         "which parameters swallow an effect that the model leaves out: predicted, and what the fit did",
         (*_ABSORPTION, "unit", "predicted", "observed", "sigma"),
         key=_ABSORPTION,
     ),
-    Artifact(
+    parquet(
         "sensor_matrix",
-        "sensor_matrix.parquet",
         "matrices of a force sensor: G, G' by its drawing, G_B by its calibrations, G_B' by the chosen one; its terms",
         ("matrix", "model", "row", "column_name", "value", "sigma", "unit", "chosen"),
         optional=("sigma_by_case",),
         key=("matrix", "model", "row", "column_name"),
     ),
-    Artifact(
+    parquet(
         "sensor_merit",
-        "sensor_merit.parquet",
         "figures of merit of these matrices, moments as they are (length 1 m) and over a characteristic length",
         ("matrix", "model", "length_m", "figure", "value", "sigma", "unit"),
         optional=("subject",),
     ),
-    Artifact(
+    parquet(
         "sensor_choice",
-        "sensor_choice.parquet",
         "figures of every calibration of a force sensor, by which one is chosen; and why others could not be made",
         ("model", "figure", "value", "unit"),
         optional=("subject", "reason"),
     ),
-    Artifact(
+    parquet(
         "error_classes",
-        "error_classes.parquet",
         "errors of the calibrated sensor as laboratories report them, per axis; empty, with the reason, where not told",
         ("error_class", "load", "indicated", "value", "sigma", "limit", "unit"),
         optional=("applied", "reason"),
         key=("error_class", "load", "indicated"),
     ),
-    Artifact(
+    parquet(
         "requirements",
-        "requirements.parquet",
         "the accuracy asked for against the accuracy reached",
         (
             "model",

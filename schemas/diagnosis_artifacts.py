@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from schemas.artifact import Artifact
+from schemas.artifact import Artifact, parquet
 
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
 DIAGNOSIS = (
-    Artifact(
+    parquet(
         "diagnosis",
-        "diagnosis.parquet",
         "one row per candidate cause",
         (
             "rank",
@@ -33,44 +32,38 @@ DIAGNOSIS = (
         key=("rank",),
     ),
     Artifact("model", "model.toml", "the extended model: nominal, identified parameters, accepted effects"),
-    Artifact(
+    parquet(
         "detectable",
-        "detectable.parquet",
         "the smallest size of each cause that the campaign would have shown",
         ("cause", "subject", "parameter", "size", "unit", "power"),
         key=("cause", "subject", "parameter", "unit"),
     ),
-    Artifact(
+    parquet(
         "pulls",
-        "pulls.parquet",
         "how far the geometry moved from where it was built, before and after the extension",
         ("leg", "parameter", "pull_before", "pull_after", "identifiable"),
         key=("leg", "parameter"),
     ),
-    Artifact(
+    parquet(
         "pull_sums",
-        "pull_sums.parquet",
         "all pulls together, against what honest tolerances let them be",
         ("model", "chi_square", "freedom", "lower", "upper", "p_value"),
         key=("model",),
     ),
-    Artifact(
+    parquet(
         "prediction",
-        "prediction.parquet",
         "measured minus predicted at every pose, without and with the causes that were found",
         ("pose", "role", "rms_before", "rms_after", "largest_before", "largest_after", "unit"),
         key=("pose",),
     ),
-    Artifact(
+    parquet(
         "reading_errors",
-        "reading_errors.parquet",
         "measured minus predicted of every reading, less one zero per run, without and with the causes that were found",
         ("run", "step", "channel", "role", "missed_before", "missed_after", "unit"),
         key=("run", "step", "channel"),
     ),
-    Artifact(
+    parquet(
         "next_poses",
-        "next_poses.parquet",
         "what to measure next: configurations, and what they are for",
         ("purpose", "pose", "expected"),
         optional=("times", "conditions", "temperature_c"),
@@ -78,17 +71,15 @@ DIAGNOSIS = (
         covariates=True,
         key=("purpose", "pose"),
     ),
-    Artifact(
+    parquet(
         "next_loads",
-        "next_loads.parquet",
         "what to measure next on a bench: load steps, run by run, and what they are for",
         ("purpose", "run", "step", "time_s", *_WRENCH, "branch", "channels", "conditions", "times", "expected"),
         key=("purpose", "run", "step"),
     ),
     Artifact("start", "start.toml", "the model of an earlier campaign that this one starts from"),
-    Artifact(
+    parquet(
         "changes",
-        "changes.parquet",
         "what has changed since the campaign that this one starts from",
         (
             "leg",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.artifact import Artifact
+from schemas.artifact import Artifact, parquet
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
@@ -13,25 +13,22 @@ _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
 
 MEASUREMENT = (
-    Artifact(
+    parquet(
         "observations",
-        "observations.parquet",
         "normalised object points, one row per pose, body and target",
         ("pose", "body", "target", *_POINT, *_SIGMA),
         optional=_CORRELATION,
         key=("pose", "body", "target"),
     ),
-    Artifact(
+    parquet(
         "survey",
-        "survey.parquet",
         "the reference survey of the targets, in each body's own frame",
         ("body", "target", *_POINT, *_SIGMA, "leg"),
         optional=_CORRELATION,
         key=("body", "target"),
     ),
-    Artifact(
+    parquet(
         "scans",
-        "scans.parquet",
         "where a dense scan of a body's surface lays the body, in the frame of the measurement",
         (
             "pose",
@@ -48,9 +45,8 @@ MEASUREMENT = (
         ),
         key=("pose", "body"),
     ),
-    Artifact(
+    parquet(
         "configurations",
-        "configurations.parquet",
         "one row per pose: role, time, actuator readings, covariates",
         ("pose", "role", "time_s"),
         optional=("temperature_c",),
@@ -67,9 +63,8 @@ MEASUREMENT = (
         covariates=True,
         key=("run", "step", "channel"),
     ),
-    Artifact(
+    parquet(
         "signals",
-        "signals.parquet",
         "signals of a force sensor, one row per load step",
         ("run", "step", "time_s", *_WRENCH),
         optional=("role", *_SURROUNDINGS),
@@ -77,9 +72,8 @@ MEASUREMENT = (
         covariates=True,
         key=("run", "step"),
     ),
-    Artifact(
+    parquet(
         "quadrature",
-        "quadrature.parquet",
         "raw signals of an interferometer: the ellipse of every channel, and what it leaves",
         (
             "channel",
@@ -90,31 +84,27 @@ MEASUREMENT = (
         ),
         key=("channel",),
     ),
-    Artifact(
+    parquet(
         "reading_corrections",
-        "reading_corrections.parquet",
         "what was corrected in readings for air and material, and what the correction leaves uncertain, at most",
         ("subject", "correction", "largest", "sigma", "unit"),
         key=("subject", "correction"),
     ),
-    Artifact(
+    parquet(
         "positions",
-        "positions.parquet",
         "where an axis stood at its targets, one row per approach",
         ("run", "target_mm", "direction", "cycle", "position_mm"),
         optional=_SURROUNDINGS,
         key=("run", "target_mm", "direction", "cycle"),
     ),
-    Artifact(
+    parquet(
         "given_compliance",
-        "given_compliance.parquet",
         "the simulated compliance that the campaign's compliance_file gives, SI",
         ("response", "load", "coefficient", "unit"),
         key=("response", "load"),
     ),
-    Artifact(
+    parquet(
         "displacement",
-        "displacement.parquet",
         "displacement of the platform per load case, zeros and drift of the runs taken out; empty where never measured",
         (
             "case",
@@ -134,37 +124,32 @@ MEASUREMENT = (
         key=("case",),
         version=2,
     ),
-    Artifact(
+    parquet(
         "reading_residuals",
-        "reading_residuals.parquet",
         "readings less their run's own smooth curve of load and time, and what was kept out",
         ("run", "step", "channel", "branch", "residual", "sigma", "unit", "weight", "rejected", "reason"),
         optional=("geometry", "geometry_sigma"),
         key=("run", "step", "channel"),
     ),
-    Artifact(
+    parquet(
         "run_terms",
-        "run_terms.parquet",
         "zero and drift of every run and channel, as the displacement is counted from",
         ("run", "channel", "term", "value", "sigma", "unit", "p_value"),
         key=("run", "channel", "term"),
     ),
-    Artifact(
+    parquet(
         "exclusions",
-        "exclusions.parquet",
         "raw rows that were read and left out, counted, with the reason",
         ("stage", "subject", "reason", "rows", "by"),
     ),
-    Artifact(
+    parquet(
         "qa",
-        "qa.parquet",
         "one row per check",
         ("check", "subject", "value", "limit", "unit", "verdict", "message"),
         optional=("accepted",),
     ),
-    Artifact(
+    parquet(
         "poses",
-        "poses.parquet",
         "rigid-body poses by every estimator, with covariance",
         (
             "pose",
@@ -186,9 +171,8 @@ MEASUREMENT = (
         ),
         key=("pose", "body", "parent", "method"),
     ),
-    Artifact(
+    parquet(
         "residuals",
-        "residuals.parquet",
         "measured minus fitted, in the body frame, by the default estimator",
         ("pose", "body", "target", "dx_mm", "dy_mm", "dz_mm", "weight", "rejected", "reason"),
         key=("pose", "body", "target"),
