@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
@@ -181,20 +182,23 @@ def likeness(bare: bool) -> Likeness:
 
 def likeness_table(bare: bool) -> str:
     """Return the signals, and the shares in per cent, small ones in bold."""
-    found, causes = likeness(bare), compared()
-    rows = []
-    for n, cause in enumerate(causes):
-        form = " per K" if cause == MeasurementScale(PER_KELVIN) else ""
-        cells = [_cell(found.left[n, k]) if k != n else "" for k in range(len(causes))]
-        rows.append([f"{n + 1} `{cause.id}`{form}", _sigmas(found.signal[n]), *cells])
-    return table(["hidden, and in its place", "sigma", *(str(n) for n in range(1, len(causes) + 1))], rows)
+    per_kelvin = MeasurementScale(PER_KELVIN)
+    names = [f"`{cause.id}`{' per K' if cause == per_kelvin else ''}" for cause in compared()]
+    return shares_table(names, likeness(bare), lambda signal: f"{signal:.0f}" if signal >= 10.0 else f"{signal:.2g}")
 
 
-def _sigmas(signal: float) -> str:
-    return f"{signal:.0f}" if signal >= 10.0 else f"{signal:.2g}"
+def shares_table(names: Sequence[str], found: Likeness, sigmas: Callable[[float], str]) -> str:
+    """Return how strong causes of these names are, and what is left of each (row) with another, per cent."""
+    numbers, rows = range(1, len(names) + 1), []
+    for n, name in zip(numbers, names, strict=True):
+        shares = ["" if k == n else _cell(found.left[n - 1, k - 1]) for k in numbers]
+        rows.append([f"{n} {name}", sigmas(found.signal[n - 1]), *shares])
+    return table(["hidden, and in its place", "sigma", *map(str, numbers)], rows)
 
 
 def _cell(share: float) -> str:
+    if np.isnan(share):
+        return "–"
     told = f"{100 * share:.0f}"
     return f"**{told}**" if share < ALIKE else told
 

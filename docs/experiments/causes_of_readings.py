@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.experiments.causes import ALIKE, DOCS, LEGS, WHERE, Likeness, Seen, left, parameters
+from docs.experiments.causes import DOCS, LEGS, WHERE, Likeness, Seen, left, parameters, shares_table
 from docs.experiments.marked_tables import renew, table
 from truing.estimation.diagnosis.point_fit import Frames, fit_points
 from truing.simulation.bench.reading_state import AIR, CHANNELS, MATERIAL
@@ -123,23 +123,11 @@ def _shows(effect: NDArray) -> bool:
 
 def likeness_table(*, own: bool) -> str:
     """Return the signals, and the shares in per cent, small ones in bold."""
-    found = likeness(own=own)
-    rows = []
-    for n, cause in enumerate(COMPARED):
-        cells = ["" if k == n else _cell(found.left[n, k]) for k in range(len(COMPARED))]
-        rows.append([f"{n + 1} `{cause.id}`", _sigmas(found.signal[n]), *cells])
-    return table(["hidden, and in its place", "sigma", *(str(n) for n in range(1, len(COMPARED) + 1))], rows)
+    return shares_table([f"`{cause.id}`" for cause in COMPARED], likeness(own=own), _sigmas)
 
 
 def _sigmas(signal: float) -> str:
     return f"{signal:.0f}" if signal >= 9.5 else f"{signal:.1g}" if signal > 1e-3 else "0"
-
-
-def _cell(share: float) -> str:
-    if np.isnan(share):
-        return "–"
-    told = f"{100 * share:.0f}"
-    return f"**{told}**" if share < ALIKE else told
 
 
 TABLES = {
