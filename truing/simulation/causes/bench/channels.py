@@ -67,11 +67,32 @@ class OfChannel(ReadingCause):
         return np.asarray(values[:, None] * own[:, None])
 
 
+class OfRun(OfChannel):
+    """A cause that acts on a channel in a run; ``lone``: whether no other channel of the platform was read in it."""
+
+    run: int | str
+    lone: bool
+
+    @property
+    def in_run(self) -> str:
+        """Return the run, with its channel where there are several."""
+        return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
+
+    @property
+    def form_of(self) -> str:
+        """Return the kind, its channel and its run."""
+        return f"{self.id} {self.channel} {self.run}".strip()
+
+    def excludes(self, other: Cause) -> bool:
+        """Return whether another is the same: a run may drift beside its channel, and lose fringes twice."""
+        return self.key == other.key
+
+
 @dataclass(frozen=True)
-class ZeroDrift(OfChannel):
+class ZeroDrift(OfRun):
     """The zero of a channel walks evenly from the start of each run, or of ``run`` alone.
 
-    ``lone``: whether no other channel of the platform was read in that run; ``scale_per_s``: a plausible rate.
+    ``scale_per_s``: a plausible rate.
     """
 
     channel: str = "dz"
@@ -87,23 +108,12 @@ class ZeroDrift(OfChannel):
     @property
     def subject(self) -> str:
         """Return the channel, or the run, with its channel where there are several."""
-        if not self.of_run:
-            return whose(self.channel)
-        return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
-
-    @property
-    def form_of(self) -> str:
-        """Return the kind, its channel and its run."""
-        return f"{self.id} {self.channel} {self.run}".strip()
+        return self.in_run if self.of_run else whose(self.channel)
 
     @property
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         return f"{self.form_of} {'run' if self.of_run else 'all'}"
-
-    def excludes(self, other: Cause) -> bool:
-        """Return whether another is the same: a run may drift beside its channel."""
-        return self.key == other.key
 
     @property
     def says(self) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.reading_state import ReadingState
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
-from truing.simulation.causes.bench.channels import OfChannel
+from truing.simulation.causes.bench.channels import OfRun
 from truing.simulation.causes.bench.of_readings import (
     FEWEST,
     ReadingCause,
@@ -20,7 +20,6 @@ from truing.simulation.causes.bench.of_readings import (
     seen_channels,
     seen_of,
     steps_of,
-    whose,
 )
 
 _PLAUSIBLE_COUNT = 3.0
@@ -30,11 +29,10 @@ _MOST_ONSETS = 800
 
 
 @dataclass(frozen=True)
-class FringeSlip(OfChannel):
+class FringeSlip(OfRun):
     """From a step on, to the end of its run, a channel reads whole half wavelengths too much.
 
-    ``from_rank`` is the place of ``from_step`` in the run, from 0; ``lone``: whether it is the only channel of the
-    platform that was read in the run.
+    ``from_rank`` is the place of ``from_step`` in the run, from 0.
     """
 
     channel: str = "dz"
@@ -52,21 +50,12 @@ class FringeSlip(OfChannel):
     @property
     def subject(self) -> str:
         """Return the run, with its channel where there are several."""
-        return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
+        return self.in_run
 
     @property
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         return f"{self.form_of} {self.from_rank}"
-
-    @property
-    def form_of(self) -> str:
-        """Return the kind, its channel and its run."""
-        return f"{self.id} {self.channel} {self.run}"
-
-    def excludes(self, other: Cause) -> bool:
-        """Return whether another is the same: fringes may be lost twice."""
-        return self.key == other.key
 
     @property
     def says(self) -> str:
