@@ -50,7 +50,10 @@ def simulated_compliance(settings: Campaign, given: pa.Table | None) -> Simulate
 
 
 def _covariance(sensor: NominalSensor) -> Array:
-    """By the legs' length errors, and by elastic parameters that are off in all legs together and in each alone."""
+    """By the legs' length errors, and by elastic parameters that are off in all legs together and in each alone.
+
+    Both in full: how legs share their tolerance is told by the diagnosis alone, and this holds whatever the share.
+    """
     stiffness = sensor.stiffness_sigma
     if sensor.elastic is None:
         assert sensor.compliance is not None
