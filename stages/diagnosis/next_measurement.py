@@ -77,7 +77,7 @@ class Next:
 def next_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
     """Return what to measure after a diagnosis of poses."""
     final = diagnosis.final
-    return next_measurements(settings, Measured(final.measured, final.fit.frames), *asked(diagnosis, _fitted))
+    return next_measurements(settings, Measured(final.measured, final.fit.frames), *_asked(diagnosis, _fitted))
 
 
 def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
@@ -87,13 +87,13 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
     """
     from stages.diagnosis.next_loads import next_run, possible_runs
 
-    found, rivals = asked(diagnosis, next_run)
+    found, rivals = _asked(diagnosis, next_run)
     plans, sentences = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
     told = {cause.key for pair in rivals for cause in (pair.cause, pair.other)}
     return Next(plan_table("next_loads", plans), {key: said for key, said in sentences.items() if key in told})
 
 
-def asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
+def _asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those that cannot be told from their rivals."""
     found = {verdict.cause.key: verdict for verdict in diagnosis.verdicts if verdict.verdict == "found"}
     rivals = [

@@ -1,4 +1,4 @@
-"""What to load next: creep that only ever was seen in one run, where a slipped fringe would have done the same."""
+"""What to load next: runs that tell causes of a bench apart, or narrow one down, and whether they do as they say."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign
 from stages.diagnose import decided, gathered_of
 from stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
-from stages.diagnosis.next_measurement import Rivals, asked, next_loads_of, planned
+from stages.diagnosis.next_measurement import Rivals, next_loads_of, planned
 from stages.diagnosis.next_plan import Plan
 from stages.sensor.reading_arrays import LOAD_COLUMNS
 from tests.blind.generator.sensor.campaign import draw_campaign
@@ -27,6 +27,7 @@ from truing.estimation.diagnosis.fitted_model import Fitter, Stand
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
 from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
 from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.causes.bench.stiffness import Hysteresis
 from truing.simulation.causes.bench.stiffness import StiffnessNonlinear as Nonlinear
 from truing.simulation.causes.bench.stiffness import StiffnessScale as Scale
 
@@ -37,45 +38,52 @@ LAYOUT = Layout(
 FULL_LOADS = Layout(
     "full", programme=Programme(axes=("fz", "mx"), levels=(0, 900, 0, 900, 0, -900, 0, -900, 0), uneven=0.0)
 )
+RIVAL = Hysteresis("fz")
 DRAWS = 16
 
 
 @dataclass(frozen=True)
 class Case:
-    """A campaign of a bench, and what was decided on it."""
+    """A campaign of a bench, and what was decided on it: creep, and hysteresis that shall be as good."""
 
     settings: Campaign
+    alone: Diagnosis
     diagnosis: Diagnosis
-
-    def reach(self, models: Sequence[Fitted]) -> PossibleRuns:
-        """What could be done next."""
-        return possible_runs(self.settings, self.diagnosis.final, models)
-
-    @property
-    def pair(self) -> Rivals:
-        """The two causes that are told alike."""
-        return asked(self.diagnosis, next_run)[1][0]
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    made = draw_campaign(LAYOUT, [Creep((2,), 0.02, 900.0)], np.random.default_rng(5))
+    made = draw_campaign(LAYOUT, [Creep((2,), 0.04, 900.0)], np.random.default_rng(5))
     folder = write_campaign(made, tmp_path_factory.mktemp("next") / "bench", 1)
     settings = settings_of(folder)
-    return Case(settings, decided(gathered_of(run_line(folder, "ingest")[0], settings), settings, lambda *_: None))
+    gathered = gathered_of(run_line(folder, "ingest")[0], settings)
+    diagnosis = decided(gathered, settings, lambda *_: None)
+    found = diagnosis.verdicts[0]
+    stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared((RIVAL,))
+    rival = replace(
+        found,
+        cause=RIVAL,
+        verdict="indistinguishable",
+        own=stand,
+        reason=found.cause.key,
+        log_odds=found.log_odds - 1.0,
+    )
+    alone = replace(diagnosis, verdicts=(found,))
+    return Case(settings, alone, replace(diagnosis, verdicts=(found, rival)))
 
 
 def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> None:
     told = next_loads_of(case.diagnosis, case.settings)
     assert not ARTIFACTS["next_loads"].faults(told.table)
     rows = told.table.to_pylist()
-    assert {row["purpose"] for row in rows} == {"creep load fz against fringe-slip run 1 channel dz"}
+    assert {row["purpose"] for row in rows} == {"creep load fz against hysteresis load fz"}
     assert {row["channels"] for row in rows} == {"dx dy dz rx ry rz"}
     assert {name for name in LOAD_COLUMNS if any(row[name] for row in rows)} == {"fz_n"}
     assert max(abs(row["fz_n"]) for row in rows) <= 10e3
     assert {row["branch"] for row in rows} == {"unloaded", "loading", "unloading"}
     assert [row["time_s"] for row in rows if row["step"] == 0] == [0.0] * len({row["run"] for row in rows})
-    for key, other in ((case.pair.cause.key, "fringe-slip run 1"), (case.pair.other.key, "creep load fz")):
+    creep = case.diagnosis.verdicts[0].cause
+    for key, other in ((creep.key, "hysteresis load fz"), (RIVAL.key, "creep load fz")):
         assert told.sentences[key].startswith(f"To tell it from {other}")
         assert "odds of 20:1 are expected after" in told.sentences[key]
 
@@ -166,8 +174,7 @@ def _log_odds(first: PointFit, second: PointFit) -> float:
 
 
 def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_down(case: Case) -> None:
-    alone = replace(case.diagnosis, verdicts=case.diagnosis.verdicts[:1])
-    told = next_loads_of(alone, case.settings)
+    told = next_loads_of(case.alone, case.settings)
     rows = told.table.to_pylist()
     assert {row["purpose"] for row in rows} == {"creep load fz: fraction"}
     assert all(row["expected"].startswith("fraction ± ") for row in rows)
