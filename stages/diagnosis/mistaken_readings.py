@@ -19,4 +19,4 @@ def mistaken(tables: Mapping[str, pa.Table]) -> str:
     if not failed:
         return ""
     more = f"; {len(failed) - 1} more under Quality" if len(failed) > 1 else ""
-    return f"needs numbers that are what their table says. {failed[0]['message']} (check {failed[0]['check']}{more})"
+    return f"needs numbers that are what their table says: {failed[0]['message']} (check {failed[0]['check']}{more})"
