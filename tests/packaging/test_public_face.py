@@ -60,3 +60,7 @@ def test_the_notebook_of_the_readme_runs() -> None:
 def test_the_change_log_begins_with_this_version() -> None:
     headings = re.findall(r"^## (\S+)", (PROJECT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert headings[0] == truing.__version__
+
+
+def test_the_citation_is_of_this_version() -> None:
+    assert f"\nversion: {truing.__version__}\n" in (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
