@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 _FEWEST_STEPS = 6
 _FRAMING = 3  # readings lack no frame
 _MILLIVOLT = 1e-3
+_MOST_LACKING = 0.1  # of a column, that neighbours in time tell
 # How far a gain that nobody declared may lie from the first guess at it.
 _WIDE = 10.0
 
@@ -197,9 +198,20 @@ def _slopes(columns: Array, values: Array, run: NDArray[np.int64], seen: NDArray
 
 def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
     own = steps.chosen(rows)
-    known = {name: values for name, values in own.covariates.items() if np.isfinite(values).all()}
+    between = {name: _between(values, own.time_s) for name, values in own.covariates.items()}
+    known = {name: values for name, values in between.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
     return ReadingConditions(_labels(own), own.step, own.time_s, own.load, known, span)
+
+
+def _between(values: Array, time_s: Array) -> Array:
+    """A column (B,) with what a few steps lack, as those do that left signals alone, from their neighbours in time."""
+    lacks = ~np.isfinite(values)
+    if lacks.mean() > _MOST_LACKING or not np.isfinite(time_s).all():
+        return values
+    order = np.argsort(time_s)
+    order = order[~lacks[order]]
+    return np.where(lacks, np.interp(time_s, time_s[order], values[order]), values)
 
 
 def _labels(steps: RecordedSteps) -> NDArray:

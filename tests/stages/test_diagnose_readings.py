@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 from scipy.stats import chi2
 
 from docs.experiments import force_sensor_campaign
+from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from stages.diagnosis.mistaken_readings import mistaken
+from stages.diagnosis.reading_points import reading_model
 from stages.predict import predict
 from stages.sensor.reading_arrays import load_steps
 from tests.blind.generator.folder import truth_path
@@ -42,6 +45,23 @@ def table() -> pa.Table:
     """The sample's load steps without what was read."""
     frame = pd.read_csv(SAMPLE / "interferometer.csv")
     return pa.Table.from_pandas(frame.drop(columns="reading"), preserve_index=False)
+
+
+@pytest.mark.parametrize(("every", "known"), [(20, True), (5, False)])
+def test_what_a_few_steps_lack_of_a_column_is_told_by_their_neighbours_in_time(
+    tables: dict[str, Any], every: int, known: bool
+) -> None:
+    """Steps of which signals alone are left say nothing of the air; where many are, nor does the column."""
+    settings = read_campaign(tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8")))
+    name, readings = "relative_humidity_pct", tables["readings"]
+    whole = reading_model(tables, settings).steps.covariates[name]
+    lacks = pa.array(readings["step"].to_numpy() % every == 3)
+    column = pc.if_else(lacks, None, readings[name])
+    lacking = readings.set_column(readings.schema.get_field_index(name), name, column)
+    found = reading_model({**tables, "readings": lacking}, settings).steps.covariates
+    assert (name in found) is known
+    if known:
+        assert_close(found[name], whole, atol=3.0 * float(np.abs(np.diff(whole)).mean()))
 
 
 def test_the_sideways_z_load_is_named_and_sized_and_nothing_else_is_found(tables: dict[str, Any]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, Zero
 from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
 from truing.simulation.causes.bench.load_history import Creep
 from truing.simulation.causes.bench.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
-from truing.simulation.causes.bench.readings_followed import BEYOND, GAIN
+from truing.simulation.causes.bench.readings_followed import BEYOND, GAIN, REST, fading_times
 from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
     JointClearance,
@@ -233,3 +235,17 @@ def test_an_angle_is_told_by_what_is_lost_where_nothing_else_tells_it() -> None:
     alone = CosineError().candidates(replace(scene, seen=only))
     assert CosineError("dz", along=True) in alone
     assert CosineError("dz", along=True) not in CosineError().candidates(replace(scene, seen=own.seen))
+
+
+def test_what_comes_with_a_break_fades_and_is_not_tried_without_one() -> None:
+    steps = bench().model().steps
+    late = (steps.run == 2) & (steps.rank >= 7)
+    broken = replace(steps, time_s=steps.time_s + 3000.0 * (late | (steps.run > 2)))
+    everywhere = np.ones(len(steps.run), bool)
+    assert not len(fading_times(steps, everywhere))
+    assert np.median(steps.held_s) <= fading_times(broken, everywhere)[0] < 200.0
+    state: Any = SimpleNamespace(steps=broken)
+    found = UnexplainedReadings("dy", half_ranges=(200.0,), form=REST).slopes(state, np.ones(1))
+    since = np.where(late, broken.time_s - broken.time_s[late].min(), np.inf)
+    expected = np.exp(-since[:, None] / 200.0) * (np.array(broken.channels) == "dy")
+    assert_close(found[..., 0], expected, atol=1e-12, what="since the break")

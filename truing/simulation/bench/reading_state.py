@@ -23,6 +23,8 @@ MATERIAL, AIR, PRESSURE, HUMIDITY = (
 )
 # Ordinary air, where a column of it is missing: what does not change has hardly any effect.
 _ORDINARY = {AIR: 20.0, PRESSURE: 1013.25, HUMIDITY: 50.0}
+# A pause of so many usual ones is a break.
+_BREAK = 5.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,17 @@ class LoadSteps:
     def held_s(self) -> NDArray:
         """Return for how long (B,) each load was held: since the step before; 0 for a run's first."""
         return np.asarray(self.time_s - self.time_s[self.before])
+
+    @cached_property
+    def since_break_s(self) -> NDArray:
+        """Return the time (B,) since the last break in the run, a pause longer than several usual ones, s; infinite
+        before any."""
+        held = self.held_s
+        usual = float(np.median(held[held > 0.0])) if np.any(held > 0.0) else np.inf
+        last = np.where(held > _BREAK * usual, self.time_s, -np.inf)
+        for place in self._in_run[1:]:
+            last[place] = np.maximum(last[place], last[self.before[place]])
+        return np.asarray(self.time_s - last)
 
     @property
     def longest_s(self) -> float:

@@ -24,7 +24,7 @@ from truing.simulation.bench.reading_state import (
     TIME,
     LoadSteps,
 )
-from truing.simulation.causes.bench.of_readings import is_signal
+from truing.simulation.causes.bench.of_readings import FEWEST, is_signal
 from truing.simulation.causes.following import POLYNOMIAL, WAVES
 
 # Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run;
@@ -38,6 +38,9 @@ BEYOND, SIDES = "beyond", 2
 _MOST_SIZES = 5
 # A load with a factor, and with one that follows a column: nobody knows at which value of that the factor is one.
 GAIN, FACTORS = "gain", 2
+# What comes with a break in a run and fades.
+REST = "rest"
+_FADES, _MOST_FADES = 2.0, 8
 SMOOTH = 3
 _WAVES = 6
 # What the catalogue has in proportion to a column already.
@@ -114,6 +117,17 @@ def sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
     between = (sizes[apart] + sizes[apart + 1]) / 2.0
     chosen = np.linspace(0, max(len(between) - 1, 0), min(_MOST_SIZES, len(between))).round().astype(int)
     return np.asarray(between[chosen])
+
+
+def fading_times(steps: LoadSteps, seen: NDArray) -> NDArray:
+    """Return times, s, with which something may fade after a break while a channel was seen (B,): from a usual pause to
+    the longest run; none where there was no break."""
+    held = steps.held_s[steps.held_s > 0.0]
+    if np.isfinite(steps.since_break_s[seen]).sum() < FEWEST:
+        return np.zeros(0)
+    shortest, longest = float(np.median(held)), steps.longest_s
+    count = min(_MOST_FADES, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_FADES))))
+    return np.geomspace(shortest, longest, count)
 
 
 def range_of(steps: LoadSteps, column: str) -> tuple[float, float]:

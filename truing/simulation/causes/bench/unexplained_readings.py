@@ -20,7 +20,9 @@ from truing.simulation.causes.bench.readings_followed import (
     MEMORY,
     PERIOD,
     REMEMBERED,
+    REST,
     SIDES,
+    fading_times,
     followings,
     follows_of,
     periods_of,
@@ -39,7 +41,7 @@ _IN_PROPORTION = 4.0
 _EDGE = 1e-6
 # Plausible, in sigmas of the channel.
 _PLAUSIBLE_SIGMAS = 4.0
-_LETTERS = {POLYNOMIAL: "degree", MEMORY: "before", PERIOD: "part", BEYOND: "side", GAIN: "gain"}
+_LETTERS = {POLYNOMIAL: "degree", MEMORY: "before", PERIOD: "part", BEYOND: "side", GAIN: "gain", REST: "rest"}
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,9 @@ class UnexplainedReadings(ReadingCause):
 
     Forms are Chebyshev polynomials of degree ``first`` .. ``degree``, so many slow waves (cosines), a load at so many
     steps before, sine and cosine of a period of time or a load, which is the half range, a jump where a load is beyond
-    the half range, on its positive and its negative side, or a load and its product with a column. ``scale`` is
-    plausible, SI; ``weight`` how likely beforehand among forms.
+    the half range, on its positive and its negative side, a load and its product with a column, or what comes with a
+    break in a run and fades with the half range as time constant. ``scale`` is plausible, SI; ``weight`` how likely
+    beforehand among forms.
     """
 
     channel: str = "dz"
@@ -76,7 +79,7 @@ class UnexplainedReadings(ReadingCause):
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
         degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
-        if self.form in (PERIOD, BEYOND):
+        if self.form in (PERIOD, BEYOND, REST):
             degrees = f"{self.half_ranges[0]:.6g}"
         return f"{self.id} {self.channel} {' '.join(self.columns)} {self.form} {degrees}"
 
@@ -111,6 +114,8 @@ class UnexplainedReadings(ReadingCause):
             )
         if self.form == BEYOND:
             return f"{said[0]}, by a jump beyond {self.half_ranges[0]:.4g} {_unit_of_column(self.columns[0])}"
+        if self.form == REST:
+            return f"{said[0]} since the last long pause of a run, fading with some {self.half_ranges[0]:.0f} s"
         if self.form == GAIN:
             return f"{said[0]}, with a factor that follows {said[1]}"
         if len(said) == 1:
@@ -120,7 +125,7 @@ class UnexplainedReadings(ReadingCause):
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the steps (B,) within the range of what it follows, beyond which its form says nothing."""
         inside = np.ones(poses, bool)
-        if self.form in (PERIOD, BEYOND):
+        if self.form in (PERIOD, BEYOND, REST):
             return inside
         for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
             if (values := covariates.get(column)) is not None:
@@ -143,6 +148,9 @@ class UnexplainedReadings(ReadingCause):
                 if count >= _PER_FUNCTION * degree:
                     found.append(_following(steps, channel, columns, form, degree, scale))
             found += _jumping(steps, seen[:, place], channel, scale)
+            fades = fading_times(steps, seen[:, place])
+            rest = UnexplainedReadings(channel, form=REST, scale=scale, weight=1.0 / max(len(fades), 1))
+            found += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
         return found
 
     def profiles(self, scene: Scene) -> Sequence[Profiles]:
@@ -154,13 +162,14 @@ class UnexplainedReadings(ReadingCause):
 
     def further(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms."""
-        if self.form in (MEMORY, PERIOD, BEYOND, GAIN):
+        if self.form in (MEMORY, PERIOD, BEYOND, GAIN, REST):
             return ()
         return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, _FURTHER + 1)]
 
     def prior(self, scene: Scene) -> float:
         """Return the weight: what is in proportion to one column is likelier than other forms."""
-        return _IN_PROPORTION if len(self.columns) == self.degree == 1 else self.weight
+        plain = self.form == POLYNOMIAL and len(self.columns) == self.degree == 1
+        return _IN_PROPORTION if plain else self.weight
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function."""
@@ -178,6 +187,8 @@ class UnexplainedReadings(ReadingCause):
         """Return the functions' values (B, degree)."""
         if self.form == MEMORY:
             return remembered(steps, self.columns[0])
+        if self.form == REST:
+            return np.exp(-steps.since_break_s / self.half_ranges[0])[:, None]
         if self.form == GAIN:
             load, other = self._brought(steps)
             return np.stack([load, load * other], -1)
