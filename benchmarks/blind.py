@@ -1,6 +1,7 @@
 """How well the diagnosis does on campaigns that it has never seen: hundreds of them, with effects hidden at random.
 
     python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
+    python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood
 
 Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
 Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
@@ -26,6 +27,7 @@ from tests.blind.rates import clear_from, told
 RUNS = Path("runs")
 # Of twenty campaigns: nothing, one effect, two, one of no catalogue.
 CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
+UNFORESEEN = "unforeseen"
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
 PER_CALL = 4
@@ -45,12 +47,12 @@ class Drawn:
     instrument: str
 
 
-def drawn(number: int, seed: int, instrument: str = "photogrammetry") -> Drawn:
+def drawn(number: int, seed: int, instrument: str = "photogrammetry", *, unforeseen: bool = False) -> Drawn:
     """The campaign of a number: groups and causes take turns, all else is drawn."""
     own = INSTRUMENTS[instrument]
     rng = np.random.default_rng([seed, 6, number])
     place = number * 7 % len(CYCLE)  # 7 and 20 have no divisor in common: groups are mixed
-    group = CYCLE[place]
+    group = UNFORESEEN if unforeseen else CYCLE[place]
     names = _names(group, own, rng)
     kinds = own.layouts_for(names)
     strength = _strength(group, names, own.obvious, rng)
@@ -64,6 +66,8 @@ def _names(group: str, own: Instrument, rng: np.random.Generator) -> tuple[str, 
         return own.draw_two(rng)
     if group == "unknown":
         return (str(rng.choice(sorted(own.strange))),)
+    if group == UNFORESEEN:
+        return (str(rng.choice(sorted(own.unforeseen))),)
     return ()
 
 
@@ -126,19 +130,22 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
+    parser.add_argument("--unforeseen", action="store_true", help="effects thought of when the diagnosis stood alone")
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
     own = INSTRUMENTS[options.instrument]
-    results = options.results or RUNS / f"{own.short}.jsonl"
+    results = options.results or RUNS / f"{own.short}{'-unforeseen' if options.unforeseen else ''}.jsonl"
     numbers = range(options.first, options.first + options.campaigns)
-    cases = [drawn(number, options.seed, options.instrument) for number in numbers]
+    cases = [drawn(number, options.seed, options.instrument, unforeseen=options.unforeseen) for number in numbers]
     for record in run_missing(cases, results, options.workers):
         print(_line(record), flush=True)
     from benchmarks import blind_page
 
-    print(blind_page.goals([Judged(record) for record in kept(results)], own))
+    campaigns = [Judged(record) for record in kept(results)]
+    print(blind_page.unknown(campaigns) if options.unforeseen else blind_page.goals(campaigns, own))
     if options.write:
-        blind_page.write_page(kept(results), own)
+        write = blind_page.write_unforeseen if options.unforeseen else blind_page.write_page
+        write(kept(results), own)
 
 
 def _line(record: Record) -> str:

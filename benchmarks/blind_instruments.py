@@ -30,7 +30,8 @@ class Instrument:
     """Causes of its catalogue, effects of none, layouts; how two effects and a campaign are drawn.
 
     ``subjects``: what effects concern, in words. ``obvious``: the share of single effects that are many times as large
-    as must be found. ``told_in``: its page in docs; ``short``: what results that are kept and figures are called.
+    as must be found. ``unforeseen``: further effects of no catalogue, thought of when the diagnosis stood. ``told_in``:
+    its page in docs; ``short``: what results that are kept and figures are called.
     """
 
     catalogue: Sequence[str]
@@ -43,6 +44,7 @@ class Instrument:
     short: str
     subjects: str
     obvious: float = 0.0
+    unforeseen: Sequence[str] = ()
 
     @property
     def page(self) -> Path:
@@ -53,6 +55,11 @@ class Instrument:
     def kept(self) -> Path:
         """Return the results that the page was made from."""
         return DOCS / "experiments" / f"{self.short.replace('-', '_')}_results.jsonl.gz"
+
+    @property
+    def kept_unforeseen(self) -> Path:
+        """Return the results on effects that were thought of when the diagnosis stood."""
+        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_unforeseen.jsonl.gz"
 
     def figure(self, name: str) -> Path:
         """Return a figure of the page."""
@@ -82,5 +89,6 @@ INSTRUMENTS = {
         "blind-sensor",
         "loads, channels, runs or signals",
         obvious=0.2,
+        unforeseen=tuple(sensor_hidden.UNFORESEEN),
     ),
 }

@@ -6,6 +6,7 @@ import gzip
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,18 +33,28 @@ def interval(good: int, trials: int) -> tuple[float, float]:
 
 def write_page(records: Sequence[Record], own: Instrument = POINTS) -> None:
     """Make tables and figures of an instrument's page anew, and keep the results that they were made from."""
-    lines = "".join(json.dumps(record) + "\n" for record in sorted(records, key=lambda one: one["number"]))
-    own.kept.write_bytes(gzip.compress(lines.encode(), mtime=0))
-    campaigns = kept_campaigns(own)
+    _keep(records, own.kept)
+    campaigns = kept_campaigns(own.kept)
     renew(own.page, tables(campaigns, own))
     power_figure(own.figure("power"), campaigns)
     strip_figure(own.figure("causes"), campaigns, own.catalogue)
     confusion_figure(own.figure("confusion"), *confusion(campaigns, own))
 
 
-def kept_campaigns(own: Instrument = POINTS) -> list[Judged]:
-    """Return the campaigns that an instrument's page was made from."""
-    lines = gzip.decompress(own.kept.read_bytes()).decode().splitlines()
+def write_unforeseen(records: Sequence[Record], own: Instrument) -> None:
+    """Make the table of effects anew that were thought of when the diagnosis stood, and keep its results."""
+    _keep(records, own.kept_unforeseen)
+    renew(own.page, {"unforeseen": lambda: unforeseen(kept_campaigns(own.kept_unforeseen))})
+
+
+def _keep(records: Sequence[Record], file: Path) -> None:
+    lines = "".join(json.dumps(record) + "\n" for record in sorted(records, key=lambda one: one["number"]))
+    file.write_bytes(gzip.compress(lines.encode(), mtime=0))
+
+
+def kept_campaigns(file: Path) -> list[Judged]:
+    """Return the campaigns that a page was made from."""
+    lines = gzip.decompress(file.read_bytes()).decode().splitlines()
     return [Judged(json.loads(line)) for line in lines]
 
 
@@ -169,6 +180,18 @@ def unknown(campaigns: Sequence[Judged]) -> str:
         told = ", ".join(f"`{name}` {count}" for name, count in ordered)
         rows.append([_words(kind), str(len(own)), str(driven.good), str(misnamed.good), told])
     return table(["effect", "campaigns", "told with what drives it", "given a name", "which"], rows)
+
+
+def unforeseen(campaigns: Sequence[Judged]) -> str:
+    """Return the table of effects that were thought of when the diagnosis stood, all together in its last row."""
+    driven, misnamed = rates.driven(campaigns), rates.misnamed(campaigns)
+    shares = (f"{count.good} of {count.trials}: {_range(count)}" for count in (driven, misnamed))
+    return "\n".join([unknown(campaigns), f"| all | {driven.trials} | {' | '.join(shares)} |  |"])
+
+
+def _range(count: Count) -> str:
+    low, high = interval(count.good, count.trials)
+    return f"{_percent(low)} to {_percent(high)}"
 
 
 def _words(kind: str) -> str:

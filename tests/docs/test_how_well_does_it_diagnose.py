@@ -17,7 +17,7 @@ from tests.blind.judging import Judged
 from tests.docs.shown import shown
 from tests.tolerance import assert_between, assert_close
 
-CAMPAIGNS = {name: blind_page.kept_campaigns(own) for name, own in INSTRUMENTS.items()}
+CAMPAIGNS = {name: blind_page.kept_campaigns(own.kept) for name, own in INSTRUMENTS.items()}
 
 
 @pytest.mark.parametrize("name", ["goals", "causes", "layouts", "unknown", "wrong"])

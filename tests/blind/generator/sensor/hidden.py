@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.blind.generator.sensor import effects, recording, strange
+from tests.blind.generator.sensor import effects, recording, strange, unforeseen
 from tests.blind.generator.sensor.campaign import Campaign
 from tests.blind.generator.sensor.effects import Effect, Elastic
 from tests.blind.generator.sensor.layout import AXES
@@ -263,7 +263,35 @@ STRANGE: Mapping[str, Kind] = {
     "a channel trembles": Kind(_of_channel(_trembling)),
     "noise grows with load": Kind(_growing_noise),
 }
-KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE}
+
+
+def _at_a_stop(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    axis, sign = _axis(campaign, rng), _sign(rng)
+    channel, x = _own_or_any(campaign, axis, rng), campaign.schedule.load[:, axis]
+    way = sign if x.min() < 0 < x.max() else float(np.sign(x[np.argmax(np.abs(x))]))
+    unit = 3 * _sign(rng) * _noise(campaign, channel)
+    return lambda size: unforeseen.TouchesAStop(channel, size * unit, axis, way)
+
+
+def _bimetal(channel: int, unit: float, campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    return lambda size: unforeseen.BendsWithWarmth(channel, size * unit)
+
+
+def _restless(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    start = float(rng.uniform(0.0, 1.0 - unforeseen.RestlessHours.LASTS))
+    return lambda size: unforeseen.RestlessHours(size, start)
+
+
+UNFORESEEN: Mapping[str, Kind] = {
+    "touches a stop": Kind(_at_a_stop),
+    "sticks in the middle": Kind(_of_load(unforeseen.SticksInTheMiddle)),
+    "seats in contact": Kind(_of_load(unforeseen.SeatsInContact, across_it=True), frozenset({"six"})),
+    "tires": Kind(_of_load(unforeseen.Tires)),
+    "belt in humid air": Kind(_of_load(unforeseen.BeltInHumidAir), WEATHER),
+    "bends with warmth": Kind(_of_channel(_bimetal), WEATHER),
+    "restless hours": Kind(_restless),
+}
+KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **UNFORESEEN}
 
 # Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.
 FAMILIES = (
