@@ -14,6 +14,8 @@ from pipeline.whole_file import write_whole
 
 # A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
 _TICK_NS = 2_000_000_000
+# Facts that hold of the same bytes wherever they are asked for: a process that runs many campaigns works out each once.
+_OF_THIS_PROCESS: dict[str, Any] = {}
 
 
 class RememberedDigests:
@@ -42,12 +44,14 @@ class RememberedDigests:
         return digest
 
     def fact(self, digest: str) -> Any | None:
-        """What was noted about the file with these bytes, or None."""
+        """What was noted about the file with these bytes, here or for another run folder, or None."""
+        if digest not in self._facts and digest in _OF_THIS_PROCESS:
+            self.note(digest, _OF_THIS_PROCESS[digest])
         return self._facts.get(digest)
 
     def note(self, digest: str, fact: Any) -> None:
         """Note something (JSON) that follows from a file's bytes alone."""
-        self._facts[digest] = fact
+        self._facts[digest] = _OF_THIS_PROCESS[digest] = fact
         self._changed = True
 
     def save(self) -> None:
