@@ -41,21 +41,21 @@ RIGID = KinematicModel("6-pus")
 
 
 @cache
-def run_folder() -> Path:
-    """A folder with a fresh run of the sample campaign, for as long as this process lives."""
+def run_folder(stage: str = "calibrate") -> Path:
+    """A folder with a fresh run of the sample campaign as far as a stage, for as long as this process lives."""
     from pipeline.run_campaign import Wish
     from pipeline.run_campaigns import run_campaigns
     from pipeline.selection import Selection
 
-    folder = tempfile.TemporaryDirectory()
-    _KEPT.append(folder)
-    wish = Wish(Selection(None, "calibrate", False), distrust=False, accept_failed_checks=True)
-    if run_campaigns([CAMPAIGN], Path(folder.name) / "run", wish, quiet=True):
+    wish = Wish(Selection(None, stage, False), distrust=False, accept_failed_checks=True)
+    if run_campaigns([CAMPAIGN], Path(_kept().name) / "run", wish, quiet=True):
         raise RuntimeError("the sample campaign did not run")
-    return Path(folder.name) / "run"
+    return Path(_kept().name) / "run"
 
 
-_KEPT: list[tempfile.TemporaryDirectory[str]] = []
+@cache
+def _kept() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory()
 
 
 @cache

@@ -6,18 +6,18 @@ python -m docs.experiments.diagnosis
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow.parquet as pq
 
+from docs.experiments.calibration import run_folder
 from docs.experiments.marked_tables import renew, table
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.estimation.diagnosis.acceptance import Diagnosis
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -26,33 +26,28 @@ _SHOWN = 5  # rows of the diagnosis
 DRAWS, SEEDS = (100, 400, 1600), 6
 
 
-@dataclass(frozen=True)
-class Sample:
-    """The sample campaign's diagnosis: all that was decided, and the tables that it leaves."""
-
-    diagnosis: Diagnosis
-    tables: dict[str, pa.Table]
-
-
 @cache
-def sample() -> Sample:
-    """Return the diagnosis of the sample campaign."""
+def sample() -> Diagnosis:
+    """Return all that is decided on the sample campaign."""
     from schemas.campaign import read_campaign
-    from stages.diagnose import decided, gathered_of, rule_of
-    from stages.diagnosis.artifacts import artifacts_of
+    from stages.diagnose import decided, gathered_of
     from tests.stages.line import run_line
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
-    gathered = gathered_of(run_line(CAMPAIGN, "ingest", "pose")[0], settings)
-    diagnosis = decided(gathered, settings, lambda *_: None)
-    return Sample(diagnosis, artifacts_of(diagnosis, gathered, rule_of(settings), settings))
+    return decided(gathered_of(run_line(CAMPAIGN, "ingest", "pose")[0], settings), settings, lambda *_: None)
+
+
+def _left(name: str) -> list[dict[str, Any]]:
+    """Return the rows of a table that a run of the sample leaves."""
+    rows: list[dict[str, Any]] = pq.read_table(run_folder("diagnose") / f"{name}.parquet").to_pylist()
+    return rows
 
 
 def sample_table() -> str:
     """Return the first rows of the sample's diagnosis."""
     heads = ["", "verdict", "p", "probability", "log10 odds", "signal to noise", "rms, µm", "held out, µm", "floor, µm"]
     rows = []
-    for row in sample().tables["diagnosis"].to_pylist()[:_SHOWN]:
+    for row in _left("diagnosis")[:_SHOWN]:
         rms = [f"{row[f'{kind}rms_before']:.2f} → {row[f'{kind}rms_after']:.2f}" for kind in ("", "heldout_")]
         odds = f"{row['log_evidence'] / np.log(10):.1f}"
         numbers = [f"{row['p_value']:.2g}", f"{row['probability']:.2f}", odds, f"{row['signal_to_noise']:.1f}"]
@@ -65,7 +60,7 @@ def pulls_table() -> str:
     """Return the sums of squared pulls without and with what was found."""
     rows = [
         [row["model"], f"{row['chi_square']:.0f}", str(row["freedom"]), f"{row['lower']:.0f} to {row['upper']:.0f}"]
-        for row in sample().tables["pull_sums"].to_pylist()
+        for row in _left("pull_sums")
     ]
     return table(["model", "pulls squared, summed", "independent", "95 % band"], rows)
 
@@ -78,7 +73,7 @@ def signal_needed(draws: int) -> tuple[float, float]:
     level = 0.45 * 0.05
     found = []
     for seed in range(SEEDS):
-        closing = sample().diagnosis.search
+        closing = sample().search
         search = replace(closing, draws=draws, rng=np.random.default_rng(seed))
         group = search.judge.group_of("actuator-gain", 1)
         limit = search.judge.threshold(group, level)
