@@ -1,0 +1,66 @@
+"""Effects are hidden in campaigns of force sensors that were never seen before, and the whole pipeline must name them.
+
+``TRUING_BLIND_SEED`` draws other campaigns. They are few and twice as strong as must be found, so that each judgement
+fails a correct diagnosis once in a thousand draws; ``python -m benchmarks.blind --instrument sensor`` measures rates.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.blind import rates
+from tests.blind.generator.sensor.case import hide, layouts_for
+from tests.blind.generator.sensor.hidden import CATALOGUE, draw_two
+from tests.blind.judging import UNLUCKY, Judged, fewest_of, most_of, run_all
+
+SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
+ONE = 1
+ABOVE_CLEAR = 2.0
+NAMED = 0.99  # of effects so strong
+INVENTED = 0.05  # of campaigns
+
+
+def _drawn() -> list[tuple[str, ...]]:
+    """What is hidden, campaign by campaign: nothing; one effect; two at once."""
+    rng = np.random.default_rng([SEED, 6])
+    ones = rng.choice(sorted(CATALOGUE), ONE, replace=False).tolist()
+    return [(), *((name,) for name in ones), draw_two(rng)]
+
+
+def _write(names: tuple[str, ...], number: int, folder: Path) -> Path:
+    seed = int(np.random.SeedSequence([SEED, 7, number]).generate_state(1)[0])
+    kinds = layouts_for(names)
+    clear = rates.CLEAR_OF_TWO if len(names) > 1 else rates.CLEAR
+    return hide(names, kinds[seed % len(kinds)], ABOVE_CLEAR * clear, seed).write(folder)
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+    """All campaigns, drawn, written and run in one call."""
+    home = tmp_path_factory.mktemp("sensors")
+    return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate(_drawn())], 1)
+
+
+def test_where_nothing_is_hidden_a_search_of_everything_finds_no_more_than_chance(judged: list[Judged]) -> None:
+    plain = [one for one in judged if not one.hidden]
+    sure = [rates.told(one) for one in plain for row in one.record["findings"] if row["p_value"] < UNLUCKY]
+    assert plain
+    assert not sure
+
+
+def test_what_was_hidden_is_named_with_its_loads_channels_runs_or_signals(judged: list[Judged]) -> None:
+    hidden = [(one, effect) for one in judged for effect in one.hidden]
+    named = [(one, effect) for one, effect in hidden if effect.cause not in one.missed]
+    assert len(hidden) == ONE + 2
+    assert len(named) >= fewest_of(len(hidden), NAMED), [rates.told(one) for one in judged if one.missed]
+    placed = [one for one, effect in named if not one.misplaced(effect)]
+    assert len(placed) >= fewest_of(len(named), NAMED), [rates.told(one) for one, _ in named if one not in placed]
+
+
+def test_nothing_is_found_beside_what_was_hidden(judged: list[Judged]) -> None:
+    wrong = [rates.told(one) for one in judged if one.hidden and one.invented]
+    assert len(wrong) <= most_of(ONE + 1, INVENTED), wrong
