@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +55,19 @@ class Sort:
 def _values(cause: Cause, size: float, legs: int, rng: np.random.Generator) -> NDArray:
     """Return parameters (P,), SI, in no particular direction, whose root mean square is a size in plausible scales."""
     scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
-    pattern = rng.standard_normal(len(scale))
-    return size * scale * pattern * np.sqrt(len(scale)) / np.linalg.norm(pattern)
+    return size * scale * _normed(rng.standard_normal(len(scale)))
+
+
+def _normed(patterns: NDArray) -> NDArray:
+    """Return patterns (..., P) whose root mean square is one."""
+    return np.asarray(patterns * np.sqrt(patterns.shape[-1]) / np.linalg.norm(patterns, axis=-1, keepdims=True))
+
+
+@lru_cache(maxsize=256)
+def _patterns(parameters: int) -> tuple[NDArray, NDArray]:
+    """Return patterns (N, P) in no particular direction, and how often each was drawn: of one parameter, its signs."""
+    drawn = _normed(np.random.default_rng(0).standard_normal((_PATTERNS, parameters)))
+    return np.unique(drawn, axis=0, return_counts=True)
 
 
 def told_size(cause: Cause, size: float, legs: int) -> Size:
@@ -78,14 +90,14 @@ def told_size(cause: Cause, size: float, legs: int) -> Size:
 
 def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, str], float]:
     """Return, by name (without leg, where several have it) and unit, the size of what the tables tell of an effect."""
-    rng, found = np.random.default_rng(0), defaultdict(list)
+    found = defaultdict(list)
     names: dict[tuple[str, str], set[str]] = defaultdict(set)
-    for _ in range(_PATTERNS):
-        values = _values(cause, size, legs, rng)
-        for told in cause.told(values, np.zeros((len(values), len(values))), legs):
+    scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
+    for pattern, count in zip(*_patterns(len(scale)), strict=True):
+        for told in cause.told(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
             if isinstance(told.value, (int, float)) and told.sigma is not None:
                 key = (told.name.rstrip("0123456789_"), told.unit)
-                found[key].append(told.value)
+                found[key] += [told.value] * count
                 names[key].add(told.name)
     alone = {key: own.pop() if len(own) == 1 else key[0] for key, own in names.items()}
     return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(own)))) for key, own in found.items()}

@@ -6,15 +6,15 @@ strengths; the search's F test then has a noncentral distribution, and its power
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.candidate_search import Profiles, Search
+from truing.estimation.diagnosis.candidate_search import Candidate, Profiles, Search
 
 POWER = 0.8
 # Patterns of an effect's parameters, over which its power is averaged.
@@ -83,10 +83,14 @@ class Sight:
 
 def per_scale(strengths: NDArray, loadings: NDArray) -> NDArray:
     """Return the signal-to-noise ratios (D,) of random patterns; strengths (r,), loadings (P, r) of a signature."""
-    parameters = len(loadings)
+    return np.asarray(np.linalg.norm(_patterns(len(loadings)) @ loadings * strengths, axis=1))
+
+
+@lru_cache(maxsize=256)
+def _patterns(parameters: int) -> NDArray:
+    """Return random patterns (D, P) whose root mean square is one."""
     pattern = np.random.default_rng(0).standard_normal((_PATTERNS if parameters > 1 else 1, parameters))
-    pattern *= np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True)
-    return np.asarray(np.linalg.norm(pattern @ loadings * strengths, axis=1))
+    return np.asarray(pattern * np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True))
 
 
 def sights(search: Search, level: float) -> list[Sight]:
@@ -95,19 +99,20 @@ def sights(search: Search, level: float) -> list[Sight]:
     Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
     """
     sorts: dict[tuple[Any, ...], list[Sight]] = {}
-    for sight in (*_of_candidates(search, level), *_of_profiles(search, level)):
+    for sight in (*_of_candidates(search, level, search.candidates), *_of_profiles(search, level)):
         sorts.setdefault((sight.kind, *_sort(sight.cause)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
 
 def sight(search: Search, cause: Any, level: float) -> Sight | None:
     """Return how well a search sees one of its candidates; None where it has no such candidate."""
-    return next((own for own in _of_candidates(search, level) if own.cause.key == cause.key), None)
+    own = (candidate for candidate in search.candidates if candidate.key == cause.key)
+    return next(_of_candidates(search, level, own), None)
 
 
-def _of_candidates(search: Search, level: float) -> Iterator[Sight]:
+def _of_candidates(search: Search, level: float, candidates: Iterable[Candidate]) -> Iterator[Sight]:
     rules: dict[tuple[str, int], Rule] = {}
-    for candidate in search.candidates:
+    for candidate in candidates:
         own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
         if not candidate.cause.catalogued or _is_of_several(candidate.cause.subject):
             continue

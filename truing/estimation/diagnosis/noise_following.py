@@ -119,16 +119,14 @@ def _log_moments(size: int) -> tuple[float, float]:
     """Return how the mean logarithm of a chi-square of so many degrees of freedom (and of what is added to it) follows
     that of the noise's variance, and the variance of such logarithms once that slope is one."""
     from scipy.integrate import quad
-    from scipy.special import polygamma
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv, polygamma
 
     added = _ADDED.get(size, 0.0)
     if not added:
         return 1.0, float(polygamma(1, size / 2))
-    law = chi2(size)
 
     def mean(of: Callable[[float], float]) -> float:
-        return float(quad(lambda x: of(law.ppf(x)), 0.0, 1.0)[0])
+        return float(quad(lambda x: of(2.0 * gammaincinv(size / 2, x)), 0.0, 1.0)[0])
 
     slope, first = mean(lambda q: q / (q + added)), mean(lambda q: math.log(q + added))
     second = mean(lambda q: math.log(q + added) ** 2)
