@@ -257,6 +257,13 @@ class Cause:
         """
         return self
 
+    def held_at(self, shape: NDArray) -> Cause | None:
+        """Return the form with its shape held where the further parameters (P - p,) of a refined one have it.
+
+        By it is asked how surely data tell a shape that is far from linear; None where that need not be asked.
+        """
+        return None
+
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Cause:
         """Return the cause without the parts that clearly do nothing once it is fitted, from values (P,) and covariance
         (P, P) in SI: where an effect is large, what is linear in it only nearly needs them to be chosen."""

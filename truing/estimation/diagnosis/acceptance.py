@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.diagnosis.both_sides import both_sides
 from truing.estimation.diagnosis.candidate_round import Round, score_round
 from truing.estimation.diagnosis.candidate_search import Candidate, Search
 from truing.estimation.diagnosis.choice import Choice, choose, confirmed, is_real
@@ -178,7 +179,8 @@ class Acceptance:
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
             told = fitted(plain, step.cause, step.round.stand, step.after, final)
-            verdicts.append(replace(told, subjects=step.chosen.subjects))
+            spread = both_sides(self._fitter, final, step.cause, step.candidate.signature.parameters)
+            verdicts.append(replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects))
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
         for verdict in others:  # one row per cause: the first thing that is to be said of it
             if verdict.cause.id not in {told.cause.id for told in verdicts}:

@@ -24,6 +24,7 @@ _MOST_CONSTANTS = 10
 _HELD = 0.5
 _ALL_SHARE = 0.5
 _TINY = 1e-30
+_WITHIN_95 = 1.959964
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,10 @@ class Creep(OfLoad):
         """Return the form whose time constant is fitted too."""
         return replace(self, free=True)
 
+    def held_at(self, shape: NDArray) -> Cause | None:
+        """Return the form with the time constant that its logarithm over tau_s says."""
+        return replace(self, tau_s=self.tau_s * float(np.exp(shape[0])), free=False)
+
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the time."""
         return (TIME,)
@@ -110,7 +115,9 @@ class Creep(OfLoad):
         if not self.free:
             return (fraction, Told("tau", self.tau_s, self.tau_s * _PLAUSIBLE_LOG, "s"))
         tau = self.tau_s * float(np.exp(values[1]))
-        return (fraction, Told("tau", tau, tau * float(np.sqrt(covariance[1, 1])), "s"))
+        # What the wider side of the interval comes to: a logarithm's is wider upwards.
+        wider = np.expm1(_WITHIN_95 * float(np.sqrt(covariance[1, 1]))) / _WITHIN_95
+        return (fraction, Told("tau", tau, tau * float(wider), "s"))
 
     def _followed(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
         """Return deflections (B, 6, 6, ...) as they are followed, zero under loads that are not concerned."""
