@@ -90,7 +90,7 @@ def told_size(cause: Cause, size: float, legs: int) -> Size:
 
 def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, str], float]:
     """Return, by name (without leg, where several have it) and unit, the size of what the tables tell of an effect."""
-    found = defaultdict(list)
+    found: dict[tuple[str, str], list[float]] = defaultdict(list)
     names: dict[tuple[str, str], set[str]] = defaultdict(set)
     scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
     for pattern, count in zip(*_patterns(len(scale)), strict=True):
