@@ -172,8 +172,16 @@ def test_a_german_spreadsheet_needs_no_hand(small: Path, tmp_path: Path) -> None
     assert files["targets"]["columns"]["leg"] == "Bein"
 
 
-def test_clouds_of_many_points_are_scans_and_the_single_ones_their_surfaces(small: Path, tmp_path: Path) -> None:
-    folder = dense_scans(small, tmp_path / "scans", np.random.default_rng(3), count=2000)
+def test_clouds_of_many_points_are_scans_and_the_single_ones_their_surfaces(tmp_path: Path) -> None:
+    """At rest and in one pose: each further one is two registrations more."""
+    moves = random_moves(1, 0, np.random.default_rng(1))
+    campaign = draw_campaign(SMALL, [at_rest(), *moves], [], np.random.default_rng(2))
+    folder = dense_scans(
+        write_campaign(campaign, tmp_path / "campaign", seed=2),
+        tmp_path / "scans",
+        np.random.default_rng(3),
+        count=2000,
+    )
     assert faultless_once_the_noise_is_told(folder)
     files = written(folder)["files"]
     assert [entry["constants"]["body"] for entry in files["scans"]] == ["base", "platform"]
