@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import re
 from html.parser import HTMLParser
@@ -14,6 +15,7 @@ from plotly.offline import get_plotlyjs
 from tests.report.campaign_tables import campaign_tables
 from truing.report.head import build_head
 from truing.report.page import MOST_ROWS, all_of
+from truing.report.rendering.embedded import embedded, file_name
 from truing.report.rendering.render import render_page
 from truing.report.sections import build_sections
 
@@ -93,9 +95,77 @@ def test_the_page_is_well_formed_and_loads_nothing(page):
 
 def test_no_figure_offers_to_upload_itself(page):
     page = page.replace(PLOTLY, "")
-    figures = page.count("Plotly.newPlot(")
-    assert figures == 8
-    assert page.count('"showSendToCloud": false') == figures
+    assert page.count("newPlot(") == page.count("showSendToCloud: false") == 1
+    assert page.count('class="figure-data"') == 8
+
+
+def test_only_the_scripts_of_the_page_may_run(page):
+    said = next(
+        a["content"]
+        for tag, a in Reader(page).elements
+        if tag == "meta" and "content" in a and "script-src" in a["content"]
+    )
+    texts = re.findall(
+        r"<script(?: type=\"text/plain\" id=\"plotly\")?>(.*?)</script>", page.replace(PLOTLY, "PLOTLY"), re.S
+    )
+    assert len(texts) == 3
+    for text in texts:
+        digest = hashlib.sha256(text.replace("PLOTLY", PLOTLY, 1 if text == "PLOTLY" else 0).encode()).digest()
+        assert f"'sha256-{base64.b64encode(digest).decode()}'" in said
+    assert "default-src 'none'" in said
+    assert "'unsafe-inline'" not in said.split("script-src")[1].split(";")[0]
+
+
+def test_what_scripts_read_cannot_end_their_element_nor_begin_a_comment():
+    hostile = "</script><!-- <script> & \u2028\u2029 \" '"
+    text = embedded({"name": [hostile]})
+    assert not set("<>&\u2028\u2029") & set(text)
+    assert json.loads(text) == {"name": [hostile]}
+
+
+@pytest.mark.parametrize(
+    ("campaign", "file"),
+    [
+        ("telescope", "telescope-gain-0.csv"),
+        ("../../etc/x:y*?", "etc-x-y-gain-0.csv"),
+        ("…", "campaign-gain-0.csv"),
+        ("Prüfstand 7", "Prüfstand-7-gain-0.csv"),
+        (".x\u202egpj", "x-gpj-gain-0.csv"),
+    ],
+)
+def test_a_campaign_gives_its_files_a_harmless_name(campaign, file):
+    assert file_name(campaign, "gain-0") == file
+
+
+def test_figures_tables_and_headings_are_told_to_those_who_do_not_see(page):
+    elements = Reader(page).elements
+    pictures = [a for tag, a in elements if a.get("role") == "img"]
+    assert len(pictures) == 8
+    assert all(len(a["aria-label"] or "") > 40 for a in pictures)
+    levels = [int(tag[1]) for tag, _ in elements if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert max(np.diff(levels)) <= 1
+    ids = {a["id"] for _, a in elements if "id" in a}
+    assert all((a["href"] or "")[1:] in ids for tag, a in elements if tag == "a")
+    assert next(a for tag, a in elements if tag == "a")["class"] == "skip"
+    assert all(a.get("aria-label") for tag, a in elements if tag in ("button", "table", "nav"))
+
+
+def test_every_figure_and_every_table_has_its_file(page):
+    elements = Reader(page).elements
+    files = [a["data-file"] for tag, a in elements if tag == "button"]
+    assert len(files) == len(set(files)) == sum(tag in ("figure", "table") for tag, _ in elements)
+
+
+def test_verdicts_are_told_in_words_not_by_colour_alone():
+    tables = campaign_tables()
+    told = dict(re.findall(r'<li class="(\w+)">(.*?)</li>', render(tables), re.S))
+    assert {"found", "fail", "next"} <= set(told)
+    for mark in ("found", "fail"):
+        assert f'<b class="mark">{mark}</b>' in told[mark]
+    tables["qa"] = tables["qa"].iloc[:0]
+    assert "not evaluated" in dict(build_head("c", tables).verdicts)["none"]
 
 
 def test_every_section_has_its_figure():

@@ -46,7 +46,7 @@ def deformation_picture(shape: pd.DataFrame, residuals: pd.DataFrame, body: str)
     figure.update_layout(
         sliders=[_slider(poses)],
         scene=_scene(np.concatenate([start, start + gain * shown[_SHIFT].to_numpy()])),
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "itemsizing": "constant"},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
         margin={"l": 0, "r": 0, "t": 90, "b": 40},
     )
     return figure

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
 
-from truing.report.page import Head, Section, all_of
+from truing.report.page import Head, Listing, Section, all_of
+from truing.report.rendering.embedded import embedded, figure_data, file_name, policy, text_of
 
 if TYPE_CHECKING:
     import jinja2
@@ -16,36 +18,98 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class _Figure:
+    """A figure as the page holds it."""
+
+    name: str
+    caption: str
+    title: str
+    subtitle: str
+    spoken: str  # what it shows, for those who do not see it
+    height_px: int
+    data: str  # JSON, safe in a script element
+    step_of: str  # what is chosen by its slider: "pose"
+    steps: tuple[str, ...]
+    file: str
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A listing, what it is called, and what is handed out as CSV where that is not what its cells show."""
+
+    listing: Listing
+    called: str
+    csv: str  # JSON, safe in a script element
+    file: str
+
+
+@dataclass(frozen=True)
 class _Drawn:
-    """A section with its figures as HTML, and its parts likewise."""
+    """A section with its figures and listings as the page holds them, and its parts likewise."""
 
     section: Section
-    figures: tuple[dict[str, str], ...]
+    figures: tuple[_Figure, ...]
+    tables: tuple[_Table, ...]
     parts: tuple[_Drawn, ...]
 
 
 def render_page(head: Head, sections: Sequence[Section]) -> str:
     """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
-    script = _plotly_script() if any(section.figures for section in all_of(sections)) else ""
-    return _template().render(head=head, sections=[_drawn(section) for section in sections], plotly=script)
+    any_figure = any(section.figures for section in all_of(sections))
+    plotly = _plotly_script() if any_figure else ""
+    scripts = [_beside("figures.js"), _beside("csv.js")]
+    return _template().render(
+        head=head,
+        sections=[_drawn(section, head.campaign) for section in sections],
+        style=_beside("page.css"),
+        scripts=scripts,
+        plotly=plotly,
+        figure_template=embedded(_figure_template()) if any_figure else "",
+        policy=policy([*scripts, plotly]),
+    )
 
 
-def _drawn(section: Section) -> _Drawn:
-    figures = (_figure(drawn, f"{section.id}-{k}", caption) for k, (drawn, caption) in enumerate(section.figures))
-    return _Drawn(section, tuple(figures), tuple(_drawn(part) for part in section.parts))
+def _drawn(section: Section, campaign: str) -> _Drawn:
+    figures = (_figure(*shown, f"{section.id}-{k}", campaign) for k, shown in enumerate(section.figures))
+    parts = (_drawn(part, campaign) for part in section.parts)
+    return _Drawn(section, tuple(figures), tuple(_tables(section, campaign)), tuple(parts))
 
 
-def _figure(figure: go.Figure, name: str, caption: str) -> dict[str, str]:
-    # Nothing of a campaign may leave the page: plotly's button that uploads a chart goes.
-    config = {"displaylogo": False, "responsive": True, "showSendToCloud": False}
-    html = figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config=config)
-    return {"html": html, "caption": caption}
+def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figure:
+    data, steps = figure_data(figure, _figure_template())
+    title, subtitle = (text_of(text) for text in (figure.layout.title.text, figure.layout.title.subtitle.text))
+    step_of = text_of(figure.layout.sliders[0].currentvalue.prefix) if steps else ""
+    height = int(data["layout"]["height"])
+    spoken = ". ".join(words.rstrip(".") for words in (title, subtitle, caption) if words)
+    file = file_name(campaign, name)
+    return _Figure(name, caption, title, subtitle, f"{spoken}.", height, embedded(data), step_of, tuple(steps), file)
+
+
+def _tables(section: Section, campaign: str) -> Iterator[_Table]:
+    for k, listing in enumerate(section.listings):
+        csv = embedded(listing.csv) if listing.csv else ""
+        yield _Table(listing, listing.caption or section.title, csv, file_name(campaign, f"{section.id}-table-{k}"))
+
+
+@cache
+def _figure_template() -> dict[str, Any]:
+    """The look that all figures share, as plotly has it."""
+    import plotly.graph_objects as go
+
+    template: dict[str, Any] = go.Figure(layout={"template": "plotly_white"}).to_plotly_json()["layout"]["template"]
+    return template
 
 
 def _plotly_script() -> str:
     from plotly.offline import get_plotlyjs
 
     return get_plotlyjs()
+
+
+@cache
+def _beside(name: str) -> str:
+    """A file of this package, as text."""
+    return files("truing.report.rendering").joinpath(name).read_text(encoding="utf-8")
 
 
 @cache

@@ -1,0 +1,170 @@
+"""A browser shows the page: at once, whole, at any width, on paper, and with its numbers to take along."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from tests.report.browser import Page
+from tests.report.campaign_tables import campaign_tables
+from tests.report.conftest import Opened
+from tests.report.test_page import ATTACKS, render, sections_of
+from truing.report.figure_style import style
+from truing.report.page import Head, Listing, Section
+from truing.report.rendering.render import render_page
+
+# Sentences of a page keep the name as it is, figures their markup as text; each attack would change the title or a tag.
+HOSTILE = " ".join(("</script><img src=x onerror=document.title='broken'>", "<!-- <script> \u2028", *ATTACKS))
+SHOWN = (
+    "[...document.querySelectorAll('.plot')].filter((plot) => plot.querySelector('.main-svg')).map((plot) => plot.id)"
+)
+A4_PT = (595, 842)
+
+
+@pytest.fixture(scope="module")
+def page(opened: Opened) -> Page:
+    """The page of a campaign in which every name and message would be a script."""
+    tables = campaign_tables(name=HOSTILE)
+    for table in tables.values():
+        if "body" in table:
+            table["body"] = table["body"].replace("base", HOSTILE)
+    for name, column in (("qa", "message"), ("diagnosis", "explanation"), ("residuals", "reason")):
+        tables[name][column] = HOSTILE
+    return opened(render(tables, f"Prüfstand 7/b {HOSTILE}"))
+
+
+@pytest.fixture(scope="module")
+def drawn(page: Page) -> Page:
+    page.scroll_through()
+    return page
+
+
+def rows_of(page: Page, button: str, folder) -> list[list[str]]:
+    file = page.downloaded(f"document.querySelector({button!r}).click()", folder)
+    return list(csv.reader(io.StringIO(file.read_text(encoding="utf-8-sig"))))
+
+
+def test_the_words_are_there_before_the_figures(page):
+    first = page.value("performance.getEntriesByType('paint').map((paint) => paint.startTime)")
+    assert max(first, default=0.0) < 1000.0
+    assert len(page.value(SHOWN)) < page.value("document.querySelectorAll('.plot').length")
+
+
+def test_every_figure_is_drawn_when_it_comes_near(drawn):
+    assert drawn.value(SHOWN) == drawn.value("[...document.querySelectorAll('.plot')].map((plot) => plot.id)")
+    assert len(drawn.value(SHOWN)) == 8
+    assert drawn.value("document.querySelectorAll('#figure-deformation-0 canvas').length") >= 1
+
+
+def test_the_browser_complains_of_nothing(drawn):
+    assert not drawn.complaints()
+    assert drawn.value("document.title") == f"Prüfstand 7/b {HOSTILE} – truing"
+    strangers = "img, iframe, form, [onload], [onerror], a:not([href^='#']):not(.modebar-btn)"
+    assert drawn.value(f"document.querySelectorAll(`body :is({strangers})`).length") == 0
+
+
+def test_a_script_that_is_not_the_pages_own_does_not_run(opened):
+    injected = "<script>document.title = 'broken'</script><img src=x onerror=\"document.title = 'broken'\"></body>"
+    page = opened(render(campaign_tables(poses=2), "c").replace("</body>", injected))
+    assert page.value("document.title") == "c – truing"
+    assert any("Content Security Policy" in said for said in page.complaints())
+    page.close()
+
+
+def test_buttons_of_figures_have_names_and_none_shares(drawn):
+    names = drawn.value("[...document.querySelectorAll('.modebar-btn')].map((b) => b.ariaLabel ?? b.dataset.title)")
+    assert names
+    assert all(names)
+    assert not [name for name in names if "hare" in name]
+    inside = "document.querySelectorAll('[role=img] :is(a, button, input, [tabindex])').length"
+    assert drawn.value(inside) == 0  # a picture has nothing inside that can be operated
+
+
+def test_the_slider_shows_another_pose_by_the_keyboard(drawn):
+    shown = "document.getElementById('figure-deformation-0')._fullData.map((trace) => trace.visible)"
+    before = drawn.value(shown)
+    drawn.value("document.querySelector('.steps input').focus()")
+    for kind in ("rawKeyDown", "keyUp"):
+        drawn.ask("Input.dispatchKeyEvent", type=kind, key="End", code="End", windowsVirtualKeyCode=35)
+    figure = sections_of(campaign_tables(name=HOSTILE))["deformation"].figures[0][0]
+    last = figure.layout.sliders[0].steps[-1]
+    assert drawn.becomes(f"{shown}.at(-1)")
+    assert drawn.value(shown) == list(last.args[0]["visible"]) != before
+    assert drawn.value("document.querySelector('.steps output').textContent") == last.label
+
+
+def test_the_numbers_of_a_figure_are_a_file(drawn, tmp_path):
+    rows = rows_of(drawn, "#deformation figure:nth-of-type(3) button.csv", tmp_path)
+    (name,) = (file.name for file in tmp_path.iterdir())
+    assert re.fullmatch(r"Prüfstand-7-b-script-img-src-x-[\w.-]{1,60}-deformation-2\.csv", name)
+    assert rows[0][-1].startswith("text")
+    matrix = campaign_tables()["deformation_models"].query("model == 'matrix'")
+    numbers = np.array([row[rows[0].index("z")] for row in rows[1:]], dtype=float)
+    assert np.array_equal(numbers, 1e3 * matrix["coefficient"].to_numpy())
+
+
+def test_points_come_with_the_pose_that_shows_them_and_their_names_as_text(drawn, tmp_path):
+    rows = rows_of(drawn, "#deformation figure button.csv", tmp_path)
+    heads = rows[0]
+    assert heads == ["series", "step", "x: x (mm)", "y: y (mm)", "z: z (mm)", "text"]
+    assert {len(row) for row in rows} == {len(heads)}
+    assert len({row[1] for row in rows[1:]}) == 12
+    targets = [row for row in rows[1:] if row[0].startswith("target")]
+    assert all(row[5].startswith(HOSTILE) for row in targets)
+    assert np.isfinite(np.array([row[2:5] for row in targets], dtype=float)).all()
+
+
+def test_numbers_of_every_kind_and_cells_that_would_be_formulas(opened, tmp_path):
+    figure = go.Figure(
+        go.Scatter(x=np.array([1, -2, 3], dtype="i2"), y=np.array([0.1, 1e-9, np.nan]), text=["=1+1", "-2", "a,b"])
+    )
+    figure.data[0].error_y = {"type": "data", "array": np.array([0.5, 0.25, 0.125], dtype="f4")}
+    figure.update_xaxes(title="load<br><i>F</i> &lt;kN&gt;")
+    many = go.Figure(go.Scattergl(x=np.arange(3.0), y=np.arange(3.0), mode="markers"))
+    cells = (("=HYPERLINK(0)", "+0.3 ± 0.1"), ("@x", "-cmd|' /C calc'!A0"), ("-8.28", 'a "b"'))
+    shown = tuple((style(one, "title", "subtitle", 300), "caption.") for one in (figure, many))
+    section = Section("s", "S", "lead", shown, (Listing(("a", "b"), cells), Listing(("a",), (("1",),), csv="own\n1\n")))
+    page = opened(render_page(Head("..", ()), [section]))
+    page.scroll_through()
+    heads, *rows = rows_of(page, "figure button.csv", tmp_path)
+    assert heads == ["x: load F <kN>", "y", "text", "y bar up"]
+    assert rows == [["1", "0.1", "'=1+1", "0.5"], ["-2", "1e-9", "-2", "0.25"], ["3", "", "a,b", "0.125"]]
+    cells = rows_of(page, ".listing button.csv", tmp_path)
+    assert cells[1:] == [["'=HYPERLINK(0)", "+0.3 ± 0.1"], ["'@x", "'-cmd|' /C calc'!A0"], ["-8.28", 'a "b"']]
+    assert rows_of(page, ".listing + .listing button.csv", tmp_path) == [["own"], ["1"]]
+    assert (tmp_path / "campaign-s-table-0.csv").exists()
+    assert page.value("document.querySelectorAll('.no-webgl, canvas').length") > 0
+    assert "WebGL is not supported" not in page.value("document.body.innerText")
+    page.close()
+
+
+def test_nothing_is_wider_than_a_phone(drawn):
+    drawn.resize(360, 740)
+    assert drawn.value("document.documentElement.scrollWidth") == 360
+    wide = "[...document.querySelectorAll('.scroll')].filter((a) => a.scrollWidth > a.clientWidth)"
+    assert drawn.value(f"{wide}.length") > 0
+    assert drawn.becomes(f"{wide}.every((area) => area.tabIndex === 0 && area.ariaLabel)")
+    drawn.resize(1200, 900)
+
+
+def test_figures_that_nobody_saw_are_on_paper_and_none_is_cut(opened):
+    page = opened(render(campaign_tables(poses=3), "c"), scheme="dark")
+    pdf = page.printed()
+    sizes = re.findall(rb"/MediaBox ?\[ ?0 0 ([\d.]+) ([\d.]+)", pdf)
+    assert len(sizes) > 3
+    assert {tuple(round(float(side)) for side in size) for size in sizes} == {A4_PT}
+    assert len(page.value(SHOWN)) == 8
+    page.value("dispatchEvent(new Event('beforeprint'))")
+    sides = page.value(
+        """[...document.querySelectorAll(".plot")].map((plot) => {
+          const fit = +plot.style.getPropertyValue("--fit");
+          return [plot.layout.width * fit, plot.layout.height * fit];
+        })"""
+    )
+    assert np.all(np.array(sides) <= np.array([182, 269]) / 25.4 * 96)  # mm of A4 inside its margins, in px
+    page.close()

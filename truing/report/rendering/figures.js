@@ -1,0 +1,109 @@
+// Draws figures when they come near the view, and all of them, at the width of the paper, before the page is printed.
+"use strict";
+(() => {
+  const PAPER = { width: 680, height: 820 }; // px that A4 leaves between its margins, and less than its height
+  const PRINT_OF_TABLES = 8 / 10.5; // their letters on paper over those on the screen
+  const config = {
+    displaylogo: false,
+    responsive: true,
+    showSendToCloud: false, // nothing of a campaign may leave the page
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  };
+  const read = (element) => JSON.parse(element.textContent);
+  const plots = [...document.querySelectorAll(".plot")];
+  const held = (plot) => plot.closest("figure").querySelector("script.figure-data");
+  const drawn = new Map(); // plot -> promise of its drawing
+
+  // The library waits as text, so that the words of the page are there before it is read.
+  const library = () => {
+    if (!window.Plotly) {
+      const script = document.createElement("script");
+      script.textContent = document.getElementById("plotly").textContent;
+      document.head.append(script);
+    }
+    return window.Plotly;
+  };
+
+  const draw = (plot) => {
+    if (!drawn.has(plot)) {
+      const { data, layout, steps } = read(held(plot));
+      layout.template ??= read(document.getElementById("template"));
+      drawn.set(plot, library().newPlot(plot, data, layout, config).then(() => name(plot)));
+      const chosen = chooser(plot);
+      if (chosen?.value > 0) library().update(plot, ...steps[chosen.value].args);
+    }
+    return drawn.get(plot);
+  };
+
+  // A picture has nothing inside that is operated: it is the drawing, and its buttons stand beside it.
+  const name = (plot) => {
+    const [picture, ...others] = plot.querySelectorAll(".main-svg");
+    picture.setAttribute("role", "img");
+    picture.setAttribute("aria-label", plot.getAttribute("aria-label"));
+    others.forEach((other) => other.setAttribute("aria-hidden", "true"));
+    plot.setAttribute("role", "group");
+    plot.setAttribute("aria-label", "figure and its buttons");
+  };
+
+  const chooser = (plot) => plot.closest("figure").querySelector(".steps input");
+
+  const choose = (plot) => {
+    const input = chooser(plot);
+    const { steps } = read(held(plot));
+    const show = () => {
+      const { label, args } = steps[input.value];
+      input.setAttribute("aria-valuetext", label);
+      plot.closest("figure").querySelector(".steps output").textContent = label;
+      if (drawn.has(plot)) library().update(plot, ...args);
+    };
+    input.addEventListener("input", show);
+    show(); // a page that is loaded again may keep where the slider stood
+  };
+
+  // What is too large for the paper is made smaller, not cut.
+  const fit = (table) => {
+    const area = table.parentElement;
+    area.style.width = `${PAPER.width / PRINT_OF_TABLES}px`;
+    const share = PAPER.width / PRINT_OF_TABLES / table.offsetWidth;
+    area.style.width = "";
+    table.style.setProperty("--fit", Math.min(1, share));
+  };
+
+  const toPaper = () => {
+    document.querySelectorAll("table").forEach(fit);
+    for (const plot of plots) {
+      draw(plot);
+      plot.dataset.height ??= plot.layout.height;
+      const share = Math.min(1, PAPER.height / plot.dataset.height);
+      plot.style.setProperty("--fit", share);
+      library().relayout(plot, { width: PAPER.width / share, height: +plot.dataset.height });
+    }
+  };
+
+  const toScreen = () => {
+    for (const plot of plots) library().relayout(plot, { width: null, height: +plot.dataset.height, autosize: true });
+  };
+
+  // What scrolls can be reached by the keyboard; what does not is no stop on its way.
+  const scrolls = [...document.querySelectorAll(".scroll")];
+  const reach = () => {
+    for (const area of scrolls) area.tabIndex = area.scrollWidth > area.clientWidth ? 0 : -1;
+  };
+  const resized = new ResizeObserver(reach);
+  scrolls.forEach((area) => resized.observe(area));
+
+  plots.filter(chooser).forEach(choose);
+  const near = new IntersectionObserver(
+    (seen) => {
+      for (const { target, isIntersecting } of seen) {
+        if (!isIntersecting) continue;
+        near.unobserve(target);
+        setTimeout(draw, 0, target); // one by one: a reader who scrolls is not held up
+      }
+    },
+    { rootMargin: "800px 0px" },
+  );
+  requestAnimationFrame(() => setTimeout(() => plots.forEach((plot) => near.observe(plot))));
+  window.addEventListener("beforeprint", toPaper);
+  window.addEventListener("afterprint", toScreen);
+})();
