@@ -91,13 +91,15 @@ class Earlier:
         return replace(self, information=np.zeros_like(self.information))
 
 
-def earlier_knowledge(found: ExtendedModel, model: Unknowns) -> Earlier:
+def earlier_knowledge(found: ExtendedModel, model: Unknowns, common: tuple[Cause, ...] | None = None) -> Earlier:
     """Return what an earlier model tells of the unknowns of a model of the next campaign.
 
-    Effects that the next one cannot follow, for want of a column, are left out.
+    Effects that the next one cannot follow, for want of a column, are left out; ``common``: those that both have.
     """
     old = found.model
-    causes = tuple(cause for cause in old.causes if cause.lasts and _is_told(cause, model))
+    causes = common
+    if causes is None:
+        causes = tuple(cause for cause in old.causes if cause.lasts and _is_told(cause, model))
     wider = model.with_causes(causes)
     names = [name for name in _GEOMETRY if name in old.layout and name in wider.layout]
     names += [cause.key for cause in causes]

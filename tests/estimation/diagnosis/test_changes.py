@@ -71,3 +71,16 @@ def test_another_machine_is_said_to_be_one():
     covariance = np.linalg.inv(rows.T @ rows + np.eye(40))
     before, now = (covariance @ rows.T @ rows @ rng.normal(size=40) for _ in range(2))
     assert compare(before, covariance, now, covariance, np.eye(40)).changed() is None
+
+
+def test_an_estimate_wider_than_what_was_known_before_leaves_no_negative_variance(designs):
+    """Sigmas are enlarged for the noise, also where the data tell nothing."""
+    rng = np.random.default_rng(6)
+    found = []
+    for rows in designs:
+        told = rows * (np.arange(NUMBERS) != 9)
+        covariance = np.linalg.inv(told.T @ told + np.eye(NUMBERS)) * 1.05**2
+        found += [covariance @ told.T @ rng.normal(size=ROWS), covariance]
+    compared = compare(*found, np.eye(NUMBERS))
+    assert np.linalg.eigvalsh(compared.covariance).min() > 0.0
+    assert np.abs(compared.difference / compared.sigma).max() < 4.0

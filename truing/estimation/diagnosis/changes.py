@@ -37,7 +37,7 @@ class Comparison:
 
     @property
     def sigma(self) -> NDArray:
-        """Return one sigma (n,) of the difference; zero where neither campaign tells anything."""
+        """Return one sigma (n,) of the difference."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @cached_property
@@ -52,13 +52,14 @@ class Comparison:
         away, _ = self._whitened
         return float(away @ away), len(away)
 
-    def changed(self) -> tuple[int, ...] | None:
+    def changed(self, level: float = LEVEL) -> tuple[int, ...] | None:
         """Return the fewest numbers (their places) whose changes explain the difference; None where they are too many.
 
         The one that explains most comes first, then that which explains most of the rest, until chance explains it.
+        ``level``: how often chance alone makes any one of them look so, and how often all together.
         """
         found: list[int] = []
-        while (worst := self._worst(found)) is not None:
+        while (worst := self._worst(found, level)) is not None:
             if len(found) == MOST:
                 return None
             found.append(worst)
@@ -93,14 +94,14 @@ class Comparison:
         score[free] = 0.0
         return score, float(rest @ rest)
 
-    def _worst(self, free: list[int]) -> int | None:
+    def _worst(self, free: list[int], level: float) -> int | None:
         """Return the number whose change explains most of what changes of others leave; None where chance does."""
         from scipy.special import chdtrc, ndtr
 
         score, square = self._scores(free)
         single = 2.0 * ndtr(-score.max(initial=0.0)) * max(int((score > 0.0).sum()), 1)
         whole = chdtrc(max(self.chi_square[1] - len(free), 1), square)
-        return int(score.argmax()) if min(single, whole) < LEVEL and score.any() else None
+        return int(score.argmax()) if min(single, whole) < level and score.any() else None
 
 
 def compare(
@@ -116,9 +117,21 @@ def compare(
     shared (n, n): the information that both rest on; apart (n, n): by what else they differ (they are counted from
     different frames), as a covariance.
     """
-    crossed = covariance @ shared @ covariance_now
-    spread = covariance + covariance_now - crossed - crossed.T + apart
     root = np.linalg.cholesky(shared)
     left, directions = np.linalg.eigh(root.T @ covariance_now @ root)
     told = directions[:, 1.0 - left > _TOLD].T @ root.T
+    covariance, covariance_now = _within(covariance, root), _within(covariance_now, root)
+    crossed = covariance @ shared @ covariance_now
+    spread = covariance + covariance_now - crossed - crossed.T + apart
     return Comparison(now - before, (spread + spread.T) / 2, np.eye(len(now)) - covariance_now @ shared, told)
+
+
+def _within(covariance: NDArray, root: NDArray) -> NDArray:
+    """Return a covariance (n, n) that is narrower everywhere than what was known before, of information root root'.
+
+    One that was enlarged for the noise is wider than that where the data tell next to nothing, and differences have a
+    negative variance there; least information takes its place.
+    """
+    left, directions = np.linalg.eigh(root.T @ covariance @ root)
+    back = np.linalg.solve(root.T, directions)
+    return np.asarray((back * np.minimum(left, 1.0 - _TOLD)) @ back.T)
