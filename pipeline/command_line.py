@@ -285,6 +285,25 @@ def export(
     _end(lambda: export_run(run, forms, out))
 
 
+@app.command()
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in their order.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where to; default: comparison, beside the first run.")
+    ] = None,
+) -> None:
+    """Put campaigns of one machine side by side, and tell which of its numbers have changed.
+
+    Each run is compared with the one before. Leaves compared.parquet (every number of every run, its change, and
+    whether that is beyond chance) and comparison.html.
+
+    Example: truing compare runs/2026-spring runs/2026-autumn --out runs/comparison
+    """
+    from pipeline.compare_command import compare_runs
+
+    _end(lambda: compare_runs(runs, out))
+
+
 def _workforce(workers: int | None, scheduler: str | None) -> Workforce:
     from pipeline.executor import LOCAL, Workforce
 

@@ -266,6 +266,14 @@ _EXTENSION = (
     Column("changed", "flag", "whether it is among the fewest numbers whose changes explain all differences"),
 )
 
+_COMPARED = (
+    Column("place", "integer", "the run's place in the order in which the runs were named", minimum=1),
+    Column("folder", "text", "the run's folder, as it was named"),
+    Column("campaign", "text", "the campaign that the run is of"),
+    Column("group", "text", "what the number is of", choices=("geometry", "effect", "compliance", "G_B")),
+    _real("difference", "", "the number minus that of the run before, in the unit of its row", nullable=True),
+)
+
 _READING_ERRORS = tuple(
     _real(f"missed_{when}", "unit", f"measured minus predicted {when} the extension, in the unit of its row")
     for when in ("before", "after")
@@ -339,6 +347,7 @@ COLUMNS: dict[str, Column] = {
         _QUALITY,
         _DIAGNOSIS,
         _EXTENSION,
+        _COMPARED,
         _READING_ERRORS,
         _CALIBRATION,
         _SENSOR,

@@ -98,5 +98,15 @@ DIAGNOSIS = (
             "instead",
         ),
     ),
+    Artifact(
+        "compared",
+        "compared.parquet",
+        "numbers of several runs of one machine, each against the run before (`truing compare`)",
+        (
+            *("place", "folder", "campaign", "group", "effect_of", "leg", "parameter", "value", "sigma", "unit"),
+            *("difference", "sigma_difference", "z", "changed", "change", "sigma_change", "instead", "reason"),
+        ),
+        key=("place", "group", "effect_of", "leg", "parameter"),
+    ),
     Artifact("report", "report.html", "the page: what was measured, found and left out"),
 )

@@ -1,0 +1,178 @@
+"""Several runs of one machine side by side: their numbers in one long table, and what changed from each to the next."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+from truing.runs.comparison.mechanisms import mechanism_numbers, mechanism_step
+from truing.runs.comparison.sensors import matrix_numbers, matrix_step, sensor_numbers, sensor_step
+from truing.runs.comparison.step import NAMES, Step, not_judged
+from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.extended_model import ExtendedModel
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
+    from truing.runs.recorded_run import Run
+
+_NTH = "nth"
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """The rows of compared.parquet, and from each run to the next the steps that were judged, or why not."""
+
+    table: pd.DataFrame
+    steps: tuple[tuple[Step, ...], ...]  # of each pair of neighbours
+
+
+def kind_of(run: Run) -> str:
+    """Return what a run is a campaign of, by its tables."""
+    return "a force sensor on its bench" if "readings" in run else "points on bodies"
+
+
+def mechanism_of(run: Run) -> str:
+    """Return the mechanism of a run, as ``6-pus of 6 legs``; empty where it has left no model that tells."""
+    model = run.model
+    if isinstance(model, ExtendedModel):
+        return f"{model.model.nominal.closure.name} of {model.model.leg_count} legs"
+    return ""
+
+
+def side_by_side(runs: Sequence[Run]) -> SideBySide:
+    """Compare runs of one machine in their order; raises ValueError where a file is not what a run leaves."""
+    import pandas as pd
+
+    numbers = [_numbers(run) for run in runs]
+    steps = tuple(
+        tuple(_steps(before, now, *tables))
+        for (before, now), tables in zip(pairwise(runs), pairwise(numbers), strict=True)
+    )
+    parts = [_first(numbers[0])]
+    for own, before, judged in zip(numbers[1:], numbers, steps, strict=False):
+        parts.append(_joined(own, before, [step.rows for step in judged if len(step.rows)]))
+    told = [
+        part.assign(place=place, folder=str(run.folder), campaign=run.campaign)
+        for place, (part, run) in enumerate(zip(parts, runs, strict=True), start=1)
+    ]
+    return SideBySide(pd.concat(told, ignore_index=True).reindex(columns=ARTIFACTS["compared"].columns), steps)
+
+
+def compared_table(found: SideBySide) -> pa.Table:
+    """Return the rows as the artifact ``compared`` has them."""
+    import pyarrow as pa
+
+    schema = ARTIFACTS["compared"].arrow_schema()
+    columns = {
+        name: [None if _missing(value) else _plain(value, schema.field(name).type) for value in found.table[name]]
+        for name in schema.names
+    }
+    return pa.table(columns, schema)
+
+
+def _missing(value: Any) -> bool:
+    return value is None or value != value
+
+
+def _plain(value: Any, kind: pa.DataType) -> Any:
+    return int(value) if str(kind) == "int64" else value
+
+
+def _numbers(run: Run) -> pd.DataFrame:
+    import pandas as pd
+
+    model = run.model
+    parts = []
+    if isinstance(model, ExtendedModel):
+        parts.append(mechanism_numbers(model))
+    if isinstance(model, ExtendedSensor):
+        parts.append(sensor_numbers(model))
+    if "sensor_matrix" in run:
+        parts.append(matrix_numbers(run["sensor_matrix"]))
+    parts = [part.astype(dict.fromkeys(NAMES, object)) for part in parts if len(part)]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*NAMES, "value", "sigma", "unit"])
+
+
+def _steps(before: Run, now: Run, old: pd.DataFrame, new: pd.DataFrame) -> Iterator[Step]:
+    yield _of_models(before, now)
+    matrices = [numbers[numbers["group"] == "G_B"] for numbers in (old, new)]
+    if all(map(len, matrices)):
+        yield (
+            matrix_step(*matrices)
+            if _matrix_model(before) == _matrix_model(now)
+            else not_judged(f"G_B is made otherwise ({_matrix_model(before)}, then {_matrix_model(now)})")
+        )
+
+
+def _of_models(before: Run, now: Run) -> Step:
+    first, second = before.model, now.model
+    absent = [run.campaign for run, model in ((before, first), (now, second)) if model is None]
+    if first is None or second is None:
+        return not_judged(f"{' and '.join(absent)} left no extended model")
+    if (start := now.folder / ARTIFACTS["start"].file).is_file():
+        return not_judged(_begun(tomllib.loads(start.read_text(encoding="utf-8")), now))
+    if isinstance(first, ExtendedModel) and isinstance(second, ExtendedModel):
+        return mechanism_step(first, second)
+    if isinstance(first, ExtendedSensor) and isinstance(second, ExtendedSensor):
+        return sensor_step(first, second, _simulated(now))
+    return not_judged("they are of other machines")
+
+
+def _begun(start: dict[str, Any], now: Run) -> str:
+    of = start.get("model", {}).get("campaign", "an earlier campaign")
+    return f"{now.campaign} started from the model of {of}, which its numbers rest on; its own page tells what changed"
+
+
+def _simulated(run: Run) -> np.ndarray:
+    """Return the sigmas (36,), SI, that the compliance was simulated with; endless where nothing is known of them."""
+    sigma = np.full((6, 6), np.inf)
+    if "compliance" not in run or "simulated_sigma" not in run["compliance"]:
+        return sigma.ravel()
+    table = run["compliance"].dropna(subset=["simulated_sigma"])
+    channels, loads = ("dx", "dy", "dz", "rx", "ry", "rz"), ("fx", "fy", "fz", "mx", "my", "mz")
+    for r in table.itertuples():
+        if r.simulated_sigma > 0.0:
+            sigma[channels.index(r.response), loads.index(r.load)] = r.simulated_sigma
+    return sigma.ravel()
+
+
+def _matrix_model(run: Run) -> str:
+    table = run["sensor_matrix"]
+    return ", ".join(dict.fromkeys(table[table["chosen"] & (table["matrix"] == "G_B")]["model"]))
+
+
+def _numbered(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows with a count of those of the same name: two forms of one effect may share theirs."""
+    return rows.assign(**{_NTH: rows.groupby(NAMES, dropna=False).cumcount()})
+
+
+def _first(numbers: pd.DataFrame) -> pd.DataFrame:
+    return numbers.assign(changed=False)
+
+
+def _joined(own: pd.DataFrame, before: pd.DataFrame, judged: list[pd.DataFrame]) -> pd.DataFrame:
+    """Return the numbers of a run with what was judged of them against the run before."""
+    import pandas as pd
+
+    on = [*NAMES, _NTH]
+    table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
+    table["difference"] = table["value"] - table.pop("value_before")
+    if judged:
+        rows = pd.concat([one.astype(dict.fromkeys(NAMES, object)) for one in judged], ignore_index=True)
+        table = table.merge(_numbered(rows), on=on, how="left")
+    table = table.reindex(columns=[*dict.fromkeys([*table.columns, "z", "changed", "reason"])])
+    table["changed"] = table["changed"].eq(True)
+    alone = table["difference"].isna()
+    unjudged = table["z"].isna() & table["reason"].isna() & ~table["changed"]
+    table["reason"] = table["reason"].astype(object)
+    table.loc[unjudged, "reason"] = "not judged"
+    table.loc[alone, "reason"] = "not in the run before"
+    return table
