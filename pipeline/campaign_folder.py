@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
 
 FILE = "campaign.toml"
+_LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _UNSAFE = re.compile(r'[/\\:*?"<>|\x00-\x1f]')
 # Names that Windows keeps for devices, whatever their ending.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -61,6 +63,11 @@ def open_campaign(place: Path) -> CampaignFolder:
     """Parse the campaign.toml in a folder (or the file itself); raises CampaignFaults where that cannot be."""
     file = place if place.suffix == ".toml" and place.is_file() else place / FILE
     try:
+        if file.exists() and not file.is_file():  # a folder, a device without end
+            raise IsADirectoryError(file)
+        if (size := file.stat().st_size) > _LARGEST:
+            expected = f"settings of at most {_LARGEST >> 20} MB; measured values belong into tables"
+            raise CampaignFaults([Fault(str(file), expected, value=f"{size >> 20} MB")])
         text = file.read_text(encoding="utf-8-sig")
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
         raise CampaignFaults([Fault(str(file), _expected_instead(place))]) from None
@@ -71,6 +78,11 @@ def open_campaign(place: Path) -> CampaignFolder:
         return CampaignFolder(file, tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise CampaignFaults([_toml_fault(file, error)]) from None
+    except ValueError:  # Python turns no longer text into an integer
+        longest = sys.get_int_max_str_digits()
+        raise CampaignFaults([Fault(str(file), f"numbers of at most {longest} digits")]) from None
+    except RecursionError:
+        raise CampaignFaults([Fault(str(file), "valid TOML; brackets within brackets go too deep")]) from None
 
 
 def _expected_instead(place: Path) -> str:

@@ -5,6 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+_LONGEST = {
+    "place": 160,
+    "value": 120,
+    "expected": 1000,
+}  # characters: a message tells of a file, it does not repeat it
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -22,14 +28,24 @@ class Fault:
     more: int = 0
 
     def __str__(self) -> str:
-        place = self.file
+        place = _shown(self.file, 4 * _LONGEST["place"])
         if self.row is not None:
             place += f", row {self.row}"
         if self.column is not None:
-            place += f", column {self.column}"
-        found = "" if self.value is None else f"found {self.value!r}; "
+            place += f", column {_shown(self.column, _LONGEST['place'])}"
+        found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         others = f" (and {self.more} more like it)" if self.more else ""
-        return f"{place}: {found}expected {self.expected}{others}"
+        return f"{place}: {found}expected {_shown(self.expected, _LONGEST['expected'])}{others}"
+
+
+def _shown(text: str, longest: int) -> str:
+    """A text on one line: what a terminal would obey instead of showing it is written out."""
+    text = _shortened(" ".join(text.split("\n")), longest)
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def _shortened(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[: longest - 24]} ... {text[-12:]}"
 
 
 class CampaignFaults(Exception):

@@ -12,6 +12,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 Format = Literal["auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "vstars", "tracker"]
 
 
+_NOT_OF_FILES = ("idna", "punycode", "unicode-escape", "raw-unicode-escape", "undefined")
+
+
 def _compiles(pattern: str) -> str:
     try:
         re.compile(pattern)
@@ -35,10 +38,29 @@ def _is_template(template: str) -> str:
 
 def _is_encoding(name: str) -> str:
     try:
-        codecs.lookup(name)
-    except LookupError:
-        raise ValueError("a known encoding, such as utf-8, utf-16, cp1252 or latin-1") from None
+        known = codecs.lookup(name)
+        b"1".decode(name, errors="replace")  # raises LookupError where bytes become bytes, such as zlib
+    except (LookupError, ValueError):  # UnicodeError: "undefined"; ValueError: a null character in the name
+        known = None
+    if known is None or known.name in _NOT_OF_FILES:
+        raise ValueError("a known encoding, such as utf-8, utf-16, cp1252 or latin-1")
     return name
+
+
+def _is_separator(text: str) -> str:
+    if text not in ("whitespace", "blank", "tab") and not _is_mark(text):
+        raise ValueError('one ASCII character, or "whitespace"')
+    return text
+
+
+def _is_quote(text: str) -> str:
+    if text and not _is_mark(text):
+        raise ValueError("one ASCII character, or empty where a quotation mark is a mark like any other")
+    return text
+
+
+def _is_mark(text: str) -> bool:
+    return len(text) == 1 and text.isascii() and text not in "\r\n\0"
 
 
 Pattern = Annotated[str, AfterValidator(_compiles)]
@@ -58,13 +80,17 @@ class FileMapping(BaseModel):
 
     path: str | tuple[str, ...] = Field(description="file or glob, relative to campaign.toml")
     format: Format = Field("auto", description="auto goes by the file's name")
-    separator: str | None = Field(None, description='one character, or "whitespace"; absent: found out')
+    separator: Annotated[str, AfterValidator(_is_separator)] | None = Field(
+        None, description='one character, or "whitespace"; absent: found out'
+    )
     header: bool | None = Field(None, description="whether the first line names the columns")
     names: tuple[str, ...] = Field((), description="names for the columns of a file without header")
     decimal: Literal[".", ","] = "."
     thousands: Literal[",", ".", "'", " "] | None = Field(None, description="a blank: any kind of blank")
     encoding: Annotated[str, AfterValidator(_is_encoding)] = "utf-8"
-    quote: str = Field('"', max_length=1, description="empty where a quotation mark is a mark like any other")
+    quote: Annotated[str, AfterValidator(_is_quote)] = Field(
+        '"', description="empty where a quotation mark is a mark like any other"
+    )
     comment: str | None = Field(None, description="lines that begin with it are passed over")
     skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
     keep_lines: Pattern | None = Field(None, description="expression of the lines to read")
@@ -106,6 +132,12 @@ class FileMapping(BaseModel):
     def _wide_names_targets(self) -> FileMapping:
         if self.wide is not None and ("{axis}" not in self.wide or self.wide.count("{") < 2):
             raise ValueError('wide needs {axis} and the name of a column, such as "{target}_{axis}"')
+        return self
+
+    @model_validator(mode="after")
+    def _marks_differ(self) -> FileMapping:
+        if self.separator is not None and self.separator == self.quote:
+            raise ValueError("a separator other than quote")
         return self
 
     @property

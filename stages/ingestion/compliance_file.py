@@ -30,7 +30,7 @@ def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
         return None
     try:
         lines = file.path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError):
+    except (OSError, ValueError):
         log.add(Fault("campaign.toml", "an existing text file", column="mechanism.compliance_file", value=file.name))
         return None
     matrix = _matrix(file, lines, log)

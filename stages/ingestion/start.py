@@ -28,7 +28,7 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
         wrong = _departure(tomllib.loads(text), settings.mechanism)
     except OSError:
         wrong = "a file that can be read: the model.toml of an earlier campaign"
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no text, no TOML, or numbers without end in it
         wrong = f"{_WRITTEN} ({error})"
     if wrong:
         log.add(Fault("campaign.toml", wrong, column=_COLUMN, value=source.earlier_model.name))

@@ -50,7 +50,8 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
     parser = _Parser(lines, separator, entry, len(names), kinds)
     done = 0
     for batch, count in _in_order(parser.parse, _prepend(rest if has_header else first, blocks)):
-        yield _from_record(batch, done)
+        if count:  # a block may hold blank lines and comments alone
+            yield _from_record(batch, done)
         done += count
     if done == 0:
         raise Unusable("at least one record below the header")

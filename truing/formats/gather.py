@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.columns import find_column
+from schemas.faults import Fault
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import CellFaults, FaultLog, Records
 from truing.formats.read import FileRows, read_table
@@ -76,7 +78,12 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
         left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
     parts = [(file, batch.records) for file, batch in batches]
     tables = [batch for _, batch in batches]
-    return Gathered(_concatenated(tables), parts, left_out, _faulty(tables))
+    table = _concatenated(tables)
+    taken = [name for name in table.column_names if shape.is_covariate(name) and find_column(name) is not None]
+    for name in taken:
+        expected = "a name that means nothing else in a run: another one under columns, or ignore to pass over it"
+        log.add(Fault(parts[0][0].raw.name, expected, column=name))
+    return Gathered(table.drop_columns(taken), parts, left_out, _faulty(tables))
 
 
 def _faulty(batches: list[TableBatch]) -> dict[str, NDArray[np.bool_]]:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 _ROWS = 1 << 17
 
@@ -24,24 +26,42 @@ def read_parquet(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
     try:
         with pq.ParquetFile(path, memory_map=False) as file:
-            yield from _batches(file, wanted)
-    except pa.ArrowInvalid as error:
-        raise Unusable("a whole Parquet file", value=str(error).splitlines()[0][:80]) from None
+            yield from _batches(file, path.stat().st_size, wanted)
+    except pa.ArrowException as error:
+        raise Unusable("a whole Parquet file", value=(str(error).splitlines() or [""])[0][:80]) from None
 
 
-def _batches(file: object, wanted: Wanted) -> Iterator[RawBatch]:
-    names = tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
-    if not file.metadata.num_rows:  # type: ignore[attr-defined]
+def _batches(file: pq.ParquetFile, size: int, wanted: Wanted) -> Iterator[RawBatch]:
+    names = tuple(file.schema_arrow.names)
+    if not file.metadata.num_rows:
         raise Unusable("at least one row; the table is empty")
+    _check_proportion(file.metadata, size)
     kinds = wanted(names, None)
     if kinds is None:
         return
     done = 0
-    read = [names[position] for position in kinds]
-    for batch in file.iter_batches(batch_size=_ROWS, columns=read):  # type: ignore[attr-defined]
-        columns = {i: _as_kind(batch.column(names[i]), kind) for i, kind in kinds.items()}
+    some = [names[position] for position in kinds]
+    by_name = len(set(names)) == len(names)
+    for batch in file.iter_batches(batch_size=_ROWS, columns=some if by_name else None):
+        columns = {i: _column(batch.column(names[i] if by_name else i), kind, names[i]) for i, kind in kinds.items()}
         yield RawBatch(columns, consecutive(done, batch.num_rows))
         done += batch.num_rows
+
+
+def _check_proportion(metadata: pq.FileMetaData, size: int) -> None:
+    """A few bytes may claim any number of equal rows, and memory would have to hold them."""
+    whole = 8 * metadata.num_rows * metadata.num_columns
+    if whole > max(FREE, LARGEST_RATIO * size):
+        raise Unusable(f"a table of at most {LARGEST_RATIO} times the file's size", value=f"{metadata.num_rows} rows")
+
+
+def _column(values: pa.Array, kind: Kind, name: str) -> pa.Array:
+    import pyarrow as pa
+
+    try:
+        return _as_kind(values, kind)
+    except (pa.ArrowException, UnicodeError):
+        raise Unusable("a column of numbers or of text", column=name, value=str(values.type)[:80]) from None
 
 
 def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:

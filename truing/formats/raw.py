@@ -39,8 +39,10 @@ class RawBatch:
 class Unusable(Exception):
     """A raw file that cannot be read at all: what was expected of it, and where."""
 
-    def __init__(self, expected: str, row: int | None = None, value: str | None = None) -> None:
-        self.expected, self.row, self.value = expected, row, value
+    def __init__(
+        self, expected: str, row: int | None = None, value: str | None = None, column: str | None = None
+    ) -> None:
+        self.expected, self.row, self.value, self.column = expected, row, value, column
         super().__init__(expected)
 
 

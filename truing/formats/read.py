@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from schemas.faults import Fault
 from schemas.mapping import FileMapping
-from truing.formats.compression import DAMAGED, open_plain, plain_path
+from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog
@@ -18,7 +18,7 @@ from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
-from truing.formats.text import Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
+from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
 
 T = TypeVar("T")
 
@@ -112,8 +112,8 @@ def _read_file(
                 log.cells(raw.name, faults, rows.locate)
             yield rows, found
     except Unusable as error:
-        log.add(Fault(raw.name, error.expected, row=error.row, value=error.value))
-    except (*DAMAGED, UnicodeDecodeError, OpenQuotation, OSError) as error:
+        log.add(Fault(raw.name, error.expected, error.row, error.column, error.value))
+    except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, OSError) as error:
         log.add(_damage(raw.name, error, completed))
 
 
@@ -138,10 +138,13 @@ def _raw_batches(rows: FileRows, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def _damage(file: str, error: Exception, entry: FileMapping) -> Fault:
-    if isinstance(error, UnicodeDecodeError):
-        return Fault(
-            file, f"text in {entry.encoding}; another encoding may fit", value=str(error.object[error.start])[:8]
-        )
+    if isinstance(error, Refused):
+        return Fault(file, error.expected, value=error.found)
+    if isinstance(error, UnicodeError):
+        found = str(error.object[error.start])[:8] if isinstance(error, UnicodeDecodeError) else None
+        return Fault(file, f"text in {entry.encoding}; another encoding may fit", value=found)
+    if isinstance(error, EndlessLine):
+        return Fault(file, f"lines of at most {error.longest >> 20} MB")
     if isinstance(error, OpenQuotation):
         return Fault(
             file,

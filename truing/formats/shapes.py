@@ -53,10 +53,18 @@ class Shape:
 
     def column(self, name: str) -> Column | None:
         """The definition of a column of this table, a covariate's included; None where there is no such column."""
-        known = next((column for column in _RAW if column.name == name), None) or find_column(name)
-        if known is not None and (name in (*self.required, *self.optional) or self._is_member(known)):
+        known = _defined(name)
+        if known is not None and self._has(known, name):
             return known
         return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
+
+    def is_covariate(self, name: str) -> bool:
+        """Whether a column would be carried along, and is none of this table's own."""
+        known = _defined(name)
+        return self.covariates and not (known is not None and self._has(known, name))
+
+    def _has(self, known: Column, name: str) -> bool:
+        return name in (*self.required, *self.optional) or self._is_member(known)
 
     def _is_member(self, column: Column) -> bool:
         return self.family is not None and column.name == self.family
@@ -71,6 +79,10 @@ class Shape:
     def has_coordinates(self) -> bool:
         """Whether rows are points."""
         return "x_mm" in self.required
+
+
+def _defined(name: str) -> Column | None:
+    return next((column for column in _RAW if column.name == name), None) or find_column(name)
 
 
 def _carried_unit(name: str) -> str:

@@ -87,7 +87,7 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
 
         try:
             names = tuple(pq.read_schema(path).names)
-        except pa.ArrowInvalid:
+        except pa.ArrowException:
             return Guess(notes=("it is no whole Parquet file",))
         mapping, notes = _columns(names)
         return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))

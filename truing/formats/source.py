@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import glob
 import re
 from collections.abc import Mapping
@@ -50,7 +51,7 @@ class CampaignFiles:
             return mapped if isinstance(mapped, tuple) else (mapped,)
         from schemas.mapping import FileMapping
 
-        present = [name for name in _contract_names(table) if (self.folder / name).is_file()]
+        present = [name for name in _contract_names(table) if _is_file(self.folder / name)]
         return tuple(FileMapping(path=name) for name in present)
 
     def is_mapped(self, table: str) -> bool:
@@ -82,7 +83,7 @@ class CampaignFiles:
             for raw in self.resolve(pattern)
         )
         single = [
-            file.path for file in (self.earlier_model, self.compliance) if file is not None and file.path.is_file()
+            file.path for file in (self.earlier_model, self.compliance) if file is not None and _is_file(file.path)
         ]
         return tuple(sorted({*found, *single}))
 
@@ -117,14 +118,24 @@ def _contract_names(table: str) -> tuple[str, str]:
 
 
 def _expand(folder: Path, pattern: str) -> list[str]:
-    if (folder / pattern).is_file():
+    if _is_file(folder / pattern):
         return [pattern]
     try:
         names = glob.glob(pattern, root_dir=folder, recursive=True)
     except (OSError, ValueError, re.error):
         return []
-    files = [name.replace("\\", "/") for name in names if (folder / name).is_file()]
+    files = [name.replace("\\", "/") for name in names if _is_file(folder / name)]
     return sorted(files, key=_natural)
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a file is there; no file has a name that no file can have."""
+    try:
+        return path.is_file()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return False
+        raise
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -19,6 +19,12 @@ class OpenQuotation(ValueError):
     """A quotation mark that nothing closes."""
 
 
+class EndlessLine(ValueError):
+    """A line longer than any record."""
+
+    longest = _LONGEST_RECORD
+
+
 @dataclass(frozen=True)
 class Lines:
     """What makes a line a record: not blank, no comment, and holding what ``keep`` looks for."""
@@ -76,7 +82,10 @@ def utf8_chunks(stream: IO[bytes], encoding: str, size: int = BLOCK) -> Iterator
 
 
 def record_blocks(chunks: Iterator[bytes], quote: bytes) -> Iterator[bytes]:
-    """Blocks that end with a record; a line feed between quotation marks ends none. Raises OpenQuotation."""
+    """Blocks that end with a record, which no line feed between quotation marks does.
+
+    Raises OpenQuotation and EndlessLine.
+    """
     rest = b""
     for chunk in chunks:
         if quote and (quote in chunk or quote in rest):
@@ -88,7 +97,7 @@ def record_blocks(chunks: Iterator[bytes], quote: bytes) -> Iterator[bytes]:
         else:
             rest += chunk
         if len(rest) > _LONGEST_RECORD:
-            raise OpenQuotation
+            raise OpenQuotation if quote and quote in rest else EndlessLine
     if quote and rest.count(quote) % 2:
         raise OpenQuotation
     if rest:
