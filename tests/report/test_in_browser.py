@@ -102,9 +102,9 @@ def test_the_numbers_of_a_figure_are_a_file(drawn, tmp_path):
     rows = rows_of(drawn, "#deformation figure:nth-of-type(3) button.csv", tmp_path)
     (name,) = (file.name for file in tmp_path.iterdir())
     assert re.fullmatch(r"Prüfstand-7-b-script-img-src-x-[\w.-]{1,60}-deformation-2\.csv", name)
-    assert rows[0][-1].startswith("text")
+    assert rows[0] == ["x", "y", "z: µm per mm", "text"]
     matrix = campaign_tables()["deformation_models"].query("model == 'matrix'")
-    numbers = np.array([row[rows[0].index("z")] for row in rows[1:]], dtype=float)
+    numbers = np.array([row[2] for row in rows[1:]], dtype=float)
     assert np.array_equal(numbers, 1e3 * matrix["coefficient"].to_numpy())
 
 
@@ -126,16 +126,25 @@ def test_numbers_of_every_kind_and_cells_that_would_be_formulas(opened, tmp_path
     figure.data[0].error_y = {"type": "data", "array": np.array([0.5, 0.25, 0.125], dtype="f4")}
     figure.update_xaxes(title="load<br><i>F</i> &lt;kN&gt;")
     many = go.Figure(go.Scattergl(x=np.arange(3.0), y=np.arange(3.0), mode="markers"))
-    cells = (("=HYPERLINK(0)", "+0.3 ± 0.1"), ("@x", "-cmd|' /C calc'!A0"), ("-8.28", 'a "b"'))
-    shown = tuple((style(one, "title", "subtitle", 300), "caption.") for one in (figure, many))
+    cells = (
+        ("=HYPERLINK(0)", "+0.3 ± 0.1"),
+        ("@x", "-cmd|' /C calc'!A0"),
+        ("-8.28", "-2+A(1)"),
+        ("-0.2 ± 0.1 (-0.5)", 'a "b"'),
+    )
+    bars = go.Figure(go.Bar(x=[1, 2], y=[["a", "a"], ["b", "c"]], text=["10<sup>3</sup>", "5"]))
+    shown = tuple((style(one, "title", "subtitle", 300), "caption.") for one in (figure, bars, many))
     section = Section("s", "S", "lead", shown, (Listing(("a", "b"), cells), Listing(("a",), (("1",),), csv="own\n1\n")))
     page = opened(render_page(Head("..", ()), [section]))
     page.scroll_through()
     heads, *rows = rows_of(page, "figure button.csv", tmp_path)
     assert heads == ["x: load F <kN>", "y", "text", "y bar up"]
     assert rows == [["1", "0.1", "'=1+1", "0.5"], ["-2", "1e-9", "-2", "0.25"], ["3", "", "a,b", "0.125"]]
+    rows = rows_of(page, "figure:nth-of-type(2) button.csv", tmp_path)
+    assert rows == [["x", "y", "text"], ["1", "a, b", "10^3"], ["2", "a, c", "5"]]
     cells = rows_of(page, ".listing button.csv", tmp_path)
-    assert cells[1:] == [["'=HYPERLINK(0)", "+0.3 ± 0.1"], ["'@x", "'-cmd|' /C calc'!A0"], ["-8.28", 'a "b"']]
+    assert cells[1:3] == [["'=HYPERLINK(0)", "+0.3 ± 0.1"], ["'@x", "'-cmd|' /C calc'!A0"]]
+    assert cells[3:] == [["-8.28", "'-2+A(1)"], ["-0.2 ± 0.1 (-0.5)", 'a "b"']]
     assert rows_of(page, ".listing + .listing button.csv", tmp_path) == [["own"], ["1"]]
     assert (tmp_path / "campaign-s-table-0.csv").exists()
     assert page.value("document.querySelectorAll('.no-webgl, canvas').length") > 0

@@ -11,7 +11,7 @@
   ];
 
   const plain = (text) => {
-    const words = `${text ?? ""}`.replace(/<br\s*\/?>/g, " ");
+    const words = `${text ?? ""}`.replace(/<br\s*\/?>/g, " ").replace(/<sup>/g, "^"); // powers stay powers
     return new DOMParser().parseFromString(words, "text/html").body.textContent.trim();
   };
 
@@ -46,8 +46,14 @@
     );
   };
 
+  // Categories within categories come level by level, all else point by point.
+  const perPoint = (name, values) =>
+    "xy".includes(name) && Array.isArray(values?.[0])
+      ? values[0].map((_, k) => values.map((level) => level[k]).join(", "))
+      : values;
+
   const pointRows = (trace) => {
-    const columns = MEASURES.map((name) => [name, listed(trace[name])]);
+    const columns = MEASURES.map((name) => [name, perPoint(name, listed(trace[name]))]);
     for (const letter of ["x", "y", "z"]) {
       const { array, arrayminus } = trace[`error_${letter}`] ?? {};
       columns.push([`${letter} bar up`, listed(array)], [`${letter} bar down`, listed(arrayminus)]);
@@ -67,15 +73,21 @@
   };
 
   // A name that begins like a formula would be one in a spreadsheet; a signed number stays as it is.
-  const guarded = (text) => (/^[=@\t\r]|^[+-](?!\d[^=|!(]*$)/.test(text) ? `'${text}` : text);
+  const guarded = (text) => (/^[=@\t\r]|^[+-](?!\d(?:(?![A-Za-z]\()[^=|!])*$)/.test(text) ? `'${text}` : text);
 
   const quoted = (text) => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
 
   const csv = (rows) => rows.map((row) => row.map(quoted).join(",")).join("\n") + "\n";
 
+  // Of a matrix the colours say what its numbers are.
+  const titleOf = (layout, trace, letter) => {
+    const told = trace.type === "heatmap" && letter === "z" ? trace.colorbar : axisOf(layout, trace, letter);
+    return plain(told?.title?.text);
+  };
+
   const figureRows = ({ data, layout, steps }) => {
     const titles = data.map((trace) =>
-      Object.fromEntries(["x", "y", "z"].map((letter) => [letter, plain(axisOf(layout, trace, letter).title?.text)])),
+      Object.fromEntries(["x", "y", "z"].map((letter) => [letter, titleOf(layout, trace, letter)])),
     );
     const rows = data.flatMap((trace, k) => {
       const shown = steps?.find(({ args }) => args[0].visible[k] === true)?.label;
