@@ -126,6 +126,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
         "@NAME@": json.dumps(name if is_safe_name(name) else "my-campaign", ensure_ascii=False),
         "@KIND@": json.dumps(kind),
         "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
+        "@QUALITY_LIMITS@": "\n".join(_quality_limits(kind)),
         "@FILES@": "\n".join(line for lines in files for line in lines),
     }
     return re.sub("|".join(parts), lambda match: parts[match[0]], _TEMPLATE.read_text(encoding="utf-8"))
@@ -139,6 +140,15 @@ def _mapping_keys() -> Iterator[str]:
         default = field.get_default(call_default_factory=True)
         shown = "" if field.is_required() or default in (None, (), {}) else f"; absent: {_toml(default)}"
         yield f"#   {key:<12} {field.description or 'as it is written in the files'}{shown}"
+
+
+def _quality_limits(kind: str) -> Iterator[str]:
+    """One line per check of a kind of campaign whose limits it may set, from the check's declaration."""
+    from schemas.quality_checks import settable
+
+    for name, limits in settable(kind).items():
+        verdicts = (("warns", limits.warns), ("fails", limits.fails))
+        yield f"#   {name:<17} {limits.of}: {', '.join(f'{verb} {words}' for verb, words in verdicts if words)}"
 
 
 def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:

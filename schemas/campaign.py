@@ -11,6 +11,7 @@ from schemas.faults import CampaignFaults, Fault
 from schemas.interferometer import Interferometer
 from schemas.mapping import FileMapping
 from schemas.mechanism import LeggedMechanism, NoMechanism
+from schemas.quality_checks import limit_faults
 from schemas.section import Section
 from schemas.sections import (
     Acceptance,
@@ -92,9 +93,12 @@ class Campaign(Section):
 def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Campaign:
     """The campaign that a parsed campaign.toml describes; raises CampaignFaults with every fault at once."""
     try:
-        return Campaign.model_validate(document)
+        campaign = Campaign.model_validate(document)
     except ValidationError as error:
         raise CampaignFaults(_fault(file, detail) for detail in error.errors()) from None
+    if faults := tuple(limit_faults(file, campaign.campaign.kind, campaign.qa.limits)):
+        raise CampaignFaults(faults)
+    return campaign
 
 
 # The library writes a bound with all its digits.

@@ -189,7 +189,7 @@ _LOADS = (
 
 _QUALITY = (
     Column("check", "text", "the name of the check"),
-    _real("limit", "", "the limit the value is held against, in the unit of its row", nullable=True),
+    _real("limit", "", "the limit that the verdict rests on, in the unit of its row", nullable=True),
     Column("accepted", "text", "who accepted the verdict and why; empty where nobody did", nullable=True),
     Column("rows", "integer", "how many rows it concerns", minimum=0),
     Column("by", "text", "the rule, or the person, that left them out"),

@@ -91,10 +91,19 @@ class Diagnosis(Section):
     seed: int = Field(0, ge=0, description="seed of the simulated null draws")
 
 
+class SetLimits(Section):
+    """[qa.limits.<check>]: from where on a check warns or fails, in place of its declared limits."""
+
+    warn: NotNegative | None = None
+    fail: NotNegative | None = None
+    reason: str | None = Field(None, min_length=1, description="why; the check says it with its verdict")
+
+
 class QualityLimits(Section):
-    """[qa]: the probability that all failing checks together trip on a good campaign."""
+    """[qa]: the probability that all failing checks together trip on a good campaign, and limits of its own."""
 
     false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    limits: dict[str, SetLimits] = Field(default_factory=dict, description="by check, where its limits are plain")
 
 
 class Overrule(Section):

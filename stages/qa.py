@@ -59,13 +59,15 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality.bodies import body_views, surroundings
     from stages.quality.checks import all_checks
+    from stages.quality.limits import CampaignLimits
     from stages.quality.of_decisions import overruled_points
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)
     attachments = _attachments(settings)
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     found = chain(
-        all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm),
+        all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm, limits),
         overruled_points(tables["observations"], settings),
     )
     read = f"{tables['observations'].num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
@@ -75,20 +77,22 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no readings and no signals")
+    from stages.quality.limits import CampaignLimits
     from stages.quality.loading_checks import loading_checks
     from stages.quality.loading_view import loading_view
 
     view = loading_view(tables, settings)
     read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs"
-    checks = loading_checks(view, settings)
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+    checks = loading_checks(view, settings, limits)
     if "reading_corrections" in tables:
         from stages.quality.of_corrections import correction_checks
 
-        checks = chain(checks, correction_checks(view, tables["reading_corrections"]))
+        checks = chain(checks, correction_checks(view, tables["reading_corrections"], limits))
     if "quadrature" in tables:
         from stages.quality.of_quadrature import quadrature_checks
 
-        checks = chain(quadrature_checks(tables["quadrature"]), checks)
+        checks = chain(quadrature_checks(tables["quadrature"], limits), checks)
     return _judged(checks, read, settings, progress)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
+from stages.quality.limits import CampaignLimits
 from stages.quality.of_noise import noise, noise_by_pose, repeatability
 from stages.quality.of_targets import (
     attachment_labels,
@@ -35,20 +36,21 @@ def all_checks(
     attachments: NDArray[np.float64],
     actuator_mm: float,
     budget: float,
+    limits: CampaignLimits,
 ) -> Iterator[Check]:
     """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
     share = budget / _CHANCE_CHECKS
-    yield unobserved_poses(around)
+    yield unobserved_poses(around, limits)
     yield from attachment_labels(bodies, attachments)
     for body in bodies:
-        yield from completeness(body)
-        yield from geometry(body)
-        yield from gross_errors(body)
+        yield from completeness(body, limits)
+        yield from geometry(body, limits)
+        yield from gross_errors(body, limits)
         yield from exchanged_labels(body, around)
         yield from moved_targets(body, around, 10.0 * share / len(bodies))
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(bodies[0], 10.0 * share)
     yield from repeatability(bodies, around, actuator_mm, share)
-    yield time_gaps(around)
-    yield temperature_span(around)
+    yield time_gaps(around, limits)
+    yield temperature_span(around, limits)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from stages.quality.check import Check, without
+from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
 from stages.quality.of_decisions import overruled
 from stages.quality.of_labels import exchanged_channels
@@ -35,16 +36,16 @@ if TYPE_CHECKING:
 _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
 
 
-def loading_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
+def loading_checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> Iterator[Check]:
     """Every check: of the programme, channel by channel, of the surroundings, of signals."""
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield from overruled(view, settings)
-    yield steps_there(view)
+    yield steps_there(view, limits)
     yield runs_whole(view)
-    yield pauses(view)
-    yield from load_range(view, settings.loading)
+    yield pauses(view, limits)
+    yield from load_range(view, settings.loading, limits)
     if view.channels:
-        yield from _of_readings(view, settings, share)
+        yield from _of_readings(view, settings, share, limits)
     else:
         yield without("readings", "completeness", "", "the campaign holds no readings of the platform's motion")
     turned: frozenset[int] = frozenset()
@@ -55,8 +56,8 @@ def loading_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
     yield from signal_checks(view, settings, turned, share)
 
 
-def _of_readings(view: LoadingView, settings: Campaign, share: float) -> Iterator[Check]:
-    yield from readings_there(view)
+def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: CampaignLimits) -> Iterator[Check]:
+    yield from readings_there(view, limits)
     found = answers(view)
     yield from units(view, found)
     yield from signs(view, found, "readings", 0.5 * share)
@@ -64,10 +65,10 @@ def _of_readings(view: LoadingView, settings: Campaign, share: float) -> Iterato
     yield from run_zeros(view)
     each = share / len(view.channels)
     for channel in view.channels:
-        yield gross_errors(view, channel)
+        yield gross_errors(view, channel, limits)
         yield noise(channel, each)
         yield drift(view, channel, 10.0 * each)
         yield zero_return(view, channel, 10.0 * each)
         yield repeatability(view, channel, 10.0 * each)
     yield from jumps(view, 10.0 * share)
-    yield from surroundings_checks(view, settings.interferometer)
+    yield from surroundings_checks(view, settings.interferometer, limits)

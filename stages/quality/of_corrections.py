@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from stages.quality.check import PASS, WARN, Check
+from stages.quality.check import Check
+from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def correction_checks(view: LoadingView, corrections: pa.Table) -> Iterator[Check]:
+def correction_checks(view: LoadingView, corrections: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
     """One check of every channel and correction whose uncertainty is declared."""
     noise = {channel.name: channel.declared * channel.in_files for channel in view.channels}
     for row in corrections.to_pylist():
@@ -22,5 +23,5 @@ def correction_checks(view: LoadingView, corrections: pa.Table) -> Iterator[Chec
         by = "" if row["largest"] is None else f" by {row['largest']:.2g} {row['unit']} at most, which"
         said = f"{name} is corrected for the {row['correction']}{by or ' as it came, which'}"
         said += f" is known to {left:.2g} {row['unit']} (one sigma)."
-        verdict = WARN if left > noise[name] else PASS
-        yield Check("corrections", f"channel {name} {row['correction']}", left, noise[name], row["unit"], verdict, said)
+        limit = limits.of("corrections", per=noise[name])
+        yield limit.row(f"channel {name} {row['correction']}", left, row["unit"], said)

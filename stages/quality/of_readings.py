@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
 from truing.estimation.interferometry.log_quality import signs_flipped, units_mistaken
 from truing.estimation.quality import Scatter
@@ -22,7 +23,6 @@ _REPEATS_NOTED = 1.5
 FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
-_GROSS_NOTED, _GROSS_TOLERATED = 0.05, 0.15
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def noise(channel: ChannelView, share: float) -> Check:
     return Check("noise", name, ratio, _TOLERATED, "1", verdict, said)
 
 
-def gross_errors(view: LoadingView, channel: ChannelView) -> Check:
+def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits) -> Check:
     """Single readings far from their place."""
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
@@ -176,8 +176,7 @@ def gross_errors(view: LoadingView, channel: ChannelView) -> Check:
     places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in channel.rows[out]]
     said = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are far from their place"
     said += f" ({listed(places)})." if places else "."
-    verdict = FAIL if share > _GROSS_TOLERATED else WARN if share > _GROSS_NOTED else PASS
-    return Check("gross-errors", f"channel {channel.name}", share, _GROSS_TOLERATED, "1", verdict, said)
+    return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", said)
 
 
 def jumps(view: LoadingView, share: float) -> Iterator[Check]:

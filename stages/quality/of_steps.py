@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.check import PASS, WARN, Check, listed, without
+from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
@@ -17,13 +18,11 @@ from truing.estimation.interferometry.log_quality import runs_cut_short, steps_m
 if TYPE_CHECKING:
     from schemas.sections import Loading
 
-_NOTED, _MOST_MISSING = 0.1, 0.3
-_LONG_PAUSE = 10.0
-_HALF_RANGE = 0.5
+_FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
 _RUNS_ALIKE = 3
 
 
-def steps_there(view: LoadingView) -> Check:
+def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     """Numbers of steps that a run leaves out, or one of its tables; where all runs count in twos or tens, that is how
     they count."""
     steps = view.steps
@@ -36,15 +35,14 @@ def steps_there(view: LoadingView) -> Check:
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
     places += [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in lost]
     said = f"{missing} steps are missing: {listed(places)}." if missing else "No step is missing."
-    verdict = FAIL if share > _MOST_MISSING else WARN if missing else PASS
-    return Check("steps-missing", "", share, _MOST_MISSING, "1", verdict, said)
+    return limits.of("steps-missing").row("", share, "1", said)
 
 
 def _lost(run: NDArray, values: NDArray) -> NDArray:
     """The few steps (N,) at which a table (B, K) of values says nothing, in runs (B,) of which it does."""
     there = np.isfinite(values).any(axis=1)
     lost = np.flatnonzero(~there & np.isin(run, np.unique(run[there])))
-    return lost if len(lost) <= _NOTED * there.sum() else lost[:0]
+    return lost if len(lost) <= _FEW * there.sum() else lost[:0]
 
 
 def _starts(view: LoadingView) -> NDArray[np.int64]:
@@ -66,7 +64,7 @@ def runs_whole(view: LoadingView) -> Check:
     return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, said)
 
 
-def readings_there(view: LoadingView) -> Iterator[Check]:
+def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]:
     """Per channel, the share of readings missing in the runs that it was watched in."""
     steps = view.steps
     seen = np.isfinite(steps.reading)
@@ -75,14 +73,13 @@ def readings_there(view: LoadingView) -> Iterator[Check]:
         if not watched.any():
             continue
         share = float(1.0 - seen[watched, k].mean())
-        verdict = FAIL if share > _MOST_MISSING else WARN if share > _NOTED else PASS
         said = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that it was watched in."
-        yield Check("completeness", f"channel {channel}", share, _MOST_MISSING, "1", verdict, said)
+        yield limits.of("completeness").row(f"channel {channel}", share, "1", said)
     if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
         yield without("never read", "completeness", f"channels {' '.join(never)}", "what they would show stays unknown")
 
 
-def pauses(view: LoadingView) -> Check:
+def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
     """A pause within a run much longer than the usual pace: zeros and temperatures may have moved meanwhile."""
     steps = view.steps
     within = np.flatnonzero(np.diff(steps.run) == 0)
@@ -92,23 +89,21 @@ def pauses(view: LoadingView) -> Check:
     longest, usual = int(pause.argmax()), float(np.median(pause))
     after = within[longest] + 1
     where = f"{view.run_name(steps.run[after])} step {steps.step[after]}"
-    verdict = WARN if pause[longest] > _LONG_PAUSE * usual else PASS
     times = pause[longest] / usual
     said = f"The longest pause within a run is {pause[longest]:.0f} s, {times:.1f} times the usual, before {where}."
-    return Check("time-gaps", where, float(pause[longest]), _LONG_PAUSE * usual, "s", verdict, said)
+    return limits.of("time-gaps", per=usual).row(where, float(pause[longest]), "s", said)
 
 
-def load_range(view: LoadingView, loading: Loading) -> Iterator[Check]:
+def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> Iterator[Check]:
     """Whether loads reach far enough into the range that the sensor is meant for."""
     largest = np.abs(view.steps.load).max(axis=0, initial=0.0)
+    enough = limits.of("load-range")
     for k, name in enumerate(LOAD_COLUMNS):
-        limit = getattr(loading, name)
-        if limit is None or largest[k] == 0.0:
+        full = getattr(loading, name)
+        if full is None or largest[k] == 0.0:
             continue
-        share = float(largest[k] / limit)
+        share = float(largest[k] / full)
         said = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
-        if share < _HALF_RANGE:
+        if enough.verdict(share) != PASS:
             said += " Beyond that, everything is extrapolated."
-        yield Check(
-            "load-range", f"load {LOADS[k]}", share, _HALF_RANGE, "1", WARN if share < _HALF_RANGE else PASS, said
-        )
+        yield enough.row(f"load {LOADS[k]}", share, "1", said)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import TEMPERATURES, LoadingView
 from truing.estimation.interferometry.log_quality import (
     pressures_out_of_reach,
@@ -23,13 +25,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_TEMPERATURE_K, _PRESSURE_HPA = 2.0, 10.0
-_NOISES = 3.0
 _HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index
 _MM, _HPA, _NM = 1e-3, 1e2, 1e-9
 
 
-def surroundings_checks(view: LoadingView, optics: Interferometer) -> Iterator[Check]:
+def surroundings_checks(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> Iterator[Check]:
     """Every check of temperatures, pressure and the air along the beams."""
     known = view.steps.covariates
     for name in (*TEMPERATURES, "air_pressure_hpa"):
@@ -38,8 +38,8 @@ def surroundings_checks(view: LoadingView, optics: Interferometer) -> Iterator[C
             yield without(what, "surroundings", what, "it was not recorded")
             continue
         yield _likely(view, name, what)
-        yield _steady(view, name, what)
-    yield _air(view, optics)
+        yield _steady(view, name, what, limits)
+    yield _air(view, optics, limits)
 
 
 def _likely(view: LoadingView, name: str, what: str) -> Check:
@@ -57,25 +57,27 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     return Check("surroundings", what, worst, limit, unit, FAIL if places else PASS, said)
 
 
-def _steady(view: LoadingView, name: str, what: str) -> Check:
+def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> Check:
     """How far a quantity walked within a run, and over the campaign."""
     value = view.steps.covariates[name]
     went = surroundings(value, view.steps.run)
     span = np.where(np.isfinite(went.span), went.span, 0.0)
     worst = int(np.argmax(span))
     over_all = float(np.nanmax(value) - np.nanmin(value))
-    limit, unit = (_TEMPERATURE_K, "K") if name in TEMPERATURES else (_PRESSURE_HPA, "hPa")
+    is_temperature = name in TEMPERATURES
+    unit = "K" if is_temperature else "hPa"
     read = np.isfinite(view.steps.reading).any(axis=1)
     missing = float(1.0 - np.isfinite(value[read]).mean())
     said = f"The {what} walked by {over_all:.3g} {unit} in all, within a run by {span[worst]:.3g} {unit} at most "
     said += f"({view.run_name(worst)})."
     if missing:
         said += f" It is missing in {100.0 * missing:.0f} % of the steps."
-    wrong = span[worst] > limit or missing > 0.0
-    return Check(f"{what.split()[-1]}-span", what, float(span[worst]), limit, unit, WARN if wrong else PASS, said)
+    limit = limits.of("temperature-span") if is_temperature else limits.of("pressure-span")
+    row = limit.row(what, float(span[worst]), unit, said)
+    return replace(row, verdict=WARN) if missing and row.verdict == PASS else row
 
 
-def _air(view: LoadingView, optics: Interferometer) -> Check:
+def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> Check:
     """What the change of the air since the start of each run is worth in readings, over dead path and displacement."""
     known = view.steps.covariates
     if not {"air_temperature_c", "air_pressure_hpa"} <= set(known):
@@ -94,12 +96,12 @@ def _air(view: LoadingView, optics: Interferometer) -> Check:
         reading = view.steps.reading[channel.rows, channel.place]
         dead = _MM * getattr(optics.dead_path_mm, channel.name)
         worth = worth_of_air(np.nan_to_num(change)[view.steps.run[channel.rows]], dead, reading)
-        noise = min(noise, _NOISES * channel.sigma)
+        noise = min(noise, channel.sigma)
         if worth.max() >= worst:
             worst, at = float(worth.max()), channel.name
     if not at:
         return without("worth of the air", "worth-of-air", "", "no linear channel was read")
     said = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
     said += "compensated as they came." if optics.compensated else "compensated here."
-    verdict = WARN if optics.compensated and worst > noise else PASS
-    return Check("worth-of-air", at, 1e6 * worst, 1e6 * noise, "um", verdict, said)
+    limit = limits.of("worth-of-air", per=1e6 * noise)
+    return limit.row(at, 1e6 * worst, "um", said, counts=optics.compensated)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, listed
+from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import (
     body_shape,
     exchanged_pairs,
@@ -19,21 +20,13 @@ from truing.estimation.quality import (
 
 Array = NDArray[np.float64]
 
-_LOST_WARN = 0.05
-_MISSING_WARN, _MISSING_FAIL = 0.1, 0.3
-_GROSS_WARN, _GROSS_FAIL = 0.05, 0.15
-_SPREAD_IN_SIGMA = 5.0  # below it the roll about the line is known to some 5 degrees at best
-_NEARLY_PLANAR = 0.01
-_LEVERAGE = 0.9
 
-
-def unobserved_poses(around: Surroundings) -> Check:
+def unobserved_poses(around: Surroundings, limits: CampaignLimits) -> Check:
     """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
     lost = [str(pose) for pose in around.unobserved]
     share = len(lost) / max(len(lost) + len(around.poses), 1)
-    verdict = FAIL if share > _MISSING_FAIL else WARN if lost else PASS
     said = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
-    return Check("unobserved-poses", "", share, _MISSING_FAIL, "1", verdict, said)
+    return limits.of("unobserved-poses").row("", share, "1", said)
 
 
 def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
@@ -60,36 +53,28 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
             )
 
 
-def completeness(body: BodyView) -> Iterator[Check]:
+def completeness(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     """Targets seen per pose, and poses without a frame."""
     seen = body.points.seen
-    share = 1.0 - float(seen.mean())
-    verdict = FAIL if share > _MISSING_FAIL else WARN if share > _MISSING_WARN else PASS
-    yield Check(
-        "completeness",
+    yield limits.of("completeness").row(
         body.name,
-        share,
-        _MISSING_FAIL,
+        1.0 - float(seen.mean()),
         "1",
-        verdict,
         f"{body.name}: {int((~seen).sum())} of {seen.size} target readings are missing "
         f"({seen.shape[1]} targets, {seen.shape[0]} poses).",
     )
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
-    yield Check(
-        "poses-determined",
+    yield limits.of("poses-determined", per=len(seen)).row(
         body.name,
         float(len(lost)),
-        _MISSING_FAIL * len(seen),
         "1",
-        FAIL if len(lost) > _MISSING_FAIL * len(seen) else WARN if len(lost) > _LOST_WARN * len(seen) else PASS,
         f"{body.name}: every pose can be determined."
         if not lost
         else f"{body.name}: {len(lost)} poses have too few usable targets ({listed(lost)}).",
     )
 
 
-def geometry(body: BodyView) -> Iterator[Check]:
+def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     """Whether the targets fix a frame: spread across a line and a plane, and no single target on which it hangs."""
     points = body.survey.points[body.frame]
     if len(points) < 3:
@@ -99,58 +84,42 @@ def geometry(body: BodyView) -> Iterator[Check]:
         return
     shape = body_shape(points)
     across, thick = shape.extents[1] / shape.extents[0], shape.extents[2] / shape.extents[0]
-    sigma = float(np.median(body.sigma))
-    in_line = shape.extents[1] < _SPREAD_IN_SIGMA * sigma
-    yield Check(
-        "geometry-line",
+    spread, line = float(shape.extents[1] * 1e3), limits.of("geometry-line", per=float(np.median(body.sigma)) * 1e3)
+    in_line = line.verdict(spread) != PASS
+    yield line.row(
         body.name,
-        float(shape.extents[1] * 1e3),
-        _SPREAD_IN_SIGMA * sigma * 1e3,
+        spread,
         "mm",
-        FAIL if in_line else PASS,
         f"{body.name}: targets spread {shape.extents[0] * 1e3:.1f} x {shape.extents[1] * 1e3:.1f} x "
         f"{shape.extents[2] * 1e3:.1f} mm (rms){': nearly in line, the roll is free' if in_line else ''}.",
     )
-    flat = len(points) > 3 and thick < _NEARLY_PLANAR
-    yield Check(
-        "geometry-plane",
+    plane, many = limits.of("geometry-plane"), len(points) > 3
+    flat = many and plane.verdict(float(thick)) != PASS
+    yield plane.row(
         body.name,
         float(thick),
-        _NEARLY_PLANAR,
         "1",
-        WARN if flat else PASS,
         f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
         f"{': nearly planar, mirrored labels would not be noticed' if flat else ''}.",
+        counts=many,
     )
     names = np.array(body.survey.targets, dtype=object)[body.frame]
     for name, leverage in zip(names, shape.leverage, strict=True):
-        heavy = len(points) > 3 and leverage > _LEVERAGE
-        yield Check(
-            "geometry-leverage",
-            f"target {name}",
-            float(leverage),
-            _LEVERAGE,
-            "1",
-            WARN if heavy else PASS,
-            f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame.",
-        )
+        said = f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame."
+        yield limits.of("geometry-leverage").row(f"target {name}", float(leverage), "1", said, counts=many)
 
 
-def gross_errors(body: BodyView) -> Iterator[Check]:
+def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     """Share of targets far from their place; a few per cent are ordinary."""
     seen = int(body.points.seen.sum())
     share = float(body.gross.sum()) / max(seen, 1)
-    verdict = FAIL if share > _GROSS_FAIL else WARN if share > _GROSS_WARN else PASS
     per_target = body.gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
-    yield Check(
-        "gross-errors",
+    yield limits.of("gross-errors").row(
         body.name,
         share,
-        _GROSS_FAIL,
         "1",
-        verdict,
         f"{body.name}: {int(body.gross.sum())} of {seen} readings are far from their place{tail}.",
     )
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import PASS, WARN, Check, without
-from truing.estimation.quality import (
-    find_drift,
-)
+from stages.quality.limits import CampaignLimits
+from truing.estimation.quality import find_drift
 
 
 def base_drift(body: BodyView, share: float) -> Iterator[Check]:
@@ -27,36 +26,26 @@ def base_drift(body: BodyView, share: float) -> Iterator[Check]:
     yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
 
 
-def time_gaps(around: Surroundings) -> Check:
+def time_gaps(around: Surroundings, limits: CampaignLimits) -> Check:
     """A pause much longer than the usual pace: something may have changed meanwhile."""
     steps = np.diff(around.time)
     if len(steps) < 3 or np.median(steps) <= 0.0:
         return without("time gaps", "time-gaps", "", "no times")
     longest = int(steps.argmax())
-    ratio, limit = float(steps[longest] / np.median(steps)), 10.0
-    return Check(
-        "time-gaps",
+    usual = float(np.median(steps))
+    return limits.of("time-gaps", per=usual).row(
         f"pose {around.poses[longest + 1]}",
         float(steps[longest]),
-        limit * float(np.median(steps)),
         "s",
-        WARN if ratio > limit else PASS,
-        f"The longest pause is {steps[longest]:.0f} s, {ratio:.1f} times the usual, "
+        f"The longest pause is {steps[longest]:.0f} s, {steps[longest] / usual:.1f} times the usual, "
         f"before pose {around.poses[longest + 1]}.",
     )
 
 
-def temperature_span(around: Surroundings) -> Check:
+def temperature_span(around: Surroundings, limits: CampaignLimits) -> Check:
     """How far the temperature walked: what thermal effects have to work with."""
     if around.temperature is None or not np.isfinite(around.temperature).any():
         return without("temperature", "temperature-span", "", "no temperatures were recorded")
     low, high = float(np.nanmin(around.temperature)), float(np.nanmax(around.temperature))
-    return Check(
-        "temperature-span",
-        "",
-        high - low,
-        2.0,
-        "K",
-        WARN if high - low > 2.0 else PASS,
-        f"Temperature ran from {low:.2f} to {high:.2f} degrees C.",
-    )
+    said = f"Temperature ran from {low:.2f} to {high:.2f} degrees C."
+    return limits.of("temperature-span").row("", high - low, "K", said)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.of_quadrature import ROUND
+from schemas.quality_checks import settable
 from truing.estimation.interferometry.iso230 import FORWARD, Positioning, positioning, positioning_uncertainty
 from truing.estimation.interferometry.log_quality import saturated, surroundings
 from truing.estimation.interferometry.quadrature import (
@@ -25,6 +25,7 @@ from truing.simulation.air import ciddor_index, vapour_pressure_pa
 
 AXES = ("X", "Y", "Z")
 LENGTH_PER_TURN_NM = 632.99 / 2.0  # a plane mirror, light back and forth once
+_ROUND = settable("interferometer")["signals-round"].fail or 0.0  # of the mean radius
 
 
 def quadrature(folder: Path) -> NDArray[np.float64]:
@@ -82,7 +83,7 @@ def quadrature_facts(signals: NDArray[np.float64]) -> QuadratureFacts:
         unclipped=residual_radius(signals, kept_fit.values, kept),
         mean_radius=radius.mean(1),
         clipped_share=1.0 - kept.mean(1),
-        flagged=left > ROUND * radius.mean(1),
+        flagged=left > _ROUND * radius.mean(1),
         periodic_nm=np.abs(uncorrected_error(kept_fit.values, turn)).max(1) / (2 * np.pi) * LENGTH_PER_TURN_NM,
         fourth_wave=radius_waves(signals, kept_fit.values, 4, kept)[:, 3],
         fit=fit,

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from schemas.checks_of_points import OF_POINTS
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import MatrixDeformation, TargetMoved, TargetsSwapped
 from tests.blind.generator.folder import write_campaign
@@ -53,6 +54,7 @@ def test_good_campaigns_do_not_fail(tmp_path):
 
 def test_every_check_says_what_it_found(tmp_path):
     qa, said = _qa(tmp_path)
+    assert set(qa["check"]) <= set(OF_POINTS)
     assert set(qa["verdict"]) <= {"pass", "warn", "fail", "not evaluated"}
     assert qa["message"].str.len().min() > 10
     assert f"{len(qa)} checks" in said.figure
@@ -169,6 +171,29 @@ def test_a_person_accepts_a_verdict_by_name(tmp_path):
     assert row["verdict"] == "fail"
     assert row["accepted"] == "M. Keller: known"
     assert not said.failed_checks
+
+
+def test_a_campaigns_own_limits_are_held_and_told(tmp_path):
+    extra = """
+[qa.limits.geometry-leverage]
+warn = 0.0
+fail = 0.0
+[qa.limits.temperature-span]
+warn = 1e-9
+reason = "procedure 7.3"
+[qa.limits.geometry-plane]
+warn = 0.01
+"""
+    qa, said = _qa(tmp_path, extra=extra)
+    leverage, (span,) = _rows(qa, "geometry-leverage"), _rows(qa, "temperature-span").to_dict("records")
+    assert set(leverage["verdict"]) == {"fail"}
+    assert len(leverage) == len(said.failed_checks)
+    assert (leverage["limit"] == 0.0).all()
+    own = "Limit set by the campaign: warns above 0 (by default above 0.9), fails above 0 (by default never)."
+    assert leverage["message"].str.endswith(own).all()
+    assert (span["verdict"], span["limit"]) == ("warn", 1e-9)
+    assert span["message"].endswith("campaign: warns above 1e-09 K (by default above 2 K): procedure 7.3.")
+    assert not _rows(qa, "geometry-plane")["message"].str.contains("campaign").any()  # it is the default
 
 
 def test_repeats_are_judged_where_there_are_any(tmp_path):

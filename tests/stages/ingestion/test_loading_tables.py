@@ -16,6 +16,7 @@ from schemas.faults import CampaignFaults
 from schemas.interferometer import Interferometer
 from stages import ingest
 from stages.declaration import Outcome
+from stages.quality.limits import CampaignLimits
 from stages.quality.of_quadrature import quadrature_checks
 from stages.responses.axis_positioning import positioning_rows
 from tests.tolerance import assert_between, assert_close
@@ -184,7 +185,8 @@ def test_raw_signals_become_lengths_counted_through_fringes(tmp_path):
                  [30.0, -12.0, 500.0, 430.0, 0.12], atol=1e-6)  # fmt: skip
     assert channel["radius_after"] < 1e-6 < 20.0 < channel["radius_before"]
     assert channel["miscount_risk"] < 1e-9
-    assert all(check.verdict == "pass" for check in quadrature_checks(found["quadrature"]))
+    limits = CampaignLimits("interferometer")
+    assert all(check.verdict == "pass" for check in quadrature_checks(found["quadrature"], limits))
 
 
 def test_raw_signals_carry_the_noise_of_their_phase(tmp_path):

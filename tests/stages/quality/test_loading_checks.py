@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from schemas.checks_of_loads import OF_LOADS
 from stages.quality.check import FAIL
 from stages.quality.loading_view import ChannelView
 from stages.quality.of_readings import noise
@@ -44,6 +45,7 @@ def test_a_good_campaign_passes(tmp_path, own_channel):
         qa = judged(tmp_path / str(seed), seed=seed, own_channel=own_channel, repeats=2)
         assert not told(qa, "fail")
         assert not told(qa, "warn")
+        assert set(qa["check"]) <= set(OF_LOADS)
         assert (qa["verdict"] == "pass").sum() > 40
 
 

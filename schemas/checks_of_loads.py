@@ -1,0 +1,185 @@
+"""The checks of a loading campaign on a bench, by their names in qa.parquet."""
+
+from __future__ import annotations
+
+from schemas.quality_check import Checks, Limits, QualityCheck, Rule
+
+_OF_PROGRAMME: Checks = {
+    "overruled": QualityCheck(
+        "What does each [[exclude]] and [[keep]] name, and how many readings is that?",
+        "A rule with a mistyped name does nothing, in silence.",
+        Rule(warns="one that names nothing that was read"),
+        "Correct the name in the entry that is told, or take the entry out.",
+    ),
+    "steps-missing": QualityCheck(
+        "Which numbers do the steps of a run leave out?",
+        "A lost step is lost history: creep and hysteresis know of loads that no row tells.",
+        Limits("share of the steps missing", warn=0.0, fail=0.3, most=1.0),
+        "Look for the step in the instrument's own log; repeat the run where it is not there.",
+    ),
+    "runs-cut-short": QualityCheck(
+        "Which runs end before others like them?",
+        "A run without its end shows neither its return to zero nor its largest load.",
+        Rule(warns="any"),
+        "Repeat the run that is named, or say in your notes why it ended.",
+    ),
+    "completeness": QualityCheck(
+        "Which share of a channel's readings is missing, in the runs that it was watched in?",
+        "A beam that was lost under large loads leaves out what matters most.",
+        Limits("share of the readings missing", warn=0.1, fail=0.3, most=1.0),
+        "Align the beam over the whole range and repeat the run. A channel that was never read is not evaluated.",
+    ),
+    "time-gaps": QualityCheck(
+        "How long is the longest pause within a run, over the usual pace?",
+        "Zeros and temperatures may have moved meanwhile.",
+        Limits("longest pause over the usual", warn=10.0, unit="times"),
+        "Repeat the run without a pause, or begin a new one after it.",
+    ),
+    "load-range": QualityCheck(
+        "How large is the largest load, over the range in [loading]?",
+        "Beyond the largest load everything is extrapolated. (Beyond 1 `ingest` refuses the load.)",
+        Limits("largest load over the range", warn=0.5, below=True, most=1.0),
+        "Load further, or declare the range that the sensor is used in.",
+    ),
+}
+_OF_READINGS: Checks = {
+    "units": QualityCheck(
+        "Are readings 1000 times too large or small, or off by another factor between units?",
+        "The mistake would be given a cause as large as itself; the diagnosis leaves such a campaign alone.",
+        Rule(fails="any run and channel"),
+        "Mend the unit in the table or in its mapping, of the channel or of the load.",
+    ),
+    "signs": QualityCheck(
+        "Does a run answer with the opposite sign, in its readings or its signals?",
+        "A turned sign is a label and no property of the platform; the diagnosis leaves such a campaign alone.",
+        Rule(fails="any, beyond chance"),
+        "Was the load or the channel turned? Mend the table or its mapping.",
+    ),
+    "channels-exchanged": QualityCheck(
+        "Do channels of a run read what another of them should?",
+        "Exchanged labels look like crosstalk; the diagnosis leaves such a campaign alone.",
+        Rule(fails="any"),
+        "Compare the run's wiring with its table; a load written down for another axis looks the same.",
+    ),
+    "run-zeros": QualityCheck(
+        "Do runs begin at zero without load, but for the noise of two readings, as a run counts from its own start?",
+        "A run that was begun without setting its channels to zero carries what went before.",
+        Rule(
+            warns="beyond chance (1e-4), or one run beyond 6 sigma, unless the starts follow a recorded column",
+        ),
+        "Set the channels to zero before each run. Runs are taken to count from zeros of their own, and are diagnosed.",
+    ),
+    "gross-errors": QualityCheck(
+        "How many single readings are far from their place?",
+        "A few are ordinary and left out; many say that the beam or the log is faulty.",
+        Limits("share of the readings far from their place", warn=0.05, fail=0.15, most=1.0),
+        "Look at the runs and steps that are named; repeat the run.",
+    ),
+    "noise": QualityCheck(
+        "How large is the scatter of a channel, over the declared noise?",
+        "Every uncertainty rests on the declared noise; ten per cent off is ordinary.",
+        Rule("beyond 1.1 times either way, beyond chance", "beyond 2 times either way, beyond chance"),
+        "Declare what the channel does, or find what shakes: air along the beam, the table, the load's suspension.",
+    ),
+    "jumps": QualityCheck(
+        "Does a channel jump within a run and stay there?",
+        "A miscounted fringe or a touched mirror shifts all that follows; the platform never jumps at equal loads.",
+        Rule(warns="any, beyond chance at its share"),
+        "Look what happened before the step that is named; repeat the run.",
+    ),
+    "drift": QualityCheck(
+        "Does a channel's zero walk over a run?",
+        "What walks with time is taken for creep, or hides it.",
+        Rule(warns="beyond 3 sigma and beyond chance"),
+        "Let bench and air settle; load in both orders, so that time and load can be told apart.",
+    ),
+    "zero-return": QualityCheck(
+        "Where does a channel stand without load after a run, against before?",
+        "A zero that stays away tells of creep, play or slip, or that somebody touched the bench.",
+        Rule(warns="beyond chance"),
+        "Wait without load and read again: what comes back is creep, what stays is slip.",
+    ),
+    "repeatability": QualityCheck(
+        "How far apart are runs of the same loads in the same order, over the declared noise?",
+        "It is the only direct witness that the declared noise is true from run to run.",
+        Rule(warns="beyond 1.5 times, beyond chance"),
+        "Look what differed: seat of the load, temperature, preload. Not evaluated: repeat one run of each axis.",
+    ),
+}
+_OF_SURROUNDINGS: Checks = {
+    "surroundings": QualityCheck(
+        "Are temperatures from -10 to 50 °C and pressures from 600 to 1100 hPa?",
+        "Other values are another unit, and would be compensated for as they stand.",
+        Rule(fails="any outside"),
+        "Mend the unit in the table or in its mapping; read the sensor beside another one.",
+    ),
+    "temperature-span": QualityCheck(
+        "How far did a temperature walk within a run; is it missing in some steps?",
+        "Beams and material follow it, and load follows time within a run.",
+        Limits("span within a run", warn=2.0, unit="K"),
+        "Wait for the room, shorten the runs. Missing values warn whatever the limit: record them at each step.",
+    ),
+    "pressure-span": QualityCheck(
+        "How far did the air's pressure walk within a run; is it missing in some steps?",
+        "The wavelength follows it, by 0.27 ppm each hPa.",
+        Limits("span within a run", warn=10.0, unit="hPa"),
+        "Shorten the runs. Missing values warn whatever the limit: record them at each step.",
+    ),
+    "worth-of-air": QualityCheck(
+        "What is the air's change within a run worth in readings, over dead path and displacement?",
+        "Where readings came compensated, nobody can tell for which air.",
+        Limits("worth over the noise, where readings came compensated", warn=3.0, unit="sigma"),
+        "Shorten the dead path, or log uncompensated readings with the air beside them.",
+    ),
+    "corrections": QualityCheck(
+        "What does a correction for air or material leave uncertain, where its sigmas are declared?",
+        "Known less well than the channel reads, it decides over the result ([interferometer](interferometer.md)).",
+        Limits("uncertainty over the channel's noise", warn=1.0),
+        "Calibrate the sensor of temperature or pressure, or measure dead path or expansion better.",
+    ),
+}
+_OF_SIGNALS: Checks = {
+    "signals": QualityCheck(
+        "Does the campaign hold signals?",
+        "Without them it says how the platform moves, and nothing of what the sensor would read.",
+        Rule(),
+        "Nothing, where only the platform was measured; never warns or fails.",
+    ),
+    "saturated": QualityCheck(
+        "Do samples stand at `[signals] range_mv`, or meet an end of a signal's range as a wall?",
+        "A cut sample reads the same at different loads: the calibration would bend toward it.",
+        Rule(fails="any"),
+        "Lower the amplifier's gain or the load and repeat the steps that are named; or exclude them.",
+    ),
+    "loads-span": QualityCheck(
+        "Do the loads tell all components of the wrench apart?",
+        "A component that was never loaded, or only together with another, cannot be calibrated.",
+        Rule("an axis that was never loaded", "axes that were loaded, but only together"),
+        "Load the direction that is named (`truing design CAMPAIGN` proposes loads).",
+    ),
+    "signals-independent": QualityCheck(
+        "Do the signals hold as many independent numbers as the loads (has V Vᵀ an inverse)?",
+        "A dead or doubled channel leaves a component of the load unseen.",
+        Rule("singular but for noise", "singular"),
+        "Look at the channels of the combination that is named: wiring, bridge, amplifier.",
+    ),
+    "exchanged-rows": QualityCheck(
+        "Do the loads of two rows stand in each other's place, by their signals?",
+        "Two exchanged rows spoil a calibration as much as a gross error each.",
+        Rule(fails="any, beyond chance"),
+        "Compare the rows that are named with the protocol, and exchange their loads.",
+    ),
+    "signals-round": QualityCheck(
+        "How far does the radius of an interferometer's raw signals scatter once corrected, over the radius?",
+        "What is not round is a periodic error of every reading; samples cut by the converter do that.",
+        Limits("scatter of the radius over the radius", fail=0.01, most=1.0),
+        "Align the beam, lower the gain so that nothing is cut, and record the run anew.",
+    ),
+    "fringes-counted": QualityCheck(
+        "How likely was any step from sample to sample counted a fringe off?",
+        "One miscounted fringe shifts all readings after it.",
+        Limits("largest probability of a step", fail=1e-3, most=1.0),
+        "Load more slowly or sample faster, and record the run anew.",
+    ),
+}
+OF_LOADS: Checks = {**_OF_PROGRAMME, **_OF_READINGS, **_OF_SURROUNDINGS, **_OF_SIGNALS}

@@ -1,0 +1,122 @@
+"""The checks of a campaign of object points, by their names in qa.parquet."""
+
+from __future__ import annotations
+
+from schemas.quality_check import Checks, Limits, QualityCheck, Rule
+
+OF_POINTS: Checks = {
+    "unobserved-poses": QualityCheck(
+        "Of which configurations was no point measured?",
+        "A pose that was not photographed is missing where it was planned to tell something; more often its points are "
+        "there under another name.",
+        Limits("share of the configurations without a point", warn=0.0, fail=0.3, most=1.0),
+        "Compare the pose names of both tables; mend the mapping, measure the pose, or take its row out.",
+    ),
+    "attachment-labels": QualityCheck(
+        "Does each target with a `leg` lie nearest to that leg's own nominal attachment?",
+        "A target given to a wrong leg gives that leg the shift of another one.",
+        Rule(fails="any that does not"),
+        "Correct `leg` in targets.csv, or the order of the legs in [mechanism].",
+    ),
+    "completeness": QualityCheck(
+        "Which share of a body's target readings is missing?",
+        "What is hidden is rarely hidden at random: whole directions or poses lose their weight.",
+        Limits("share of the target readings missing", warn=0.1, fail=0.3, most=1.0),
+        "Look which targets and poses are missing; add camera stations, clean the targets, or repeat those poses.",
+    ),
+    "poses-determined": QualityCheck(
+        "In how many poses has a body too few usable targets?",
+        "Such a pose is lost to everything that follows.",
+        Limits("share of the poses that cannot be determined", warn=0.05, fail=0.3, most=1.0),
+        "Repeat the poses that are named; put targets where they stay visible.",
+    ),
+    "geometry": QualityCheck(
+        "Has a body three targets that make its frame?",
+        "With fewer, it has no orientation.",
+        Rule(fails="fewer than three"),
+        "Put more targets on it and survey it anew.",
+    ),
+    "geometry-line": QualityCheck(
+        "How far do a body's targets spread across their longest axis?",
+        "Targets in a line leave the roll about it free.",
+        # Below it the roll is known to some 5 degrees at best.
+        Limits("spread (rms) over the noise of a target", fail=5.0, below=True, unit="sigma"),
+        "Put a target well off the line and survey the body anew.",
+    ),
+    "geometry-plane": QualityCheck(
+        "How thick is a body of more than three targets, over its length?",
+        "In a plane, labels that are mirrored fit as well as right ones, and go unnoticed.",
+        Limits("thickness over length", warn=0.01, below=True),
+        "Put one target out of the plane; else compare the labels with a photograph.",
+    ),
+    "geometry-leverage": QualityCheck(
+        "Which share of a target's own error stays in the frame?",
+        "A frame that hangs on one target moves with it, and its residual shows nothing.",
+        Limits("share of the target's error that stays in the frame", warn=0.9, most=1.0),
+        "Put a second target near to the one that is named.",
+    ),
+    "gross-errors": QualityCheck(
+        "How many readings are far from their place, after a robust fit?",
+        "A few are ordinary and left out; many say that labels, the survey or the targets themselves are wrong.",
+        Limits("share of the readings far from their place", warn=0.05, fail=0.15, most=1.0),
+        "Look at the targets that are named most often: loose, damaged, reflecting, or labelled wrongly?",
+    ),
+    "exchanged-labels": QualityCheck(
+        "Do two targets lie on each other's places?",
+        "Every figure that rests on them is wrong, and the mend is in the laboratory's hands.",
+        Rule(fails="any pair"),
+        "Exchange the labels in the poses that are named, in the instrument's project or in the export.",
+    ),
+    "moved-targets": QualityCheck(
+        "Does a target sit elsewhere from some pose on?",
+        "A sticker that was touched looks like a deformation. It can be modelled, and so does not gate.",
+        Rule(warns="any, beyond chance at its share"),
+        "Find out what happened before the pose that is named; survey the target anew, or exclude it by name.",
+    ),
+    "noise": QualityCheck(
+        "How large is the scatter per body, and per body and axis, over the declared noise?",
+        "Every uncertainty and test rests on the declared noise. Ten per cent off is ordinary; the test is one-sided "
+        "against the multiple, so that the share of false alarms holds just below it.",
+        Rule(
+            "beyond 1.1 times either way, beyond chance",
+            "beyond 1.5 times, beyond chance; one axis beyond 2.5 times",
+        ),
+        "Declare what the instrument does (`[noise]`, sigma columns), or find what shakes: tripod, traffic, exposure.",
+    ),
+    "noise-by-pose": QualityCheck(
+        "Which poses are noisier than the body's ordinary scatter?",
+        "One is a pose to look at: something moved while it was taken. Many are no campaign.",
+        Rule("any beyond 1.5 times, at one in a million", "beyond 3 times in a tenth of the poses, beyond chance"),
+        "Repeat the pose that is named; let the machine settle before each pose.",
+    ),
+    "base-drift": QualityCheck(
+        "Does the reference body walk in the frame of the measurement?",
+        "A tripod or foundation that gives way moves everything, where that frame is one for the campaign.",
+        Rule(warns="beyond 3 sigma and beyond chance"),
+        "See poses in the frame of the base (`[bodies] reference`); fix the instrument's stand before going on.",
+    ),
+    "overruled": QualityCheck(
+        "What does each [[exclude]] and [[keep]] name, and how many points is that?",
+        "A rule with a mistyped name does nothing, in silence.",
+        Rule(warns="one that names nothing that was seen"),
+        "Correct the name in the entry that is told, or take the entry out.",
+    ),
+    "repeatability": QualityCheck(
+        "How far apart are poses that were taken twice at the same readings, over their stated uncertainty?",
+        "It is the only direct witness that the uncertainties are true of the machine and not of the fit alone.",
+        Rule("beyond 1.5 times, beyond chance", "beyond 3 times, beyond chance"),
+        "Look for backlash, temperature and settling between the repeats. Not evaluated: repeat three poses.",
+    ),
+    "time-gaps": QualityCheck(
+        "How long is the longest pause, over the usual pace?",
+        "Something may have changed meanwhile: temperature, a target, the instrument's place.",
+        Limits("longest pause over the usual", warn=10.0, unit="times"),
+        "Write down what happened; repeat a pose from before the pause.",
+    ),
+    "temperature-span": QualityCheck(
+        "How far did the temperature walk?",
+        "Lengths follow it: 1 m of steel by 12 µm each kelvin.",
+        Limits("span of the temperature", warn=2.0, unit="K"),
+        "Keep the temperature, or record it with every pose, so that the diagnosis can ask what follows it.",
+    ),
+}

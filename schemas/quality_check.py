@@ -1,0 +1,57 @@
+"""How a check of a campaign's quality is declared: what it asks, why, by which limits, and what to do when it trips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Plain limits that a value is held against; a campaign may set others.
+
+    of: what is held against them, with its unit in ``unit``; None: no value gives that verdict. below: values below a
+    limit trip it, else those above. most: the largest limit that makes sense, as 1 of a share.
+    """
+
+    of: str
+    warn: float | None = None
+    fail: float | None = None
+    below: bool = False
+    unit: str = ""
+    most: float | None = None
+
+    @property
+    def warns(self) -> str:
+        """From where on the check warns, in words; empty where it never does."""
+        return "" if self.warn is None else self.words(self.warn)
+
+    @property
+    def fails(self) -> str:
+        """From where on the check fails, in words; empty where it never does."""
+        return "" if self.fail is None else self.words(self.fail)
+
+    def words(self, limit: float) -> str:
+        """A limit, and on which side of it a value trips it."""
+        return f"{'below' if self.below else 'above'} {limit:g} {self.unit}".strip()
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Verdicts that rest on chance, whose budget is [qa] false_alarm, or on what is wrong whatever its size."""
+
+    warns: str = ""
+    fails: str = ""
+
+
+@dataclass(frozen=True)
+class QualityCheck:
+    """A check: what it asks, why that matters, how it is judged, and what to do when it trips; one sentence or two."""
+
+    asks: str
+    why: str
+    judged: Limits | Rule
+    to_do: str
+
+
+Checks = Mapping[str, QualityCheck]

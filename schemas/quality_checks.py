@@ -1,0 +1,67 @@
+"""Every check of a campaign's quality by kind of campaign, and the limits that a campaign sets for those that have
+plain ones."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+
+from schemas.checks_of_loads import OF_LOADS
+from schemas.checks_of_points import OF_POINTS
+from schemas.faults import Fault
+from schemas.quality_check import Checks, Limits
+from schemas.sections import SetLimits
+
+CHECKS: Mapping[str, Checks] = {"photogrammetry": OF_POINTS, "interferometer": OF_LOADS}
+
+
+def settable(kind: str) -> dict[str, Limits]:
+    """The checks of a kind of campaign whose limits it may set, with those that hold otherwise."""
+    return {name: check.judged for name, check in CHECKS[kind].items() if isinstance(check.judged, Limits)}
+
+
+def in_force(declared: Limits, own: SetLimits) -> tuple[float | None, float | None]:
+    """(warn, fail) of a check, those of the campaign before those declared."""
+    return (
+        declared.warn if own.warn is None else own.warn,
+        declared.fail if own.fail is None else own.fail,
+    )
+
+
+def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Iterator[Fault]:
+    """What is wrong with [qa.limits.<check>]: no such check, none that is set, beyond sense, or failing before it
+    warns."""
+    known = settable(kind)
+    for name, own in limits.items():
+        place = f"qa.limits.{name}"
+        if name not in known:
+            yield Fault(file, _unknown(name, kind), column=place)
+            continue
+        if own.warn is None and own.fail is None:
+            yield Fault(file, "warn, fail, or both", column=place)
+        yield from _beyond_sense(file, place, known[name], own)
+        warn, fail = in_force(known[name], own)
+        if warn is not None and fail is not None and (fail > warn if known[name].below else fail < warn):
+            mine = "; the one that is not given is the default" if None in (own.warn, own.fail) else ""
+            yield Fault(
+                file,
+                f"fail ({fail:g}) {'at most' if known[name].below else 'at least'} warn ({warn:g}): what fails is "
+                f"worse than what warns{mine}",
+                column=place,
+            )
+
+
+def _beyond_sense(file: str, place: str, declared: Limits, own: SetLimits) -> Iterator[Fault]:
+    for key, value in (("warn", own.warn), ("fail", own.fail)):
+        if value is not None and declared.most is not None and value > declared.most:
+            yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{place}.{key}", value=f"{value:g}")
+
+
+def _unknown(name: str, kind: str) -> str:
+    if name in CHECKS[kind]:
+        return "a check with a plain limit; this one rests on chance ([qa] false_alarm) or on what is wrong at any size"
+    known = settable(kind)
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"a check whose limits can be set; did you mean {close[0]}?"
+    return f"a check of a campaign of kind {kind} whose limits can be set, one of: {', '.join(known)}"

@@ -1,0 +1,42 @@
+"""docs/qa.md has an entry of every check, as it is declared; its limits of a campaign's own are allowed."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import pytest
+
+from docs.experiments.quality_checks import PAGE, TABLES
+from schemas.campaign import read_campaign
+from schemas.quality_checks import CHECKS
+from tests.docs.shown import shown
+
+TEXT = PAGE.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_page_shows_what_is_declared(name: str) -> None:
+    assert shown(TEXT, name) == TABLES[name]()
+
+
+@pytest.mark.parametrize(("kind", "part"), list(zip(CHECKS, ("points", "loads"), strict=True)))
+def test_every_check_has_its_entry(kind: str, part: str) -> None:
+    entries = shown(TEXT, f"every-check-of-{part}").split("### ")[1:]
+    assert [entry.split("`")[1] for entry in entries] == list(CHECKS[kind])
+    assert all(entry.count("\n- *") == 2 and "?** " in entry for entry in entries)
+
+
+def test_the_examples_are_allowed() -> None:
+    (example,) = (block for block in re.findall(r"```toml\n(.*?)```", TEXT, re.S) if "qa.limits" in block)
+    read_campaign({"campaign": {"name": "x", "kind": "photogrammetry"}, **tomllib.loads(example)})
+
+
+@pytest.mark.parametrize(
+    ("kind", "heading"), [("photogrammetry", "Photogrammetry"), ("interferometer", "A force bench")]
+)
+def test_before_dismantling_every_check_is_looked_at(kind: str, heading: str) -> None:
+    text = (PAGE.parent / "before-you-dismantle.md").read_text(encoding="utf-8")
+    part = text.split(f"## {heading}\n")[1].split("\n## ")[0]
+    named = set(re.findall(r"`([a-z]+(?:-[a-z]+)*)`", part))
+    assert named == set(CHECKS[kind]) - {"signals"}  # which says that a campaign holds none
