@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from tests.broken.spoiling import Broken, Spoil, appended, replaced, toml, whole
+from tests.broken.spoiling import Broken, Spoil, appended, cell, replaced, toml, whole
 
 _HEAD = b"pose,body,target,x_mm,y_mm,z_mm\n"
 
@@ -89,6 +89,9 @@ CASES = (
         "telescope",
         replaced("configurations.csv", "temperature_c", "sigma_x_mm"),
         (r"configurations\.csv, column sigma_x_mm: expected a name that means nothing else",),
+    ),
+    Broken(
+        "step-beyond-counting", "bench", cell("signals.csv", 3, "step", "9" * 19), ("column step: found '1e\\+19'",)
     ),
     Broken(
         "parquet-of-lists",

@@ -220,7 +220,7 @@ class ColumnDamage:
         name = table.column_names[at] if self.name is None else self.name
         try:
             values = _TYPES[self.kind](table.column(at)) if self.kind else table.column(at)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError, pa.ArrowTypeError):
+        except (pa.ArrowException, OverflowError):
             return table  # a second damage of one column, of a type that the first made impossible
         return table.set_column(at, name, values)
 

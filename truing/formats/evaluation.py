@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 Mask = NDArray[np.bool_]
 
 
+_EXACT = 2**53  # whole numbers that are read as float64 are themselves up to here
+
+
 @dataclass(frozen=True)
 class TableBatch:
     """Rows of a table: columns by name in the units of their names, and the record each row stands in.
@@ -315,7 +318,8 @@ class _Work:
 
         plain = np.asarray(values.fill_null(0.0))
         self._outside(plain != np.round(plain), values, name, "a whole number")
-        whole = np.where(self.told.get(name, False), 0.0, np.round(plain))
+        self._outside(np.abs(plain) > _EXACT, values, name, f"at most {_EXACT} either way")
+        whole = np.where(np.abs(plain) <= _EXACT, np.round(plain), 0.0)  # what is larger, or no number, was told
         return pa.array(whole.astype(np.int64), mask=np.asarray(values.is_null()))
 
     def _times(self, name: str) -> pa.Array:
