@@ -123,9 +123,9 @@ class Round:
     def _least_of_pair(self, pair: Sequence[Candidate]) -> float:
         """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
         that what is left of it is its own further terms, or another form of the same subject, unless the name is far
-        more probable."""
+        more probable. What concerns all is about nothing in particular, and no name's rival for its subject."""
         unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
-        if len(unnamed) != 1:
+        if len(unnamed) != 1 or not unnamed[0].cause.subject:
             return -np.inf
         return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 
@@ -150,11 +150,13 @@ class Round:
 
     @cached_property
     def _forms_held(self) -> list[tuple[Signature, float]]:
-        """Return the forms that nobody declared and that the model holds: how they act, and their squares."""
+        """Return the forms that nobody declared and that the model holds, of something in particular: how they act, and
+        their squares.
+        """
         assert self.search is not None
         found = []
         for cause in self.stand.causes:
-            if not cause.catalogued:
+            if not cause.catalogued and cause.subject:
                 values, covariance = self.stand.values(cause)
                 squares = float(values @ np.linalg.solve(covariance, values))
                 found.append((signature(self.search.channels, self.stand.designer(cause)), squares))

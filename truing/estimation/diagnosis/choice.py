@@ -43,7 +43,7 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     if not rivals:
         return None
     pair = current.best_pair if pairs else None
-    if pair is not None and pair.first.kind not in refused and _stands(current, pair.first, level):
+    if pair is not None and pair.first.kind not in refused and _leads(current, pair.first, level):
         also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
         return Choice(pair.first, also, True, _other_subjects(current, pair.first))
     unnamed = [c for c in rivals if not c.cause.catalogued]
@@ -96,13 +96,21 @@ def _stands(current: Round, candidate: Candidate, level: float) -> bool:
     """
     if not is_real(current, candidate, level):
         return False
-    told = {cause.subject for cause in current.stand.causes if not cause.catalogued}
-    if not candidate.cause.catalogued or not told:
+    forms = [cause for cause in current.stand.causes if not cause.catalogued]
+    if not candidate.cause.catalogued or not forms:
         return True
+    told = {cause.subject for cause in forms if cause.subject}  # what concerns all is about nothing in particular
     unnamed = [c for c in current.candidates if not c.cause.catalogued]
     rests = (current.posterior(c) for c in unnamed if c.cause.goes_on or c.cause.subject in told)
     least = max(max(rests, default=0.0), 0.0) + float(np.log(RIVAL_FACTOR))
     return current.posterior(candidate) >= least and not current.is_remainder(candidate)
+
+
+def _leads(current: Round, first: Candidate, level: float) -> bool:
+    """Return whether the first of a pair is accepted: beside forms of something in particular as if it came alone."""
+    if any(cause.subject for cause in current.stand.causes if not cause.catalogued):
+        return _stands(current, first, level)
+    return is_real(current, first, level)
 
 
 def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float], ...]:
