@@ -15,13 +15,12 @@ import pytest
 from tests.blind import rates
 from tests.blind.generator.sensor.case import hide, layouts_for
 from tests.blind.generator.sensor.hidden import CATALOGUE, draw_two
-from tests.blind.judging import UNLUCKY, Judged, fewest_of, most_of, run_all
+from tests.blind.judging import UNLUCKY, Judged, fewest_of, run_all
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 ONE = 1
 ABOVE_CLEAR = 2.0
 NAMED = 0.99  # of effects so strong
-INVENTED = 0.05  # of campaigns
 
 
 def _drawn() -> list[tuple[str, ...]]:
@@ -61,6 +60,13 @@ def test_what_was_hidden_is_named_with_its_loads_channels_runs_or_signals(judged
     assert len(placed) >= fewest_of(len(named), NAMED), [rates.told(one) for one, _ in named if one not in placed]
 
 
-def test_nothing_is_found_beside_what_was_hidden(judged: list[Judged]) -> None:
-    wrong = [rates.told(one) for one in judged if one.hidden and one.invented]
-    assert len(wrong) <= most_of(ONE + 1, INVENTED), wrong
+def test_nothing_is_found_for_sure_beside_what_was_hidden(judged: list[Judged]) -> None:
+    wrong = [rates.told(one) for one in judged if one.hidden and one.invented and _is_sure(one)]
+    assert not wrong
+
+
+def _is_sure(one: Judged) -> bool:
+    """Whether a finding that nobody hid is more than chance does in one campaign of a thousand."""
+    hidden = {effect.cause for effect in one.hidden}
+    found = [row for row in one.record["findings"] if row["verdict"] == "found" and row["cause"] not in hidden]
+    return any(row["p_value"] < UNLUCKY for row in found)
