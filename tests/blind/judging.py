@@ -25,6 +25,7 @@ TOLD = ("found", "indistinguishable")
 KEPT = ("cause", "verdict", "subject", "parameters", "follows", "p_value", "probability")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
 
+_SAME_FLOOR = 0.2  # of a logarithm
 Record = dict[str, Any]
 
 
@@ -137,8 +138,11 @@ class Judged:
         rows = [row.figures for row in self.found if all(row.figures[name] for name in wanted)]
         if not rows:
             return None
-        floor = rows[-1]["noise_floor"] ** 2
-        return rows[0]["heldout_rms_before"] ** 2 / floor - 1, rows[-1]["heldout_rms_after"] ** 2 / floor - 1
+        floor = rows[-1]["noise_floor"]
+        # A row tells of the readings that its cause concerns: of others, in another unit, the floor is another.
+        same = [row for row in rows if abs(np.log(row["noise_floor"] / floor)) < _SAME_FLOOR]
+        before, after = (row[name] / floor for row, name in ((same[0], wanted[0]), (same[-1], wanted[1])))
+        return before**2 - 1, after**2 - 1
 
 
 def _finding(row: Record, legs: int) -> Finding:

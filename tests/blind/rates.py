@@ -126,8 +126,12 @@ def floors(campaigns: Sequence[Judged]) -> Array:
 
 
 def excesses(campaigns: Sequence[Judged]) -> Array:
-    """Held-out excess over the floor without and with what was found (C, 2), per campaign in which all was named."""
-    return np.array([one.excess for one in _complete(campaigns) if one.excess is not None]).reshape(-1, 2)
+    """Held-out excess over the floor without and with what was found (C, 2), per campaign in which all was named.
+
+    What is in no catalogue has no name: its form claims nothing beyond what was fitted.
+    """
+    named = [one for one in _complete(campaigns) if not _strange(one)]
+    return np.array([one.excess for one in named if one.excess is not None]).reshape(-1, 2)
 
 
 def _complete(campaigns: Sequence[Judged]) -> list[Judged]:

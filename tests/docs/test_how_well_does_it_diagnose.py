@@ -31,6 +31,14 @@ def test_each_table_is_that_of_the_results_that_are_kept(instrument: str, name: 
     assert_close(_numbers(made), _numbers(there), atol=0.11)
 
 
+def test_effects_that_nobody_had_thought_of_are_told_as_counted() -> None:
+    own = INSTRUMENTS["sensor"]
+    made = blind_page.unforeseen(blind_page.kept_campaigns(own.kept_unforeseen))
+    there = shown(own.page.read_text(encoding="utf-8"), "unforeseen")
+    assert _without_numbers(made) == _without_numbers(there)
+    assert_close(_numbers(made), _numbers(there), atol=0.11)
+
+
 def _without_numbers(text: str) -> str:
     return re.sub(r"-?\d+(\.\d+)?", "number", text)
 
