@@ -97,12 +97,12 @@ class LeggedMechanism(MechanismSection):
         return self
 
     @model_validator(mode="after")
-    def _parts_are_smaller_than_the_legs(self) -> LeggedMechanism:
-        """A tolerance or flexure as long as a leg contradicts the drawing: a slipped decimal, or another unit."""
+    def _parts_are_no_longer_than_the_legs(self) -> LeggedMechanism:
+        """A tolerance or flexure longer than a leg contradicts the drawing: a slipped decimal, or another unit."""
         shortest = min(leg.length_mm for leg in self.legs)
         sizes = {f"tolerance.{name}": size or 0.0 for name, size in self.tolerance if name.endswith("_mm")}
         sizes["two flexures of a leg"] = max(2.0 * (leg.flexure_length_mm or 0.0) for leg in self.legs)
-        large = [f"{name} ({size:g})" for name, size in sizes.items() if size >= shortest]
+        large = [f"{name} ({size:g})" for name, size in sizes.items() if size > shortest]
         if large:
-            raise ValueError(f"less than the shortest leg, {shortest:g} mm: {', '.join(large)}")
+            raise ValueError(f"no more than the shortest leg, {shortest:g} mm: {', '.join(large)}")
         return self

@@ -12,7 +12,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 settings.register_profile(
     "project",
-    max_examples=40,
+    max_examples=25,
     derandomize=True,
     database=None,
     deadline=None,
