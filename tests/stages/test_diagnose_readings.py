@@ -166,12 +166,11 @@ def test_the_model_is_toml_that_a_person_reads(tables: dict[str, Any]) -> None:
     assert np.shape(document["compliance"]["identified"]) == (6, 6)
 
 
-@pytest.mark.parametrize(("name", "rel"), [("found", 0.1), ("missed", 0.3), ("hidden", 0.3)])
-def test_the_walk_through_one_run_tells_what_comes_out(tables: dict[str, Any], name: str, rel: float) -> None:
-    """What is found to a tenth; how a model misses that knows no cause, and what it would have found, to a third."""
+@pytest.mark.parametrize("name", ["found", "missed", "hidden"])
+def test_the_walk_through_one_run_tells_what_comes_out(tables: dict[str, Any], name: str) -> None:
     page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
     make = force_sensor_campaign.page_tables(force_sensor_campaign.frames_of(tables))[name]
-    assert_told(shown(page, name), make(), rel=rel)
+    assert_told(shown(page, name), make(), rel=0.1)
 
 
 def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> None:
