@@ -65,3 +65,22 @@ def why_no_requirement(tables: Tables) -> str:
     if filled(tables, "accuracy") is None:
         return "Without errors of poses no accuracy can be judged: fewer than six legs leave the platform free."
     return "campaign.toml states no accuracy in [requirement]."
+
+
+_STAGES = {
+    "diagnosis": "diagnose",
+    "qa": "qa",
+    "poses": "pose",
+    "deformation": "deformation",
+    "calibration": "calibrate",
+    "requirements": "calibrate",
+}
+
+
+def why_absent(section: str, tables: Tables) -> str:
+    """Why there is no table that a section could be made of."""
+    if section == "requirements" and (is_bench(tables) or "displacement" in tables):
+        return "[requirement] is for mechanisms that position; how far a sensor errs stands under Calibration."
+    if section == "displacement":
+        return "This run holds no readings of how the platform moved."
+    return f"This run holds no table of stage {_STAGES[section]}: it was not run, or stopped before it."

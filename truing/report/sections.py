@@ -1,4 +1,4 @@
-"""The sections of a run's page in the order in which they are read; one without its table says so."""
+"""The sections of a run's page in the order in which they are read; one that was not evaluated says so, and why."""
 
 from __future__ import annotations
 
@@ -10,29 +10,52 @@ from truing.report.deformation.section import deformation
 from truing.report.diagnosis.section import diagnosis
 from truing.report.exclusion_section import excluded
 from truing.report.knowledge.section import knowledge
+from truing.report.load_steps import is_bench
 from truing.report.measured_section import measured
 from truing.report.page import Listing, Section
 from truing.report.poses.section import poses
 from truing.report.quality_section import quality
+from truing.report.reasons import why_absent
 from truing.report.sensor.calibration import sensor_calibration
 from truing.report.sensor.deformation import load_deformation
 from truing.report.sensor.displacement import displacement
 from truing.report.sensor.positioning import positioning
 from truing.report.tables import Tables
 
+_OF_BENCHES = ("displacement", "positioning")
+
 
 def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[Section]:
-    """Every section that this kind of campaign has.
+    """Every section, in one order for every kind of campaign; a bench has displacements where others have poses.
 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
     ``provenance``: the metadata of each artifact.
     """
-    parts = (
-        *(diagnosis, calibration, sensor_calibration, knowledge, requirements, measured, quality),
-        *(poses, displacement, deformation, load_deformation, positioning, excluded),
-    )
-    drawn = (part(tables) for part in parts)
-    return [*(section for section in drawn if section is not None), _provenance(provenance)]
+    bench = is_bench(tables) or any(name in tables for name in _OF_BENCHES)
+    drawn = [
+        diagnosis(tables) or _absent("diagnosis", "Diagnosis", tables),
+        measured(tables),
+        quality(tables) or _absent("qa", "Quality", tables),
+        *(_placed(tables) if bench else [poses(tables) or _absent("poses", "Poses", tables)]),
+        deformation(tables) or load_deformation(tables) or _absent("deformation", "Deformation", tables),
+        calibration(tables) or sensor_calibration(tables) or _absent("calibration", "Calibration", tables),
+        knowledge(tables),
+        requirements(tables) or _absent("requirements", "Requirements", tables),
+        excluded(tables),
+        _provenance(provenance),
+    ]
+    return [section for section in drawn if section is not None]
+
+
+def _placed(tables: Tables) -> list[Section | None]:
+    """How a platform, or an axis, moved on a bench."""
+    moved, along = displacement(tables), positioning(tables)
+    return [moved or (None if along else _absent("displacement", "Displacement", tables)), along]
+
+
+def _absent(name: str, title: str, tables: Tables) -> Section:
+    """A section whose tables no stage left."""
+    return Section(name, title, why_absent(name, tables), state="not evaluated")
 
 
 def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> Section:

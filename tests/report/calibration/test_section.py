@@ -49,9 +49,9 @@ def listing(section, words):
     return next(item for item in section.listings if words in item.caption)
 
 
-def test_the_sections_stand_after_the_diagnosis():
+def test_the_sections_stand_after_the_deformation():
     order = [section.id for section in build_sections({**campaign_tables(poses=3), **calibration_tables(**SMALL)}, {})]
-    assert order[order.index("diagnosis") + 1 :][:3] == list(OURS)
+    assert order[order.index("deformation") + 1 :][:3] == list(OURS)
 
 
 def test_every_section_has_its_figures(sections):
