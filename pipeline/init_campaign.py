@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.campaign_folder import FILE, is_safe_name
 from pipeline.problems import ExitCode, environment
+from pipeline.run_folder import PRIVATE
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from truing.formats.sniff import Guess
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
-_LOADING_TABLES = {"interferometer", "displacement", "signals"}
+_LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning"}
 _MOST_FILES = 5000
+_NOT_RAW = {".toml", ".md", ".html", ".pdf"}
 _SCAN_WORDS = {
     "pose",
     "scan",
@@ -84,10 +86,12 @@ def raw_groups(folder: Path) -> list[RawGroup]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
+    """The raw files below a folder: nothing hidden, no text about them, and no results of a run."""
     found = 0
+    results = {mark.parent for mark in folder.rglob(PRIVATE)}
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if path.is_file() and not hidden and path.suffix.lower() not in {".toml", ".md", ".html", ".pdf"}:
+        if path.is_file() and not hidden and path.suffix.lower() not in _NOT_RAW and results.isdisjoint(path.parents):
             found += 1
             if found > _MOST_FILES:
                 return

@@ -9,7 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-Format = Literal["auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "vstars", "tracker"]
+Format = Literal[
+    "auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "vstars", "aicon", "metashape", "tracker", "rtl"
+]
 
 
 _NOT_OF_FILES = ("idna", "punycode", "unicode-escape", "raw-unicode-escape", "undefined")

@@ -111,3 +111,11 @@ def test_an_unknown_unit_is_suggested_and_a_wrong_one_refused():
         conversion("mmm", "mm")
     with pytest.raises(UnknownUnit, match="a unit of length"):
         conversion("deg", "mm")
+
+
+def test_a_unit_may_be_so_many_of_another():
+    assert_close(conversion("0.618 nm", "um"), (0.618e-3, 0.0), atol=1e-18)
+    assert_close(conversion("9.80665 N mm", "N m"), (9.80665e-3, 0.0), atol=1e-15)
+    for unit in ("0 nm", "2 degC", "nm 2", "1e999 nm", "-1 nm"):
+        with pytest.raises(UnknownUnit):
+            conversion(unit, "degC" if "deg" in unit else "um")

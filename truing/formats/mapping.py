@@ -170,8 +170,8 @@ class Plan:
             return RawColumn(reference - 1) if 1 <= reference <= len(self.all_names) else None
         if reference in self.all_names:
             return RawColumn(self.all_names.index(reference))
-        folded = [name.casefold().strip() for name in self.all_names]
-        same = reference.casefold().strip()
+        folded = [name.casefold().strip("# \t") for name in self.all_names]
+        same = reference.casefold().strip("# \t")
         return RawColumn(folded.index(same)) if folded.count(same) == 1 else None
 
     @cached_property

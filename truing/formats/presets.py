@@ -10,10 +10,29 @@ from truing.formats.source import RawFile
 _AXES = {"x_mm": "x", "y_mm": "y", "z_mm": "z"}
 _SIGMAS = {"sigma_x_mm": "sx", "sigma_y_mm": "sy", "sigma_z_mm": "sz"}
 _VSTARS_NAMES = ("id", "x", "y", "z", "sx", "sy", "sz")
+_AICON_NAMES = (*_VSTARS_NAMES, "rays", "used")
+_POSITIONING = {"target_mm": "target", "direction": "direction", "cycle": "cycle", "position_mm": "position"}
+_METASHAPE = {"target": "Label", "x_mm": "X_est", "y_mm": "Y_est", "z_mm": "Z_est"}
 _MOTION_CAPTURE = {"missing": ("",), "columns": {"pose": "frame", "target": "label", **_AXES}}
 
 _PRESETS: dict[str, dict[str, Any]] = {
     "vstars": {"header": False, "names": _VSTARS_NAMES, "columns": {"target": "id", **_AXES, **_SIGMAS}},
+    "aicon": {
+        "header": False,
+        "separator": "whitespace",
+        "names": _AICON_NAMES,
+        "columns": {"target": "id", **_AXES, **_SIGMAS},
+    },
+    # the line of names begins with the mark that other lines are comments by
+    "metashape": {
+        "header": True,
+        "comment": "# Coord",
+        "keep_lines": "^[^#]",
+        "unit": "m",
+        "missing": ("",),
+        "columns": _METASHAPE,
+    },
+    "rtl": {"from_name": r"(?i)(?P<run>.+)\.rtl", "columns": _POSITIONING},
     "tracker": {"header": True, "thousands": ",", "columns": {"pose": "ID", **_AXES}},
     "xyz": {"header": False, "names": ("x", "y", "z"), "columns": _AXES},
     "ply": {"columns": _AXES},
@@ -29,6 +48,8 @@ _BY_SUFFIX = {
     ".xyz": "xyz",
     ".c3d": "c3d",
     ".trc": "trc",
+    ".rtl": "rtl",
+    ".obc": "aicon",
 }
 
 

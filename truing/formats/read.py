@@ -22,7 +22,7 @@ from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers,
 
 T = TypeVar("T")
 
-_TEXT = frozenset({"delimited", "vstars", "tracker", "xyz", "trc"})
+_TEXT = frozenset({"delimited", "vstars", "aicon", "metashape", "tracker", "xyz", "trc"})
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,10 @@ def _raw_batches(rows: FileRows, wanted: Wanted) -> Iterator[RawBatch]:
             from truing.formats.motion_capture import read_c3d
 
             yield from read_c3d(path, wanted)
+        elif rows.format == "rtl":
+            from truing.formats.renishaw import read_rtl
+
+            yield from read_rtl(path, wanted, rows.entry)
         else:
             from truing.formats.point_cloud import read_point_cloud
 

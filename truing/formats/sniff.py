@@ -11,6 +11,7 @@ from typing import Any
 from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
+from truing.formats.known_exports import Known, adjusted_points, is_id, metashape, tracker, wide_template
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
 from truing.formats.source import RawFile
@@ -26,9 +27,10 @@ _NOTATIONS = (
     Notation(".", "'"),
     Notation(",", " "),
 )
-_TRACKER = {"feature", "id", "x", "y", "z"}
 _SIGNS = (
     ("interferometer", {"channel", "reading"}),
+    ("quadrature", {"signal_x", "signal_y"}),
+    ("positioning", {"target_mm", "position_mm"}),
     ("displacement", {"dx_mm", "dy_mm", "dz_mm"}),
     ("signals", {"v1_mv"}),
     ("configurations", {"pose", "time_s"}),
@@ -51,6 +53,8 @@ _KNOWN = {
     "time_s": r"t|time|zeit|temps|timestamp",
     "temperature_c": r"temp(erature?|eratur)?",
     "leg": r"leg|bein|jambe",
+    "signal_x": r"signal[ _]?x|cos(ine|inus)?",
+    "signal_y": r"signal[ _]?y|sin(e|us)?",
 }
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
@@ -73,7 +77,7 @@ def sniff_file(path: Path) -> Guess:
     raw = RawFile(path.name, path)
     file_format = format_of(raw, FileMapping(path=path.name))
     try:
-        if file_format in ("delimited", "xyz"):
+        if file_format in ("delimited", "xyz", "aicon"):
             return _sniff_text(path)
         return _sniff_other(path, file_format)
     except (*DAMAGED, OSError, UnicodeError) as error:
@@ -91,6 +95,9 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
             return Guess(notes=("it is no whole Parquet file",))
         mapping, notes = _columns(names)
         return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))
+    if file_format == "rtl":
+        note = "positioning runs of an axis, targets in mm and deviations in um; the file's name names the run"
+        return Guess({}, ("pass", "target", "deviation"), "positioning", (note,))
     if file_format in ("c3d", "trc"):
         note = "every frame is a pose; split the labels into body and target, or name the body under constants"
         return Guess({"constants": {"body": "body"}}, ("frame", "label", "x", "y", "z"), "points", (note,))
@@ -115,6 +122,8 @@ def _sniff_text(path: Path) -> Guess:
     if "\0" in text:
         return Guess(notes=("it holds no text that can be read",))
     lines = [line for line in text.splitlines() if line.strip()]
+    if (known := metashape(lines)) is not None:
+        return _known_export(known, encoding)
     comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
     lines = [line for line in lines if comment is None or not line.lstrip().startswith(comment)][:_LINES]
     if not lines:
@@ -147,19 +156,36 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     has_header = len(records) > 1 and not any(_is_number(cell, notation) for cell in records[0])
     names = tuple(records[0]) if has_header else tuple(str(i + 1) for i in range(width))
     mapping |= {"skip_lines": skipped} if skipped else {}
-    if has_header and {name.casefold() for name in names} >= _TRACKER and notation.thousands == ",":
-        note = "a laser tracker's export: say under from_name or constants which body and target it is"
-        return Guess({**mapping, "format": "tracker", "constants": {"body": "body"}}, names, "points", (note,))
-    if not has_header and _is_vstars(records, notation):
-        note = "V-STARS: id x y z sx sy sz; say under from_name or constants which pose and body it is"
-        return Guess({**mapping, "format": "vstars", "constants": {"body": "body"}}, names, "points", (note,))
+    known = tracker(names, notation.thousands) if has_header else None
+    known = known or (None if has_header else adjusted_points(records, lambda cell: _is_number(cell, notation)))
+    if known is not None:
+        return Guess({**mapping, **known[0]}, known[1], "points", (known[2],))
     mapping |= {"separator": separator} if separator != "," else {}
     mapping |= {"header": False} if not has_header else {}
     mapping |= {"decimal": notation.decimal} if notation.decimal != "." else {}
     mapping |= {"thousands": notation.thousands} if notation.thousands else {}
     found, notes = _columns(names) if has_header else _positions(records, notation)
-    mapping |= found
-    return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))
+    table = _table({*names, *found.get("columns", {})})
+    if has_header and table in (None, "configurations") and (template := wide_template(names)) is not None:
+        return _side_by_side(template, names, mapping | found)
+    return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _known_export(known: Known, encoding: str) -> Guess:
+    return Guess(
+        {**({} if encoding == "utf-8" else {"encoding": encoding}), **known[0]}, known[1], "points", (known[2],)
+    )
+
+
+def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
+    """A table with the coordinates of several targets in every row: points, a row of the file being a pose."""
+    wide, unit = template
+    numbered = {} if "pose" in {*names, *mapping.get("columns", {})} else {"number_rows": {"pose": 1}}
+    more = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit}), "constants": {"body": "body"}, **numbered}
+    note = "several targets side by side: say in wide which part of the names is the body, or name it under constants"
+    own = {"columns": {"pose": mapping["columns"]["pose"]}} if "pose" in mapping.get("columns", {}) else {}
+    kept = {key: value for key, value in mapping.items() if key not in ("columns", "units")}
+    return Guess({**kept, **own, **more}, names, "points", (note,))
 
 
 def _notation(records: list[list[str]]) -> Notation:
@@ -170,12 +196,6 @@ def _notation(records: list[list[str]]) -> Notation:
 
 def _is_number(cell: str, notation: Notation) -> bool:
     return re.match(notation.pattern, cell.strip()) is not None
-
-
-def _is_vstars(records: list[list[str]], notation: Notation) -> bool:
-    width = len(records[0])
-    named = all(cell[:1].isalpha() for cell in (record[0] for record in records))
-    return 4 <= width <= 8 and named and all(_is_number(cell, notation) for record in records for cell in record[1:])
 
 
 def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
@@ -209,6 +229,7 @@ def _bare(name: str) -> tuple[str, str | None]:
 def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
     """Coordinates in a file without header: the first three columns of numbers, after a name if there is one."""
     numbers = [all(_is_number(record[i], notation) for record in records) for i in range(len(records[0]))]
+    numbers[0] = numbers[0] and not is_id(records)
     first = next((i for i in range(len(numbers) - 2) if all(numbers[i : i + 3])), None)
     if first is None:
         return {}, ["three columns of numbers side by side were not found"]

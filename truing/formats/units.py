@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 
 _ARC = math.pi / 180.0
 _POUND_FORCE = 4.4482216152605
@@ -61,6 +62,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
     "degC": ("temperature", 1.0, 273.15),
     "degF": ("temperature", 5.0 / 9.0, 459.67 * 5.0 / 9.0),
 }
+_NUMBER = re.compile(r"\d+(\.\d*)?([eE][-+]?\d+)?")
 _SPELT = {"µm": "um", "μm": "um", "°": "deg", '"': "in", "inch": "in", "°C": "degC", "°F": "degF", "Nm": "N m"}
 
 
@@ -69,12 +71,26 @@ class UnknownUnit(ValueError):
 
 
 def conversion(unit: str, wanted: str) -> tuple[float, float]:
-    """Factor and offset with ``wanted = factor * unit + offset``; raises UnknownUnit with what would do."""
-    dimension, factor, offset = _known(unit)
+    """Factor and offset with ``wanted = factor * unit + offset``; raises UnknownUnit with what would do.
+
+    A unit may be so many of another, as a count of 0.618 nm: "0.618 nm".
+    """
+    dimension, factor, offset = _counted(unit)
     wanted_dimension, wanted_factor, wanted_offset = _known(wanted)
     if dimension != wanted_dimension:
         raise UnknownUnit(f"a unit of {wanted_dimension}: {', '.join(_of_dimension(wanted_dimension))}")
     return factor / wanted_factor, (offset - wanted_offset) / wanted_factor
+
+
+def _counted(unit: str) -> tuple[str, float, float]:
+    """The dimension, factor and offset of a unit, or of so many of it where a number stands before."""
+    number, _, bare = unit.strip().partition(" ")
+    if not bare or _NUMBER.fullmatch(number) is None:
+        return _known(unit)
+    dimension, factor, offset = _known(bare)
+    if offset or not 0.0 < float(number) < math.inf:
+        raise UnknownUnit("a unit, or a positive number of a unit that begins at zero, such as 0.618 nm")
+    return dimension, float(number) * factor, 0.0
 
 
 def _known(unit: str) -> tuple[str, float, float]:
