@@ -20,11 +20,14 @@ Expansion = Annotated[float, Field(gt=0.0, lt=_LARGEST_EXPANSION, allow_inf_nan=
 
 
 class DeadPaths(Section):
-    """dead_path_mm of the linear channels; an angle is the difference of two beams, whose dead paths cancel."""
+    """dead_path_mm of the linear channels; an angle is the difference of two beams, whose dead paths cancel.
 
-    dx: NotNegative = 0.0
-    dy: NotNegative = 0.0
-    dz: NotNegative = 0.0
+    Negative where a reading counts positive as its path gets shorter.
+    """
+
+    dx: Finite = 0.0
+    dy: Finite = 0.0
+    dz: Finite = 0.0
 
 
 class Axis(Section):
@@ -107,7 +110,10 @@ class Interferometer(Section):
     """[interferometer]: wavelength, dead path, air, beams and material."""
 
     wavelength_nm: float = Field(632.990577, gt=100.0, lt=1e5, description="of the laser in vacuum")
-    dead_path_mm: DeadPaths = Field(DeadPaths(), description="one number, or one per linear channel")
+    dead_path_mm: DeadPaths = Field(
+        DeadPaths(),
+        description="one number, or one per linear channel; negative where a reading grows as its path shrinks",
+    )
     compensated: bool = True
     passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
     signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")

@@ -48,7 +48,7 @@ def air_table() -> str:
 
 
 def worth_table() -> str:
-    """What air does to a reading that nobody compensates."""
+    """What air does to a reading that nobody compensates, and that counts up as its path gets longer."""
     vapour = float(vapour_pressure_pa(20.0, 0.5))
     by_kelvin, by_pascal, by_vapour = edlen_slopes(632.99e-9, 20.0, 101325.0, vapour)
     changes = {
@@ -56,7 +56,7 @@ def worth_table() -> str:
         "1 hPa of pressure": 100.0 * by_pascal,
         "10 % of humidity": by_vapour * 0.1 * float(vapour_pressure_pa(20.0, 1.0)),
     }
-    rows = [[name, signed(1e6 * n, 2), signed(-1e6 * n, 2), signed(-1e6 * n * 2e-3, 4)] for name, n in changes.items()]
+    rows = [[name, signed(1e6 * n, 2), signed(1e6 * n, 2), signed(1e6 * n * 2e-3, 4)] for name, n in changes.items()]
     return table(["change", "n, 1e-6", "um per m of dead path", "um in 2 mm of displacement"], rows)
 
 

@@ -57,6 +57,13 @@ def test_steps_are_seen_in_noise_no_more_often_than_stated():
     assert hits <= 400 * 0.05 + 4 * np.sqrt(400 * 0.05)
 
 
+def test_a_drift_is_seen_by_chance_as_often_as_its_p_value_says_in_few_poses_too():
+    rng, kept = np.random.default_rng(3), np.ones((10, 1), bool)
+    p = np.array([find_drift(rng.normal(size=(10, 1, 3)), kept).p_value for _ in range(2000)])
+    # Bonferroni over three axes; one standard deviation of 2000 draws is 0.8 %
+    assert abs(np.mean(p < 0.15) - (1 - 0.95**3)) < 4 * 0.008
+
+
 def test_drift_is_told_from_scatter():
     _, values, _ = _residuals(2, poses=200, targets=3)
     kept = np.ones((200, 3), bool)

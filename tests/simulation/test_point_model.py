@@ -148,6 +148,17 @@ def test_a_survey_that_defines_a_frame_leaves_no_rigid_motion_unknown() -> None:
     assert np.linalg.matrix_rank(modes, tol=1e-9) == 3 * base.sum() - 6
 
 
+def test_the_shape_of_a_survey_that_is_noisier_along_one_axis_is_what_its_frame_leaves_of_the_noise() -> None:
+    rng, targets = np.random.default_rng(3), sample_targets()
+    survey, base = rng.normal(0.0, 0.1, (len(targets.body), 3)), targets.body == BASE
+    noise = np.diag([25.0, 25.0, 900.0]) * 1e-12
+    modes = shape_unknowns(targets, survey, np.tile(noise, (len(survey), 1, 1))).modes[base].reshape(3 * base.sum(), -1)
+    rigid = np.concatenate([np.broadcast_to(np.eye(3), (base.sum(), 3, 3)), -skew(survey[base])], -1).reshape(-1, 6)
+    left = np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid)  # less the unweighted least-squares motion
+    expected = left @ np.kron(np.eye(base.sum()), noise) @ left.T
+    assert_close(modes @ modes.T, expected, atol=1e-20, what="covariance of the shape, m2")
+
+
 def test_what_is_surveyed_beside_the_frame_carries_the_frame_s_noise() -> None:
     """Monte Carlo: survey all targets, put the frame on those without leg, and look at the others."""
     rng, targets = np.random.default_rng(4), sample_targets(per_body=6)

@@ -126,7 +126,7 @@ def find_drift(positions: Array, kept: Mask) -> Drift:
     centred = series - series.mean(axis=0)
     variance = (centred**2).mean(axis=0)
     moving = variance > 0.0
-    ratio = (np.diff(series, axis=0)[:, moving] ** 2).mean(axis=0) / variance[moving]
+    ratio = (np.diff(series, axis=0)[:, moving] ** 2).sum(axis=0) / (n * variance[moving])  # 2 without any order
     z = (ratio - 2.0) / np.sqrt(4.0 * (n - 2) / (n**2 - 1))
     p = float(min(1.0, max(moving.sum(), 1) * ndtr(z).min())) if moving.any() else 1.0
     smooth = running_median(positions[complete], max(5, n // 20))

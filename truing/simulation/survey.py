@@ -49,10 +49,9 @@ def _free_factor(survey: NDArray, covariance: NDArray, own: NDArray, rigid: bool
     full = _block_diagonal(covariance[own])
     if not rigid or len(own) < 3:
         return np.linalg.cholesky(full)
-    motions = _rigid_motions(survey[own])
-    carried = full @ motions
-    conditional = full - carried @ np.linalg.solve(motions.T @ carried, carried.T)
-    values, vectors = np.linalg.eigh(conditional)
+    motions = np.linalg.qr(_rigid_motions(survey[own]))[0]
+    left = np.eye(len(full)) - motions @ motions.T
+    values, vectors = np.linalg.eigh(left @ full @ left)
     return vectors[:, 6:] * np.sqrt(np.maximum(values[6:], 0.0))
 
 

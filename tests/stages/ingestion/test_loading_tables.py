@@ -275,6 +275,9 @@ def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_pa
     # The index grows by 2.68e-7 per hPa (Stone and Zimmerman); at 20 degrees C and 1010 hPa it is 1.000270.
     assert_close(none[1:], [400.0 / 1.000270] * 2, atol=400 * 2e-6)
     assert_close(np.subtract(dead, none), [0.0, -100e3 * 10 * 2.68e-7, 0.0], atol=100e3 * 10 * 0.02e-7)
+    towards = {"interferometer.csv": [row.replace(",400,", ",-400,") for row in rows]}
+    nearer = artifacts(tmp_path, towards, {"interferometer": section | {"dead_path_mm": -100.0}})
+    assert_close(column(nearer["readings"], "reading"), np.negative(dead), atol=1e-12)  # the path gets shorter
     lacking = {"interferometer.csv": [HEAD, "1,0,0,fz,0,dz,0"]}
     said = faults(tmp_path, lacking, {"interferometer": section})
     assert [line.split(", ")[1].split(":")[0] for line in said] == [

@@ -21,7 +21,8 @@ def displacement_in_air(
     """Return displacements of the mirror in m since the zero, of lengths counted in wavelengths of vacuum.
 
     index: of the air at each reading, index_at_zero: at the zero; dead_path in m: between beam splitter and mirror at
-    the zero, which the changing air stretches too. ``n (D + d) - n0 D = counted length``.
+    the zero, which the changing air stretches too. ``n (D + d) - n0 D = counted length``. Where lengths count positive
+    as the path gets shorter, D is negative.
     """
     n, n0 = np.asarray(index, float), np.asarray(index_at_zero, float)
     return (np.asarray(vacuum_length, float) - (n - n0) * np.asarray(dead_path, float)) / n
