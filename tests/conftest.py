@@ -22,6 +22,15 @@ settings.load_profile("project")
 
 
 @pytest.fixture(scope="session")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``sample_data/telescope``, cut short, and its run ``runs/telescope``; not to be written to."""
+    from tests.workplace import shared_workplace
+
+    own = tmp_path_factory.getbasetemp()
+    return shared_workplace(own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
+
+
+@pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of real measurements, which are not ours to copy: a test that needs them skips without."""
     folder = Path(os.environ.get("TRUING_REAL_DATA", PROJECT.parent / "shared" / "data"))

@@ -12,7 +12,6 @@ import pytest
 
 import truing
 from schemas.artifacts import ARTIFACTS
-from tests.conftest import PROJECT
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +62,3 @@ def test_a_table_that_the_run_lacks_or_that_breaks_its_schema_is_told(run: truin
     pq.write_table(broken, tmp_path / "poses.parquet")
     with pytest.raises(ValueError, match=r"poses\.parquet.*px_mm.*finite"):
         truing.load(tmp_path)["poses"]
-
-
-def test_the_page_on_python_runs_as_it_stands(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(workplace)
-    told: dict[str, object] = {}
-    for block in re.findall(r"```python\n(.*?)```", (PROJECT / "docs" / "in-python.md").read_text("utf-8"), re.DOTALL):
-        exec(block, told)
-    assert "platform" in told["scatter"].index  # type: ignore[attr-defined]
