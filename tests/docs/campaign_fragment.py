@@ -1,4 +1,4 @@
-"""Whether a piece of TOML on a page is what it looks like: a part of campaign.toml, of a package's pyproject or a model."""
+"""Whether a piece of TOML on a page is what it looks like: part of a campaign.toml or of a pyproject.toml."""
 
 from __future__ import annotations
 

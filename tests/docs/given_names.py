@@ -14,6 +14,7 @@ from truing.simulation.chain import State
 from truing.simulation.kinematics import inverse
 
 Names = dict[str, Any]
+HEIGHT = np.array([0.0, 0.0, 0.5])
 
 
 def _cloud(rng: np.random.Generator, points: int) -> NDArray:
@@ -23,12 +24,17 @@ def _cloud(rng: np.random.Generator, points: int) -> NDArray:
 def _readme(told: Names) -> Names:
     rng = np.random.default_rng(1)
     survey, hexapod = _cloud(rng, 8), telescope("ups")
-    p, R = rng.uniform(-5e-3, 5e-3, (24, 3)) + [0.0, 0.0, 0.5], exp_so3(rng.uniform(-0.03, 0.03, (24, 3)))
+    p, R = rng.uniform(-5e-3, 5e-3, (24, 3)) + HEIGHT, exp_so3(rng.uniform(-0.03, 0.03, (24, 3)))
     return {
         "survey_points": survey,
         "measured_points": survey @ exp_so3(np.array([0.1, -0.2, 0.3])).T + rng.normal(0.0, 5e-6, (8, 3)),
-        **{"a": hexapod.a, "b": hexapod.b, "length": hexapod.l, "rho0": hexapod.rho0},
-        **{"p": p, "R": R, "rho": inverse(hexapod, p, R)},
+        "a": hexapod.a,
+        "b": hexapod.b,
+        "length": hexapod.l,
+        "rho0": hexapod.rho0,
+        "p": p,
+        "R": R,
+        "rho": inverse(hexapod, p, R),
         "covariance": np.broadcast_to(np.eye(12) * 1e-6**2, (24, 12, 12)),
     }
 
@@ -51,9 +57,13 @@ def _sensor_calibration(told: Names) -> Names:
     signal_cov, load_cov = np.eye(6) * 0.01**2, np.eye(6) * 0.5**2
     signals = loads @ rng.normal(0.0, 1e-3, (6, 6)) + rng.normal(0.0, 0.01, (60, 6))
     return {
-        **{"signals": signals, "loads": loads, "run": np.repeat(np.arange(12), 5)},
-        **{"signal_cov": signal_cov, "load_cov": load_cov},
-        **{"new_signals": signals[:4], "new_covariates": np.zeros((4, 0))},
+        "signals": signals,
+        "loads": loads,
+        "run": np.repeat(np.arange(12), 5),
+        "signal_cov": signal_cov,
+        "load_cov": load_cov,
+        "new_signals": signals[:4],
+        "new_covariates": np.zeros((4, 0)),
     }
 
 
@@ -72,7 +82,7 @@ def _own_cause(told: Names) -> Names:
 
 def _own_mechanism(told: Names) -> Names:
     legs = telescope("ups")
-    upper = legs.b + [0.0, 0.0, 0.5]
+    upper = legs.b + HEIGHT
     return {"closure": told["OffsetLeg"](), "legs": legs, "upper": upper, "rho": np.zeros(6), "axis": 2}
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -32,7 +33,7 @@ def anchors(page: Path) -> frozenset[str]:
     """What a code host makes of the headings: lower case, blanks as hyphens, other marks gone, doubles numbered."""
     tokens = MARKDOWN.parse(page.read_text(encoding="utf-8"))
     found: list[str] = []
-    for heading, inline in zip(tokens, tokens[1:], strict=False):
+    for heading, inline in pairwise(tokens):
         if heading.type == "heading_open":
             words = "".join(child.content for child in inline.children or () if child.type in ("text", "code_inline"))
             slug = re.sub(r"[^\w\- ]", "", words.strip().lower()).replace(" ", "-")
@@ -62,7 +63,7 @@ def test_a_page_has_one_title_and_skips_no_level() -> None:
         levels = [int(t.tag[1]) for t in MARKDOWN.parse(pages()[page]) if t.type == "heading_open"]
         assert levels.count(1) == 1, page
         assert levels[0] == 1, page
-        assert all(after - before <= 1 for before, after in zip(levels, levels[1:], strict=False)), page
+        assert all(after - before <= 1 for before, after in pairwise(levels)), page
 
 
 def test_headings_become_the_anchors_of_a_code_host(tmp_path: Path) -> None:
