@@ -15,7 +15,7 @@ _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
 
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
-    """``13.2 ± 0.4 um``: two digits of the uncertainty where it begins with 1 or 2, else one (GUM 7.2.6)."""
+    """``13.24 ± 0.41 um``: two significant digits of the uncertainty, the value to the same place (GUM 7.2.6)."""
     if not math.isfinite(value):
         return plain(value)
     if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
@@ -35,9 +35,8 @@ def _rounded(value: float, sigma: float) -> str:
 
 def last_place(sigma: float) -> int:
     """The decimal place that a number with this uncertainty is rounded to (at most 12); negative left of the point."""
-    exponent = math.floor(math.log10(sigma))
-    leading = sigma / 10.0**exponent
-    return min(12, -exponent + (1 if leading < 2.95 else 0))
+    exponent = int(f"{sigma:.1e}".partition("e")[2])  # of the rounded number: 0.996 is 1.0
+    return min(12, 1 - exponent)
 
 
 def plain(value: float | None) -> str:

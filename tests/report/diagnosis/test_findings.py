@@ -123,7 +123,7 @@ def test_how_far_it_reaches_can_be_read_off_its_sentence(largest):
 def test_many_parameters_are_told_by_the_most_certain():
     many = {f"K1{k}": {"value": 0.001 * k, "sigma": 0.0005, "unit": "1"} for k in range(1, 10)}
     said = explanation(replace(FACTS, parameters=many))
-    assert "K19 = 9.0 ± 0.5 um/mm" in said
+    assert "K19 = 9.00 ± 0.50 um/mm" in said
     assert "and 3 smaller" in said
     assert "K11 =" not in said
 
@@ -140,7 +140,7 @@ def test_what_was_not_evaluated_is_left_out():
 
 def test_noise_says_where_it_is_larger_where_that_is_known():
     assert noise_explanation(1.41, 0.05, 7.3, 5.1).startswith(
-        "What is left is 1.41 ± 0.05 times as large as the declared"
+        "What is left is 1.410 ± 0.050 times as large as the declared"
     )
     assert "it follows temperature_c and time_s" in noise_explanation(1.4, 0.1, None, 5.0, ("temperature_c", "time_s"))
 
@@ -148,21 +148,21 @@ def test_noise_says_where_it_is_larger_where_that_is_known():
 @pytest.mark.parametrize(
     ("told", "words"),
     [
-        (("kappa_1", 0.0123, 0.0004, "1"), "12.3 ± 0.4 um/mm"),
-        (("K1_10", -0.0123, 0.0004, "1"), "-12.3 ± 0.4 um/mm"),
+        (("kappa_1", 0.0123, 0.0004, "1"), "12.30 ± 0.40 um/mm"),
+        (("K1_10", -0.0123, 0.0004, "1"), "-12.30 ± 0.40 um/mm"),
         (("quadratic_2", 0.0012, 0.0001, "1/mm"), "1.20 ± 0.10 um/mm2"),
         (("cubic_2", 0.0012, 0.0001, "1/mm2"), "1.20 ± 0.10 um/mm3"),
         (("scale", -3.5e-5, 2e-6, "1"), "-35.0 ± 2.0 ppm"),
         (("scale", -0.02, 2e-4, "1"), "-2.000 ± 0.020 %"),
         (("scale_per_k", 1.2e-5, 1e-6, "1/K"), "12.0 ± 1.0 ppm/K"),
-        (("drift_4", 0.0123, 0.0004, "mm"), "12.3 ± 0.4 um"),
-        (("dx", 1.5, 0.003, "mm"), "1.500 ± 0.003 mm"),
+        (("drift_4", 0.0123, 0.0004, "mm"), "12.30 ± 0.40 um"),
+        (("dx", 1.5, 0.003, "mm"), "1.5000 ± 0.0030 mm"),
         (("pitch", 0.5, 0.002, "mm"), "0.5000 ± 0.0020 mm"),
-        (("tau", 4000.0, 300.0, "s"), "67 ± 5 min"),
-        (("tau", 40.0, 3.0, "s"), "40 ± 3 s"),
-        (("phase", 3.141592653589793, 0.1, "rad"), "180 ± 6 deg"),
+        (("tau", 4000.0, 300.0, "s"), "66.7 ± 5.0 min"),
+        (("tau", 40.0, 3.0, "s"), "40.0 ± 3.0 s"),
+        (("phase", 3.141592653589793, 0.1, "rad"), "180.0 ± 5.7 deg"),
         (("saddle_x", 0.003, 2e-4, "mm/K"), "3.00 ± 0.20 um/K"),
-        (("noise_ratio", 1.41, 0.05, "1"), "1.41 ± 0.05"),
+        (("noise_ratio", 1.41, 0.05, "1"), "1.410 ± 0.050"),
         (("poses", "3 4", None, ""), "3 4"),
         (("from_pose", 23, None, "1"), "23"),
         (("driver", None, None, ""), ""),

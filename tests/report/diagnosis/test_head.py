@@ -50,7 +50,7 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             "target-moved",
             "target P07",
             {**MOVED, "from_pose": size(23)},
-            "Target P07 sits 50 ± 3 µm from its place from",
+            "Target P07 sits 50.0 ± 3.0 µm from its place from",
         ),
         (
             "targets-swapped",
@@ -124,7 +124,7 @@ def test_nothing_found_without_a_table_of_sizes_claims_no_size():
 def test_noise_alone_is_a_warning_and_no_effect():
     mark, said = first_line(rows(row("unexplained", **NOISE), *rejected()))
     assert mark == "warn"
-    assert "1.41 ± 0.05 times as noisy as declared" in said
+    assert "1.410 ± 0.050 times as noisy as declared" in said
     assert "no cause" in said
     tables = diagnosis_tables(rows(row("unexplained", **NOISE), *rejected()))
     assert "none found" in diagnosis(tables).lead

@@ -273,5 +273,5 @@ def test_numbers_of_effects_stand_among_those_of_the_extended_model():
     tables["calibration"] = pd.concat([fitted, own, effects], ignore_index=True)
     listing = next(x for x in calibration(tables).listings if "deformation ignored" in x.caption)
     told = {cells[1].replace("\u00a0", " "): cells[-1] for cells in listing.rows if cells[0] == "extended"}
-    assert told["dx of target-moved target P07 (mm)"].replace("\u00a0", " ") == "0.050 ± 0.003"
+    assert told["dx of target-moved target P07 (mm)"].replace("\u00a0", " ") == "0.0500 ± 0.0030"
     assert "dx of target-moved target P08 (mm)" in told

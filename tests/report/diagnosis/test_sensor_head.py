@@ -25,7 +25,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "load-eccentricity",
             "load fz",
             {"offset_x": size(12.03, 0.04, "mm"), "offset_y": size(-7.98, 0.05, "mm")},
-            "acts beside the origin: 12.03 ± 0.04 mm towards +x and 7.98 ± 0.05 mm towards −y",
+            "acts beside the origin: 12.030 ± 0.040 mm towards +x and 7.980 ± 0.050 mm towards −y",
         ),
         ("load-eccentricity", "", {"offset_z": size(0.31, 0.02, "mm")}, "The forces act 0.310 ± 0.020 mm beside the"),
         (
@@ -66,7 +66,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "creep",
             "load fz",
             {"fraction": size(0.012, 0.001), "tau": size(590.0, 30.0, "s")},
-            "by 1.20 ± 0.10 % of its deflection, with a time constant of 9.8 ± 0.5 min",
+            "by 1.20 ± 0.10 % of its deflection, with a time constant of 9.83 ± 0.50 min",
         ),
         (
             "zero-drift",
@@ -86,13 +86,18 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             {"per_k_material": size(1.2, 0.1, "um/K"), "per_k_air": size(-0.4, 0.1, "um/K")},
             "follows the temperature of the material by 1.20 ± 0.10 µm/K and the temperature of the air by -0.40",
         ),
-        ("cosine-error", "channel dz", {"angle": size(0.0082, 0.0003, "rad")}, "dz stands 8.2 ± 0.3 mrad off its axis"),
+        (
+            "cosine-error",
+            "channel dz",
+            {"angle": size(0.0082, 0.0003, "rad")},
+            "dz stands 8.20 ± 0.30 mrad off its axis",
+        ),
         ("abbe-offset", "channel dz", {"arm_x": size(-0.8, 0.1, "mm")}, "misses the origin: 0.80 ± 0.10 mm towards −x"),
         (
             "dead-path",
             "",
             {"dead_path": size(152.0, 4.0, "mm")},
-            "Every linear channel carries a dead path of 152 ± 4 mm",
+            "Every linear channel carries a dead path of 152.0 ± 4.0 mm",
         ),
         ("fringe-slip", "run 4", SLIP, "Run 4 counts 2 half wavelengths too few from step 7 on"),
         (
@@ -137,4 +142,4 @@ def test_a_noisy_channel_is_named():
     noisy = row("unexplained", subject="channel dy", parameters={"noise_ratio": size(4.3, 0.8)})
     mark, said = first_line(noisy)
     assert mark == "warn"
-    assert said.startswith("The measurement of channel dy is 4.3 ± 0.8 times as noisy as declared")
+    assert said.startswith("The measurement of channel dy is 4.30 ± 0.80 times as noisy as declared")
