@@ -14,6 +14,8 @@ Format = Literal[
 ]
 
 
+Channel = Literal["dx", "dy", "dz", "rx", "ry", "rz"]
+
 _NOT_OF_FILES = ("idna", "punycode", "unicode-escape", "raw-unicode-escape", "undefined")
 
 
@@ -122,6 +124,9 @@ class FileMapping(BaseModel):
     ignore: Pattern | None = Field(
         None, description="expression for the whole names of raw columns not to carry along as covariates"
     )
+    channels: dict[Channel, str | int] = Field(
+        default_factory=dict, description="interferometer: channel = raw column of its readings; a row per channel"
+    )
     wide: Template | None = Field(
         None, description='template of the raw names of coordinates, "{target}_{axis}": a row per target'
     )
@@ -146,3 +151,24 @@ class FileMapping(BaseModel):
     def paths(self) -> tuple[str, ...]:
         """The files or globs as a tuple, also where there is one."""
         return (self.path,) if isinstance(self.path, str) else self.path
+
+    @property
+    def by_channel(self) -> tuple[FileMapping, ...]:
+        """An entry for each of ``channels``, which reads its column alone; the entry itself where there are none."""
+        if not self.channels:
+            return (self,)
+        others = [re.escape(str(column)) for column in self.channels.values()]
+        changes: dict[str, object] = {
+            "channels": {},
+            "ignore": "|".join([*([self.ignore] if self.ignore else []), *others]),
+        }
+        return tuple(
+            self.model_copy(
+                update={
+                    **changes,
+                    "columns": {**self.columns, "reading": column},
+                    "constants": {**self.constants, "channel": channel},
+                }
+            )
+            for channel, column in self.channels.items()
+        )

@@ -207,7 +207,9 @@ class Points:
         self._check_duplicates()
         self._check_bodies()
         if not self.rows and not self.log:
-            self.log.add(Fault(next(iter(self.files), "points.csv"), "at least one point that is not left out"))
+            why = "; ".join(f"{count} rows: {reason}" for (_, reason), count in self.left_out.most_common(1)) or None
+            expected = "at least one point that is not left out"
+            self.log.add(Fault(next(iter(self.files), "points.csv"), expected, value=why))
         file = next(iter(self.files), "points.csv")
         for fault in size_faults(file, self._sampled(), self.expected.geometry):
             self.log.add(fault)

@@ -10,6 +10,10 @@ from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from tests.formats.reading import read, written
 from tests.tolerance import assert_close
+from truing.formats.faultlog import FaultLog
+from truing.formats.read import read_table
+from truing.formats.shapes import Shape
+from truing.formats.source import CampaignFiles
 
 XYZ = {"x_mm": 1, "y_mm": 2, "z_mm": 3}
 BASE = {"header": False, "columns": XYZ, "constants": {"body": "base", "target": "T"}}
@@ -299,3 +303,43 @@ def test_poses_are_integers_or_text_as_asked(tmp_path):
     assert read(tmp_path, poses_as_text=True).columns["pose"] == ["007"]
     written(tmp_path, "points.csv", "pose,body,target,x_mm,y_mm,z_mm\nA7,b,T,1,2,3\n8,b,T,1,2,3\n")
     assert read(tmp_path).columns["pose"] == ["A7", "8"]
+
+
+def test_channels_side_by_side_are_a_row_each(tmp_path):
+    written(tmp_path, "run_3.csv", "t,step,F,A1,A2,room\n0,0,0,1,2,20\n60,1,9,3,4,21\n")
+    entry = {"path": "run_*.csv", "from_name": r"run_(?P<run>\d)", "columns": {"time_s": "t", "load": "F"},
+             "constants": {"load_axis": "fz"}, "channels": {"dz": "A1", "dx": "A2"}}  # fmt: skip
+    found = read(tmp_path, "interferometer", entry)
+    assert found.faults == ()
+    assert list(zip(found.columns["channel"], found.columns["reading"], strict=True)) == [
+        ("dz", 1.0), ("dz", 3.0), ("dx", 2.0), ("dx", 4.0)]  # fmt: skip
+    assert found.columns["room"] == [20.0, 21.0] * 2
+    assert not {"A1", "A2"} & found.columns.keys()
+    entry["channels"] = {"dz": "A1", "dx": "A9"}
+    (fault,) = read(tmp_path, "interferometer", entry).faults
+    assert "a column A9" in fault.expected
+
+
+def test_channels_are_those_of_an_interferometer(tmp_path):
+    written(tmp_path, "a.csv", "pose,target,x_mm,y_mm,z_mm\n1,T,1,2,3\n")
+    faults = read(tmp_path, entries={"path": "a.csv", "channels": {"dz": "x_mm"}}).faults
+    assert ["channels in [files.interferometer] alone" in fault.expected for fault in faults] == [True]
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [("T1,1.5,2.5,3.5\n", "header = false"), ("# made today\npose,x,y,z\n1,2,3,4\n", 'set comment = "#"')],
+)
+def test_what_is_no_line_of_names_is_said(tmp_path, text, hint):
+    written(tmp_path, "a.csv", text)
+    assert all(hint in fault.expected for fault in read(tmp_path, entries={"path": "a.csv"}).faults)
+
+
+def test_rows_that_a_split_leaves_out_are_left_out_where_poses_are_looked_for(tmp_path):
+    """A look at single columns of a table reads what `split` and `select` go by."""
+    written(tmp_path, "a.csv", "pose,label,x_mm,y_mm,z_mm\n1,A1,1,2,3\n2,none,1,2,3\n")
+    shape = Shape("points", ("pose",), partial=True)
+    entry = {"path": "a.csv", "split": {"label": r"(?P<target>[A-Z]\d)"}}
+    campaign = read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "files": {"points": entry}})
+    batches = [batch for _, batch in read_table(CampaignFiles(tmp_path, campaign), shape, FaultLog())]
+    assert [batch.columns["pose"].to_pylist() for batch in batches] == [[1]]

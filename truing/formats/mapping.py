@@ -11,9 +11,12 @@ from functools import cached_property
 
 from schemas.columns import Column
 from schemas.mapping import FileMapping
+from truing.formats.numbers import is_plain_number
 from truing.formats.raw import Kind
 from truing.formats.shapes import COORDINATES, Shape
 from truing.formats.units import UnknownUnit, conversion
+
+_TOLD = {"pose", "body", "target", "run", "step", "channel"}  # often said by a file's name, or by the order of its rows
 
 
 @dataclass(frozen=True)
@@ -221,7 +224,7 @@ class Plan:
             found[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
             self._need(name, self._kind(name, column), found, ())
-        for name in self.entry.select:
+        for name in (*self.entry.select, *self.entry.split):  # they say which rows are read at all
             self._need(name, "text", found, ())
         return found
 
@@ -284,6 +287,8 @@ class Plan:
         if not self.shape.partial:
             misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
             misfits += self._unit_of_nothing()
+        if self.entry.channels:
+            misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
         if self.entry.wide is not None and not self.wide:
             misfits.append(Misfit(f"columns named like {self.entry.wide}", value=", ".join(self.names)[:80]))
         _ = self.kinds
@@ -312,6 +317,14 @@ class Plan:
         known = [other for other in self.all_names if other]
         close = difflib.get_close_matches(reference, known, n=1, cutoff=0.5)
         hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known) or 'none'}"
+        if self.entry.header is not False and 2 * sum(map(is_plain_number, known)) > len(known):
+            hint = (
+                "but the first line holds numbers: set header = false and give columns by position, or name the format"
+            )
+        elif self.entry.comment is None and self.names[0].startswith("#"):
+            hint = 'but the first line begins with #: set comment = "#" where it is none of names, or name the format'
+        elif reference in _TOLD and not close:
+            hint += "; what no column says, from_name, number_rows or constants may"
         said = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
         return Misfit(f"{said}; {hint[:300]}", column=name)
 

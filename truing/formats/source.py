@@ -19,6 +19,7 @@ TABLES = (
     *("points", "targets", "configurations", "scans", "surfaces"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning"),
 )
+_BY_CHANNEL = "interferometer"  # the table whose rows may come side by side, a column per channel
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ class CampaignFiles:
         """How a table's raw files are read: as [files.<table>] says, else as the contract names them."""
         mapped = self._files.get(table)
         if mapped is not None:
-            return mapped if isinstance(mapped, tuple) else (mapped,)
+            entries = mapped if isinstance(mapped, tuple) else (mapped,)
+            return tuple(one for entry in entries for one in entry.by_channel) if table == _BY_CHANNEL else entries
         from schemas.mapping import FileMapping
 
         present = [name for name in _contract_names(table) if _is_file(self.folder / name)]

@@ -76,7 +76,7 @@ def conversion(unit: str, wanted: str) -> tuple[float, float]:
     A unit may be so many of another, as a count of 0.618 nm: "0.618 nm".
     """
     dimension, factor, offset = _counted(unit)
-    wanted_dimension, wanted_factor, wanted_offset = _known(wanted)
+    wanted_dimension, wanted_factor, wanted_offset = _counted(wanted)
     if dimension != wanted_dimension:
         raise UnknownUnit(f"a unit of {wanted_dimension}: {', '.join(_of_dimension(wanted_dimension))}")
     return factor / wanted_factor, (offset - wanted_offset) / wanted_factor

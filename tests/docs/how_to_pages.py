@@ -1,0 +1,85 @@
+"""The examples of the how-to pages: files of a section, the tables that come of them, and what goes wrong."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import PROJECT
+
+FOLDER = PROJECT / "docs" / "how-to"
+_FILE = re.compile(r"^`([^`\n]+\.\w+)`\n\n```\w+\n(.*?)```", re.MULTILINE | re.DOTALL)
+_TABLE = re.compile(r"^`(\w+)\.parquet`[^\n]*\n\n```csv\n(.*?)```", re.MULTILINE | re.DOTALL)
+_ROW = re.compile(r"^\| `([^`]+)` \| (?:`([^`]+)`|nothing) \| `([^`]+)` \| `([^`]+)` \|$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Slip:
+    """What somebody writes into a file of an example in place of something else, and what truing says of it."""
+
+    file: str
+    written: str
+    instead_of: str
+    said: str
+
+
+@dataclass(frozen=True)
+class Example:
+    """A campaign as a page shows it: its files by name, and what its tables hold, as CSV."""
+
+    page: str
+    files: dict[str, str]
+    tables: dict[str, str]
+
+    def write(self, folder: Path) -> Path:
+        """The folder with all files of the example."""
+        for name, text in self.files.items():
+            if name.endswith(".c3d"):
+                write_c3d(folder / name, text)
+            else:
+                (folder / name).write_bytes(text.encode())
+        return folder
+
+
+def examples(page: Path) -> list[Example]:
+    """A page's examples: files up to the next campaign.toml belong to one, and tables after it."""
+    text = page.read_text(encoding="utf-8")
+    found = sorted([*_FILE.finditer(text), *_TABLE.finditer(text)], key=lambda match: match.start())
+    made: list[Example] = []
+    files: dict[str, str] = {}
+    for match in found:
+        if match.re is _TABLE:
+            made[-1].tables[match[1]] = match[2]
+            continue
+        files[match[1]] = match[2]
+        if match[1] == "campaign.toml":
+            made.append(Example(page.stem, files, {}))
+            files = {}
+    return made
+
+
+def slips(page: Path) -> list[Slip]:
+    """What a page says that goes wrong with its first example."""
+    return [Slip(m[1], m[2] or "", m[3], m[4]) for m in _ROW.finditer(page.read_text(encoding="utf-8"))]
+
+
+def write_c3d(path: Path, listing: str) -> None:
+    """A C3D file of the markers that a page lists: frame, label, coordinates and unit; nothing where unseen."""
+    ezc3d = pytest.importorskip("ezc3d", reason="no ezc3d on this platform")
+    rows = [line.split() for line in listing.splitlines()[1:]]
+    labels = list(dict.fromkeys(row[1] for row in rows))
+    frames = sorted({int(row[0]) for row in rows})
+    points = np.full((4, len(labels), len(frames)), np.nan)
+    for row in rows:
+        if len(row) > 2:
+            points[:, labels.index(row[1]), frames.index(int(row[0]))] = [*map(float, row[2:5]), 1.0]
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = labels
+    file["parameters"]["POINT"]["UNITS"]["value"] = [rows[0][5]]
+    file["data"]["points"] = points
+    file.write(str(path))

@@ -1,0 +1,72 @@
+"""Every example of docs/how-to is read to the table that its page shows, and every slip is answered as it says."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+from pipeline.in_memory import stage_line
+from tests.docs.how_to_pages import FOLDER, Example, Slip, examples, slips
+
+PAGES = sorted(FOLDER.glob("*.md"))
+EXAMPLES = [example for page in PAGES for example in examples(page)]
+SLIPS = [(examples(page)[0], slip) for page in PAGES for slip in slips(page)]
+KEYS = {"pose", "body", "target", "run", "step", "channel", "figure", "subject", "target_mm", "direction", "cycle"}
+READERS = {"aicon", "c3d", "keysight", "laser-tracker", "metashape", "quadrature", "renishaw", "v-stars"}
+
+
+def test_every_instrument_has_an_example_and_its_slips():
+    assert {example.page for example in EXAMPLES} == READERS
+    assert {example.page for example, _ in SLIPS} == READERS
+    assert all(example.tables for example in EXAMPLES)
+
+
+def checked(folder):
+    return CliRunner().invoke(app, ["check", str(folder)])
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.page)
+def test_the_example_gives_its_tables(tmp_path, example: Example):
+    line = stage_line(example.write(tmp_path)).call("ingest")
+    if not example.tables.keys() <= line.tables.keys():
+        line.call("pose", "deformation")
+    for name, text in example.tables.items():
+        found = line.tables[name].to_pylist()
+        shown = list(csv.DictReader(io.StringIO(text)))
+        if name == "observations":
+            assert len(found) == len(shown)
+        for expected in shown:
+            (row,) = [row for row in found if all(_same(row[key], expected[key]) for key in KEYS & expected.keys())]
+            for key, value in expected.items():
+                assert _same(row[key], value), (key, row[key], value)
+
+
+def _same(value, text: str) -> bool:
+    """Whether a value is what a page shows of it: numbers to half of their last digit."""
+    if isinstance(value, float) and text:
+        digits = len(text.partition(".")[2])
+        return math.isclose(value, float(text), abs_tol=0.5001 * 10.0**-digits)
+    return ("" if value is None else str(value)) == text
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.page)
+def test_the_example_has_no_fault(tmp_path, example: Example):
+    done = checked(example.write(tmp_path))
+    assert (done.exit_code, done.stderr) == (0, ""), done.output
+
+
+@pytest.mark.parametrize(("example", "slip"), SLIPS, ids=lambda one: getattr(one, "page", ""))
+def test_a_slip_is_answered_as_the_page_says(tmp_path, example: Example, slip: Slip):
+    example.write(tmp_path)
+    path = tmp_path / slip.file
+    text = path.read_bytes().decode()
+    assert slip.instead_of in text
+    path.write_bytes(text.replace(slip.instead_of, slip.written, 1).encode())
+    done = checked(tmp_path)
+    assert done.exit_code == 2, done.output
+    assert slip.said in done.stderr.splitlines()
