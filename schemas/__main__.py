@@ -1,8 +1,10 @@
-"""``python -m schemas``: write docs/artifacts.md anew."""
+"""``python -m schemas``: write docs/artifacts.md and docs/reference/campaign-toml.md anew."""
 
 from pathlib import Path
 
+from schemas.campaign_page import campaign_page
 from schemas.page import artifacts_page
 
 if __name__ == "__main__":
     Path("docs/artifacts.md").write_text(artifacts_page(), encoding="utf-8")
+    Path("docs/reference/campaign-toml.md").write_text(campaign_page(), encoding="utf-8")

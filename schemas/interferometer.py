@@ -20,14 +20,14 @@ Expansion = Annotated[float, Field(gt=0.0, lt=_LARGEST_EXPANSION, allow_inf_nan=
 
 
 class DeadPaths(Section):
-    """dead_path_mm of the linear channels; an angle is the difference of two beams, whose dead paths cancel.
+    """[interferometer.dead_path_mm]: of linear channels; an angle is the difference of two beams: theirs cancel.
 
     Negative where a reading counts positive as its path gets shorter.
     """
 
-    dx: Finite = 0.0
-    dy: Finite = 0.0
-    dz: Finite = 0.0
+    dx: Finite = Field(0.0, description="of the channel dx")
+    dy: Finite = Field(0.0, description="of the channel dy")
+    dz: Finite = Field(0.0, description="of the channel dz")
 
 
 class Axis(Section):
@@ -47,12 +47,12 @@ class Beam(Axis):
 class Beams(Section):
     """[interferometer.beams]: cosine and Abbe terms of each channel, where the geometry is known."""
 
-    dx: Beam = Beam()
-    dy: Beam = Beam()
-    dz: Beam = Beam()
-    rx: Axis = Axis()
-    ry: Axis = Axis()
-    rz: Axis = Axis()
+    dx: Beam = Field(Beam(), description="the beam of dx")
+    dy: Beam = Field(Beam(), description="the beam of dy")
+    dz: Beam = Field(Beam(), description="the beam of dz")
+    rx: Axis = Field(Axis(), description="the axis of rx")
+    ry: Axis = Field(Axis(), description="the axis of ry")
+    rz: Axis = Field(Axis(), description="the axis of rz")
 
     @field_validator(*_AXES)
     @classmethod
@@ -76,33 +76,33 @@ class Growth(Section):
     length_mm: Finite = Field(
         description="positive where growth moves the mirror the way in which the channel counts up"
     )
-    expansion_per_k: Expansion
-    expansion_sigma_per_k: NotNegative = 0.0
+    expansion_per_k: Expansion = Field(description="expansion of the material")
+    expansion_sigma_per_k: NotNegative = Field(0.0, description="one sigma of it")
 
 
 class AxisGrowth(Section):
     """A positioned axis: it is as long as its material's temperature makes it."""
 
-    expansion_per_k: Expansion
-    expansion_sigma_per_k: NotNegative = 0.0
+    expansion_per_k: Expansion = Field(description="expansion of the material")
+    expansion_sigma_per_k: NotNegative = Field(0.0, description="one sigma of it")
 
 
 class Material(Section):
     """[interferometer.material]: what material_temperature_c does to readings; corrected where it is said."""
 
-    dx: Growth | None = None
-    dy: Growth | None = None
-    dz: Growth | None = None
+    dx: Growth | None = Field(None, description="of the channel dx")
+    dy: Growth | None = Field(None, description="of the channel dy")
+    dz: Growth | None = Field(None, description="of the channel dz")
     axis: AxisGrowth | None = Field(None, description="positioning runs")
 
 
 class SurroundingsSigma(Section):
     """[interferometer.surroundings_sigma]: one sigma of what reads air and material, and of the index."""
 
-    air_temperature_c: NotNegative = 0.0
-    air_pressure_hpa: NotNegative = 0.0
-    relative_humidity_pct: NotNegative = 0.0
-    material_temperature_c: NotNegative = 0.0
+    air_temperature_c: NotNegative = Field(0.0, description="temperature of the air")
+    air_pressure_hpa: NotNegative = Field(0.0, description="its pressure")
+    relative_humidity_pct: NotNegative = Field(0.0, description="its humidity")
+    material_temperature_c: NotNegative = Field(0.0, description="temperature of the material")
     index: NotNegative = Field(1e-8, description="of the equation of the refractive index")
 
 
@@ -114,12 +114,14 @@ class Interferometer(Section):
         DeadPaths(),
         description="one number, or one per linear channel; negative where a reading grows as its path shrinks",
     )
-    compensated: bool = True
+    compensated: bool = Field(True, description="whether readings are compensated for the refractive index of air")
     passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
     signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")
-    beams: Beams = Beams()
-    material: Material = Material()
-    surroundings_sigma: SurroundingsSigma | None = None
+    beams: Beams = Field(Beams(), description="where a beam is askew, or meets the platform off its origin")
+    material: Material = Field(Material(), description="what the material between mirror and platform grows")
+    surroundings_sigma: SurroundingsSigma | None = Field(
+        None, description="how well air and material are known; absent: exactly"
+    )
 
     @field_validator("dead_path_mm", mode="before")
     @classmethod

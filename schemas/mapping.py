@@ -89,9 +89,9 @@ class FileMapping(BaseModel):
     )
     header: bool | None = Field(None, description="whether the first line names the columns")
     names: tuple[str, ...] = Field((), description="names for the columns of a file without header")
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] = Field(".", description="the decimal mark")
     thousands: Literal[",", ".", "'", " "] | None = Field(None, description="a blank: any kind of blank")
-    encoding: Annotated[str, AfterValidator(_is_encoding)] = "utf-8"
+    encoding: Annotated[str, AfterValidator(_is_encoding)] = Field("utf-8", description="of the files")
     quote: Annotated[str, AfterValidator(_is_quote)] = Field(
         '"', description="empty where a quotation mark is a mark like any other"
     )

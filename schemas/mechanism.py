@@ -33,26 +33,26 @@ class Leg(Section):
 class Rod(Section):
     """A circular elastic part: flexure or leg tube."""
 
-    diameter_mm: Positive
-    youngs_gpa: Positive
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)]
+    diameter_mm: Positive = Field(description="its diameter")
+    youngs_gpa: Positive = Field(description="Young's modulus")
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] = Field(description="Poisson's ratio")
 
 
 class Tolerance(Section):
     """[mechanism.tolerance]: one standard deviation of manufacturing and assembly, the prior of calibration."""
 
-    a_mm: NotNegative | None = None
-    b_mm: NotNegative | None = None
-    u: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
-    length_mm: NotNegative | None = None
-    rho0_mm: NotNegative | None = None
+    a_mm: NotNegative | None = Field(None, description="each coordinate of the joints on the base")
+    b_mm: NotNegative | None = Field(None, description="each coordinate of the joints on the platform")
+    u: Annotated[float, Field(ge=0.0, lt=1.0)] | None = Field(None, description="direction of the actuators, rad")
+    length_mm: NotNegative | None = Field(None, description="leg length")
+    rho0_mm: NotNegative | None = Field(None, description="reference reading of the actuators")
 
 
 class MechanismSection(Section):
     """[mechanism], whatever its type."""
 
-    type: str
-    reference_temperature_c: Finite = 20.0
+    type: str = Field(description="6-pus, ups, 6-upur, none, or what an installed package adds")
+    reference_temperature_c: Finite = Field(20.0, description="of the survey and of the nominal geometry")
 
     @property
     def is_legged(self) -> bool:
@@ -72,17 +72,19 @@ def _known_closure(kind: str) -> str:
 class NoMechanism(MechanismSection):
     """[mechanism] absent or type = "none": bodies of any names, and nothing that says how they move."""
 
-    type: Literal["none"] = "none"
+    type: Literal["none"] = Field("none", description="none: bodies of any names")
 
 
 class LeggedMechanism(MechanismSection):
     """[mechanism] of type 6-pus, ups or an installed package's own: nominal geometry and its tolerance."""
 
-    type: Annotated[str, AfterValidator(_known_closure)]
-    legs: tuple[Leg, ...]
-    flexure: Rod | None = None
-    leg_tube: Rod | None = None
-    tolerance: Tolerance = Tolerance()
+    type: Annotated[str, AfterValidator(_known_closure)] = Field(
+        description="6-pus: fixed legs, moved actuators; ups: legs of variable length; or an installed package's own"
+    )
+    legs: tuple[Leg, ...] = Field(description="one entry per leg, in leg order")
+    flexure: Rod | None = Field(None, description="stiffness model: the flexures")
+    leg_tube: Rod | None = Field(None, description="stiffness model: the legs")
+    tolerance: Tolerance = Field(Tolerance(), description="how well the geometry is known beforehand")
     actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
     model: str | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
 

@@ -13,26 +13,30 @@ class CampaignSection(Section):
     """[campaign]: its name, its kind, and the columns that deformation may follow."""
 
     name: str = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="names the run's folder")
-    kind: Literal["photogrammetry", "interferometer"]
+    kind: Literal["photogrammetry", "interferometer"] = Field(
+        description="photogrammetry: points of bodies; interferometer: motion of a platform under load"
+    )
     drives: tuple[str, ...] = Field((), description="columns of configurations.csv that deformation may follow")
 
 
 class Loading(Section):
     """[loading]: the range of each load; beyond it a load is a fault."""
 
-    fx_n: Positive | None = None
-    fy_n: Positive | None = None
-    fz_n: Positive | None = None
-    mx_nm: Positive | None = None
-    my_nm: Positive | None = None
-    mz_nm: Positive | None = None
+    fx_n: Positive | None = Field(None, description="largest force along x, either way")
+    fy_n: Positive | None = Field(None, description="the same along y")
+    fz_n: Positive | None = Field(None, description="the same along z")
+    mx_nm: Positive | None = Field(None, description="largest torque about x, either way")
+    my_nm: Positive | None = Field(None, description="the same about y")
+    mz_nm: Positive | None = Field(None, description="the same about z")
 
 
 class Signals(Section):
     """[signals]: what is known of the gain of the signal channels."""
 
-    sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = None
-    sensitivity_tolerance: NotNegative | None = None
+    sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = Field(
+        None, description="gain of the channels, one number or one per channel; absent: unknown"
+    )
+    sensitivity_tolerance: NotNegative | None = Field(None, description="one sigma of it, relative")
     zero_mv: NotNegative | None = Field(
         None, description="one sigma of a signal's zero where each run was tared; absent: unknown"
     )
@@ -42,18 +46,18 @@ class Signals(Section):
 class PoseComponents(Section):
     """A number for each component of a pose; absent where nothing is said of one."""
 
-    x_mm: Positive | None = None
-    y_mm: Positive | None = None
-    z_mm: Positive | None = None
-    rx_deg: Positive | None = None
-    ry_deg: Positive | None = None
-    rz_deg: Positive | None = None
+    x_mm: Positive | None = Field(None, description="along x")
+    y_mm: Positive | None = Field(None, description="along y")
+    z_mm: Positive | None = Field(None, description="along z")
+    rx_deg: Positive | None = Field(None, description="about x")
+    ry_deg: Positive | None = Field(None, description="about y")
+    rz_deg: Positive | None = Field(None, description="about z")
 
 
 class Workspace(PoseComponents):
     """[workspace]: half ranges, for pose selection and the requirements table."""
 
-    rho_mm: Positive | None = None
+    rho_mm: Positive | None = Field(None, description="of every actuator, about its reference reading")
 
 
 class Requirement(PoseComponents):
@@ -63,8 +67,8 @@ class Requirement(PoseComponents):
 class Noise(Section):
     """[noise]: one standard deviation, as specified for the instrument."""
 
-    point_mm: Positive | None = None
-    actuator_mm: NotNegative = 0.0
+    point_mm: Positive | None = Field(None, description="photogrammetry: each coordinate of a point")
+    actuator_mm: NotNegative = Field(0.0, description="photogrammetry: an actuator's reading")
     linear_um: Positive | None = Field(None, description="interferometer, linear channels")
     angular_arcsec: Positive | None = Field(None, description="interferometer, angular channels")
     signal_mv: Positive | None = Field(None, description="signal channels")
@@ -80,29 +84,38 @@ class Bodies(Section):
     ``still`` names bodies that should stand still before an instrument whose frame is one for the campaign.
     """
 
-    reference: str | None = None
-    still: tuple[str, ...] = ()
+    reference: str | None = Field(
+        None,
+        description="the body that the others are seen from; absent: a mechanism's base, else the measurement's frame",
+    )
+    still: tuple[str, ...] = Field(
+        (), description="bodies that should stand still before an instrument whose frame is one for the campaign"
+    )
 
 
 class Diagnosis(Section):
     """[diagnosis]: how sure a finding must be."""
 
-    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
+        0.05, description="probability of any finding where the simulation is right"
+    )
     seed: int = Field(0, ge=0, description="seed of the simulated null draws")
 
 
 class SetLimits(Section):
     """[qa.limits.<check>]: from where on a check warns or fails, in place of its declared limits."""
 
-    warn: NotNegative | None = None
-    fail: NotNegative | None = None
+    warn: NotNegative | None = Field(None, description="from where on the check warns; absent: as declared")
+    fail: NotNegative | None = Field(None, description="from where on it fails; absent: as declared")
     reason: str | None = Field(None, min_length=1, description="why; the check says it with its verdict")
 
 
 class QualityLimits(Section):
     """[qa]: the probability that all failing checks together trip on a good campaign, and limits of its own."""
 
-    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
+        0.01, description="probability that any check fails on a good campaign"
+    )
     limits: dict[str, SetLimits] = Field(default_factory=dict, description="by check, where its limits are plain")
 
 
@@ -113,22 +126,22 @@ class Overrule(Section):
     channel = "dz"`` that channel in every step of the run.
     """
 
-    pose: int | str | None = None
-    body: str | None = None
-    target: str | None = None
+    pose: int | str | None = Field(None, description="the pose")
+    body: str | None = Field(None, description="the body")
+    target: str | None = Field(None, description="the target")
     run: int | str | None = Field(None, description="interferometer: the run")
     step: int | None = Field(None, description="interferometer: the load step within its run")
     channel: Literal["dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v8"] | None = Field(
         None, description="interferometer: what was read"
     )
     by: str = Field(min_length=1, description="who decided")
-    reason: str = Field(min_length=1)
+    reason: str = Field(min_length=1, description="why")
 
 
 class Acceptance(Section):
     """[[accept]]: a QA verdict accepted by a person, by name and with a reason."""
 
-    check: str = Field(min_length=1)
-    subject: str | None = None
+    check: str = Field(min_length=1, description="the check, as qa.parquet names it")
+    subject: str | None = Field(None, description="what it concerns; absent: whatever it concerns")
     by: str = Field(min_length=1, description="who decided")
-    reason: str = Field(min_length=1)
+    reason: str = Field(min_length=1, description="why")

@@ -38,19 +38,21 @@ _ALLOWED: dict[str, tuple[str, ...]] = {
 class Element(Section):
     """One element of a sensor's leg, from the base to the platform; what it needs depends on its kind."""
 
-    kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"]
+    kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"] = Field(description="what it is")
     length_mm: NotNegative | None = Field(None, description="along the leg; absent: rigid takes up what is left of it")
-    diameter_mm: Positive | None = None
-    width_mm: Positive | None = None
-    thickness_mm: Positive | None = None
-    web_mm: Positive | None = None
-    radius_mm: Positive | None = None
-    soft: Literal["s1", "s2"] | None = None
-    youngs_gpa: Positive | None = None
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
-    axial_n_per_m: Positive | None = None
-    torsion_n_m_per_rad: Positive | None = None
-    matrix: tuple[tuple[Finite, ...], ...] | None = None
+    diameter_mm: Positive | None = Field(None, description="cylinder")
+    width_mm: Positive | None = Field(None, description="leaf, notch: across")
+    thickness_mm: Positive | None = Field(None, description="leaf")
+    web_mm: Positive | None = Field(None, description="notch: what is left at its thinnest")
+    radius_mm: Positive | None = Field(None, description="notch")
+    soft: Literal["s1", "s2"] | None = Field(None, description="leaf, notch: the axis that it bends about")
+    youngs_gpa: Positive | None = Field(None, description="Young's modulus")
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = Field(None, description="Poisson's ratio")
+    axial_n_per_m: Positive | None = Field(None, description="spring: stiffness along the leg; absent: rigid")
+    torsion_n_m_per_rad: Positive | None = Field(None, description="spring: stiffness about the leg; absent: rigid")
+    matrix: tuple[tuple[Finite, ...], ...] | None = Field(
+        None, description="compliance, 6 x 6, SI, at the element's outer end"
+    )
 
     @model_validator(mode="after")
     def _keys_fit_the_kind(self) -> Element:
@@ -73,23 +75,25 @@ class Element(Section):
 class SensorTolerance(Section):
     """[mechanism.tolerance] of a 6-upur: full widths T, sigma = T / 6."""
 
-    platform_radius_um: NotNegative | None = None
-    base_radius_um: NotNegative | None = None
-    lower_clearance_um: NotNegative | None = None
-    middle_clearance_um: NotNegative | None = None
-    sensor_installation_um: NotNegative | None = None
+    platform_radius_um: NotNegative | None = Field(None, description="radius of the upper joints")
+    base_radius_um: NotNegative | None = Field(None, description="radius of the lower joints")
+    lower_clearance_um: NotNegative | None = Field(None, description="clearance of the lower joint")
+    middle_clearance_um: NotNegative | None = Field(None, description="clearance of the middle joint")
+    sensor_installation_um: NotNegative | None = Field(None, description="installation of the cell in its leg")
     stiffness: float = Field(0.0, ge=0.0, lt=1.0, description="one sigma, relative, of the elastic parameters")
 
 
 class SensorMechanism(MechanismSection):
     """[mechanism] of type 6-upur: joint centres, and the elements of one leg or the compliance itself."""
 
-    type: Literal["6-upur"]
-    legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6)
-    height_mm: Positive
-    elements: tuple[Element, ...] = ()
+    type: Literal["6-upur"] = Field(description="a force sensor of six elastic legs")
+    legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6, description="six entries, in leg order")
+    height_mm: Positive = Field(description="platform's origin above that of the fixed frame, unloaded")
+    elements: tuple[Element, ...] = Field((), description="of one leg, from the base to the platform")
     compliance_file: str | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
-    tolerance: SensorTolerance = SensorTolerance()
+    tolerance: SensorTolerance = Field(
+        SensorTolerance(), description="how well geometry and stiffness are known beforehand"
+    )
     model: str | None = Field(None, description="model.toml of an earlier campaign of this sensor, to start from")
 
     @model_validator(mode="after")

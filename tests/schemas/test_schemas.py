@@ -9,6 +9,7 @@ import pytest
 
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import read_campaign
+from schemas.campaign_page import campaign_page
 from schemas.columns import COLUMNS, find_column
 from schemas.faults import CampaignFaults, Fault
 from schemas.page import artifacts_page
@@ -65,6 +66,13 @@ def test_numbered_columns_are_found_by_their_family():
 def test_page_is_what_is_enforced():
     page = Path(__file__).resolve().parents[2] / "docs" / "artifacts.md"
     assert page.read_text(encoding="utf-8") == artifacts_page(), "run `python -m schemas`"
+
+
+def test_the_page_of_settings_is_what_is_checked():
+    page = Path(__file__).resolve().parents[2] / "docs" / "reference" / "campaign-toml.md"
+    assert page.read_text(encoding="utf-8") == campaign_page(), "run `python -m schemas`"
+    rows = [line.split(" | ") for line in campaign_page().splitlines() if line.startswith("| `")]
+    assert [row for row in rows if len(row) != 5 or row[-1].strip(" |") == ""] == []
 
 
 def sensor(*elements):

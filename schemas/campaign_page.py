@@ -1,0 +1,172 @@
+"""docs/reference/campaign-toml.md: every section and key of campaign.toml, written from the models that check it."""
+
+from __future__ import annotations
+
+import json
+import re
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from schemas.campaign import Campaign
+from schemas.columns import LARGEST
+from schemas.mechanism import LeggedMechanism
+from schemas.section import Finite, NotNegative, Positive, Vector
+from schemas.sensor_mechanism import SensorMechanism
+
+_HEAD = """# What may campaign.toml hold, key by key?
+
+Written by `python -m schemas` from the definitions that check it. Every key that is not here is a fault, and the
+message names the nearest one that is. A key without a default is optional unless it says `required`. `truing init
+FOLDER` writes a campaign.toml with all of this as comments, and `truing check CAMPAIGN` tells every fault at once.
+
+| key | takes | unit | default | meaning |
+| --- | --- | --- | --- | --- |
+| `format` | `1` |  | `1` | version of this file's format |
+"""
+_UNITS = {
+    "_mm": "mm",
+    "_um": "µm",
+    "_rad": "rad",
+    "_deg": "degrees",
+    "_arcsec": "arc seconds",
+    "_n": "N",
+    "_nm": "N m",
+    "_n_per_m": "N/m",
+    "_n_m_per_rad": "N m/rad",
+    "_mv": "mV",
+    "_mv_per_n": "mV/N",
+    "_gpa": "GPa",
+    "_hpa": "hPa",
+    "_pct": "%",
+    "_c": "°C",
+    "_per_k": "1/K",
+}
+_NANOMETRES = ("wavelength_nm",)
+_NUMBERS = {Positive: "number above 0", NotNegative: "number from 0", Finite: "number", Vector: "three numbers"}
+_WORDS = {str: "text", int: "whole number", float: "number", bool: "`true` or `false`"}
+_SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le", "to")}
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of campaign.toml, or several that hold the same: where they are, the model that checks them."""
+
+    places: tuple[str, ...]
+    model: type[BaseModel]
+    remark: str = ""
+
+
+def campaign_page() -> str:
+    """The whole page as Markdown."""
+    return "\n".join([_HEAD, *(line for table in _top() for line in _written(table))]).rstrip() + "\n"
+
+
+def _top() -> Iterator[Table]:
+    """Tables of the file in the order of the model; of [mechanism] one per family of types."""
+    for table in _within(Campaign, ""):
+        if table.places == ("[mechanism]",):
+            yield Table(table.places, LeggedMechanism, " of legs and actuators")
+            yield Table(table.places, SensorMechanism, " of a force sensor")
+        else:
+            yield table
+
+
+def _within(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
+    """The tables that a model's keys hold, those of the same kind as one."""
+    found: dict[type[BaseModel], list[str]] = {}
+    for key, field in model.model_fields.items():
+        if inner := _model(field.annotation):
+            found.setdefault(inner, []).append(_bracketed(f"{place}{key}", field.annotation))
+    return (Table(tuple(places), inner, remark) for inner, places in found.items())
+
+
+def _bracketed(place: str, annotation: Any) -> str:
+    if typing.get_origin(annotation) is dict:
+        return f"[{place}.<{'check' if place.endswith('limits') else 'table'}>]"
+    return f"[[{place}]]" if typing.get_origin(annotation) is tuple else f"[{place}]"
+
+
+def _written(table: Table, depth: int = 2) -> Iterator[str]:
+    """A heading, its sentences, its keys, then the tables within it."""
+    yield f"{'#' * depth} {', '.join(f'`{place}`' for place in table.places)}{table.remark}\n"
+    yield f"{_sentences(table.model)}\n"
+    yield "| key | takes | unit | default | meaning |\n| --- | --- | --- | --- | --- |"
+    yield from (_row(key, field) for key, field in table.model.model_fields.items())
+    yield ""
+    place = f"{table.places[0].strip('[]')}."
+    for inner in _within(table.model, place, table.remark if table.model is SensorMechanism else ""):
+        yield from _written(inner, depth + 1)
+
+
+def _sentences(model: type[BaseModel]) -> str:
+    """The first paragraph of a docstring and what follows, without the name of the table before its colon."""
+    text = " ".join((model.__doc__ or "").split())
+    text = re.sub(r"^(One )?\[[^:]*: ", "", text).replace("``", "`")
+    return f"{text[0].upper()}{text[1:]}"
+
+
+def _row(key: str, field: FieldInfo) -> str:
+    takes = _takes(field.annotation, field.metadata)
+    return f"| `{key}` | {takes} | {_unit(key)} | {_default(field)} | {field.description or ''} |"
+
+
+def _unit(key: str) -> str:
+    if key in _NANOMETRES:
+        return "nm"
+    marks = [mark for mark in _UNITS if key.endswith(mark)]
+    return _UNITS[max(marks, key=len)] if marks else ""
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value in ((), {}) or isinstance(value, BaseModel):
+        return ""
+    return f"`{json.dumps(value, ensure_ascii=False)}`"
+
+
+def _takes(annotation: Any, metadata: list[Any]) -> str:
+    """What a key takes, in words."""
+    if known := next((words for kind, words in _NUMBERS.items() if annotation == kind), ""):
+        return known
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Annotated:
+        return _takes(arguments[0], list(arguments[1:]))
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_takes(one, []) for one in arguments if one is not type(None))
+    if origin is Literal:
+        return " ".join(f"`{json.dumps(choice)}`" for choice in arguments)
+    if origin is tuple:
+        return f"list of {_plural(_takes(arguments[0], []))}"
+    if origin is dict:
+        return f"table of {_plural(_takes(arguments[1], []))}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return "table"
+    return f"{_WORDS[annotation]}{_bounds(metadata)}"
+
+
+def _plural(words: str) -> str:
+    return re.sub(r"\b(text|number|table|list)\b", r"\1s", words)
+
+
+def _bounds(metadata: list[Any]) -> str:
+    """Limits from a field's constraints, those against absurd sizes left out."""
+    flat = [rule for entry in metadata for rule in (entry.metadata if isinstance(entry, FieldInfo) else [entry])]
+    known = [(rule, *sign) for rule in flat for kind, sign in _SIGNS.items() if isinstance(rule, kind)]
+    found = [(word, getattr(rule, name)) for rule, name, word in known]
+    return "".join(f" {word} {limit:g}" for word, limit in found if abs(limit) != LARGEST)
+
+
+def _model(annotation: Any) -> type[BaseModel] | None:
+    """The table within an annotation, however it is wrapped."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for one in typing.get_args(annotation) if (found := _model(one))), None)
