@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from schemas.faults import CampaignFaults, Fault
+from schemas.settings_text import LARGEST, TooLarge, read_settings_text
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
 
 FILE = "campaign.toml"
-_LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _UNSAFE = re.compile(r'[/\\:*?"<>|\x00-\x1f]')
 # Names that Windows keeps for devices, whatever their ending.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -63,14 +63,12 @@ def open_campaign(place: Path) -> CampaignFolder:
     """Parse the campaign.toml in a folder (or the file itself); raises CampaignFaults where that cannot be."""
     file = place if place.suffix == ".toml" and place.is_file() else place / FILE
     try:
-        if file.exists() and not file.is_file():  # a folder, a device without end
-            raise IsADirectoryError(file)
-        if (size := file.stat().st_size) > _LARGEST:
-            expected = f"settings of at most {_LARGEST >> 20} MB; measured values belong into tables"
-            raise CampaignFaults([Fault(str(file), expected, value=f"{size >> 20} MB")])
-        text = file.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        text = read_settings_text(file)
+    except FileNotFoundError:
         raise CampaignFaults([Fault(str(file), _expected_instead(place))]) from None
+    except TooLarge as error:
+        expected = f"settings of at most {LARGEST >> 20} MB; measured values belong into tables"
+        raise CampaignFaults([Fault(str(file), expected, value=f"{error.size >> 20} MB")]) from None
     except UnicodeDecodeError as error:
         found = str(error.object[error.start : error.end])
         raise CampaignFaults([Fault(str(file), "text in UTF-8", value=found)]) from None
@@ -86,6 +84,8 @@ def open_campaign(place: Path) -> CampaignFolder:
 
 
 def _expected_instead(place: Path) -> str:
+    if os.path.lexists(place / FILE):
+        return "a regular file: no folder, no pipe or device, and no link that leads nowhere"
     if place.is_dir():
         return f"a campaign.toml in this folder; `truing init {place}` writes one to complete"
     return "a campaign folder that exists, with a campaign.toml in it"
@@ -121,7 +121,7 @@ def _shown(value: object) -> str | None:
 
 def is_safe_name(name: str) -> bool:
     """Whether a campaign's name is a file name on Linux, macOS and Windows alike."""
-    if not 0 < len(name.encode()) <= 120 or _UNSAFE.search(name) or _RESERVED.fullmatch(name):
+    if not 0 < len(os.fsencode(name)) <= 120 or _UNSAFE.search(name) or _RESERVED.fullmatch(name):
         return False
     return name == name.strip(" .") and name.isprintable()
 

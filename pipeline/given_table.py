@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from schemas.faults import CampaignFaults, Fault
+from schemas.settings_text import regular_size
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -22,12 +24,17 @@ def read_given(path: Path, what: str) -> pa.Table:
     if path.suffix not in ENDINGS:
         raise CampaignFaults([Fault(str(path), f"{what}, .csv or .parquet")])
     try:
+        regular_size(path)  # a pipe would be waited for without end
         table = pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
-    except (FileNotFoundError, IsADirectoryError):
+        table.validate(full=True)
+        names = table.column_names  # raises where one is no text
+    except FileNotFoundError:
         raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
-    except pa.ArrowInvalid as error:
+    except (pa.ArrowException, OSError, UnicodeError) as error:
+        if isinstance(error, OSError) and error.errno:  # the environment's
+            raise
         raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
-    twice = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
+    twice = sorted(name for name, times in Counter(names).items() if times > 1)
     if twice:
         raise CampaignFaults(Fault(str(path), "one column of that name", column=name) for name in twice)
     return table

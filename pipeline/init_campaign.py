@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import re
 from collections import Counter
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
 _LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning"}
 _MOST_FILES = 5000
+_SHOWN_COLUMNS = 40
 _NOT_RAW = {".toml", ".md", ".html", ".pdf"}
 _SCAN_WORDS = {
     "pose",
@@ -57,19 +59,24 @@ def init_campaign(folder: Path) -> ExitCode:
     _write_new(target, text)
     voice = Voice(quiet=False)
     for group, guess in guesses:
-        voice.say(f"{group.glob}: {_summary(group, guess)}")
+        voice.say(f"{_shown(group.glob)}: {_summary(group, guess)}")
     voice.say(f"wrote {target}; complete it, then: truing check {folder}")
     return ExitCode.DONE
 
 
 def _write_new(target: Path, text: str) -> None:
+    content = text.encode()
     with environment(f"{target} cannot be written"):
         try:
-            file = open(target, "x", encoding="utf-8")  # noqa: SIM115 (closed below; who opens it first, owns it)
+            file = open(target, "xb")  # noqa: SIM115 (closed below; who opens it first, owns it)
         except FileExistsError:
             raise CampaignFaults([Fault(str(target), "no such file yet: it is never overwritten")]) from None
-        with file:
-            file.write(text)
+        try:
+            with file:
+                file.write(content)
+        except BaseException:
+            target.unlink(missing_ok=True)  # half of it would never be overwritten
+            raise
 
 
 def raw_groups(folder: Path) -> list[RawGroup]:
@@ -77,7 +84,8 @@ def raw_groups(folder: Path) -> list[RawGroup]:
     groups: dict[str, list[Path]] = {}
     for path in _files(folder):
         relative = path.relative_to(folder)
-        pattern = (relative.parent / re.sub(r"\d+", "*", relative.name)).as_posix()
+        name = re.sub(r"\d+", "*", glob.escape(relative.name))
+        pattern = (Path(glob.escape(str(relative.parent))) / name).as_posix()
         groups.setdefault(pattern, []).append(path)
     return [
         RawGroup(pattern if len(paths) > 1 else paths[0].relative_to(folder).as_posix(), paths[0], len(paths))
@@ -99,8 +107,10 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _guess(group: RawGroup) -> Guess:
-    from truing.formats.sniff import sniff_file
+    from truing.formats.sniff import Guess, sniff_file
 
+    if not _is_text(group.glob):
+        return Guess(notes=("its name is no text in UTF-8, as campaign.toml is: rename it",))
     guess = sniff_file(group.example)
     # A survey is one file: many of them, told apart by a number, are poses.
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
@@ -118,7 +128,26 @@ def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup
 def _summary(group: RawGroup, guess: Guess) -> str:
     many = f"{group.count} files, " if group.count > 1 else ""
     what = guess.table or "not recognised"
-    return f"{many}{what}; columns {', '.join(guess.columns) or 'unknown'}"
+    return _shown(f"{many}{what}; columns {_listed(guess.columns)}")
+
+
+def _listed(columns: tuple[str, ...]) -> str:
+    more = f", and {len(columns) - _SHOWN_COLUMNS} more" if len(columns) > _SHOWN_COLUMNS else ""
+    return ", ".join(columns[:_SHOWN_COLUMNS]) + more if columns else "unknown"
+
+
+def _shown(text: str) -> str:
+    """A text on one line that a terminal shows and TOML has as a comment, whatever a file is called."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def _is_text(name: str) -> bool:
+    """Whether a file's name is text: a file system may hold other bytes, which Python carries as surrogates."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
@@ -157,8 +186,8 @@ def _quality_limits(kind: str) -> Iterator[str]:
 
 def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
     """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
-    yield from ("", f"# {group.glob}: columns {', '.join(guess.columns) or 'unknown'}")
-    yield from (f"# {note}" for note in guess.notes)
+    yield from ("", f"# {_shown(group.glob)}: columns {_shown(_listed(guess.columns))}")
+    yield from (f"# {_shown(note)}" for note in guess.notes)
     mapping = {**guess.mapping, **_pose_from_name(group, guess), **_body_from_name(group, guess)}
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
@@ -166,7 +195,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
     heading = f"files.{guess.table or 'points'}"
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
     for key, value in {"path": group.glob, **mapping}.items():
-        yield f"{mark}{key} = {_toml(value)}"
+        yield f"{mark}{key} = {_shown(_toml(value)) if mark else _toml(value)}"
 
 
 def _pose_from_name(group: RawGroup, guess: Guess) -> dict[str, str]:
@@ -174,8 +203,13 @@ def _pose_from_name(group: RawGroup, guess: Guess) -> dict[str, str]:
     named = {*guess.columns, *guess.mapping.get("columns", {})}
     if guess.table not in ("points", "scans") or group.count == 1 or "pose" in named or group.glob.count("*") != 1:
         return {}
-    before, after = Path(group.glob).name.split("*")
+    before, after = _unescaped(Path(group.glob).name).split("*")
     return {"from_name": rf"{re.escape(before)}(?P<pose>\d+){re.escape(after)}"}
+
+
+def _unescaped(pattern: str) -> str:
+    """A glob without the brackets in which a name's own brackets stand."""
+    return pattern.replace("[[]", "[")
 
 
 def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
@@ -190,7 +224,7 @@ def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
 def _toml(value: Any) -> str:
     """A value of a mapping as TOML."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{json.dumps(str(key))} = {_toml(inner)}" for key, inner in value.items()) + " }"
+        return "{ " + ", ".join(f"{_toml(str(key))} = {_toml(inner)}" for key, inner in value.items()) + " }"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

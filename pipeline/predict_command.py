@@ -10,6 +10,7 @@ from pipeline.given_table import ENDINGS, read_given, table_bytes
 from pipeline.problems import ExitCode
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
+from schemas.settings_text import read_settings_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -31,8 +32,8 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
 
 def _model_text(model: Path) -> str:
     try:
-        return model.read_text(encoding="utf-8")
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError, UnicodeDecodeError):
+        return read_settings_text(model)
+    except (FileNotFoundError, ValueError):
         raise CampaignFaults([Fault(str(model), "a model.toml that a run has written")]) from None
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from schemas.settings_text import read_settings_text
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles, RawFile
 
@@ -29,7 +30,7 @@ def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
     if file is None:
         return None
     try:
-        lines = file.path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_settings_text(file.path).splitlines()
     except (OSError, ValueError):
         log.add(Fault("campaign.toml", "an existing text file", column="mechanism.compliance_file", value=file.name))
         return None

@@ -7,6 +7,7 @@ import tomllib
 from typing import TYPE_CHECKING, Any
 
 from schemas.faults import Fault
+from schemas.settings_text import read_settings_text
 from truing.simulation.bench.sensor_text import is_sensor
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
     if settings.mechanism.type == "none" or settings.mechanism.model is None or source.earlier_model is None:
         return None
     try:
-        text = source.earlier_model.path.read_text(encoding="utf-8")
+        text = read_settings_text(source.earlier_model.path)
         wrong = _departure(tomllib.loads(text), settings.mechanism)
     except OSError:
         wrong = "a file that can be read: the model.toml of an earlier campaign"

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.broken import campaign_files, hostile_files, load_tables, point_tables
+from tests.broken import campaign_files, hostile_files, load_tables, no_files, point_tables
 from tests.broken.good import CAMPAIGNS
 from tests.broken.spoiling import Broken
 
-CASES: tuple[Broken, ...] = (*campaign_files.CASES, *point_tables.CASES, *load_tables.CASES, *hostile_files.CASES)
+CASES: tuple[Broken, ...] = (
+    *campaign_files.CASES,
+    *point_tables.CASES,
+    *load_tables.CASES,
+    *hostile_files.CASES,
+    *no_files.CASES,
+)
 
 
 def write_broken(case: Broken, folder: Path) -> Path:

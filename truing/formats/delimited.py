@@ -92,7 +92,10 @@ def split_record(record: bytes, separator: str, quote: str) -> list[str]:
         quotechar=quote or None,
         quoting=csv.QUOTE_MINIMAL if quote else csv.QUOTE_NONE,
     )
-    return [field.strip() for field in next(rows, [])]
+    try:
+        return [field.strip() for field in next(rows, [])]
+    except csv.Error:  # a field longer than Python's reader takes
+        return [field.strip() for field in text.split(separator)]
 
 
 def column_names(heading: bytes, separator: str, entry: FileMapping) -> tuple[str, ...]:

@@ -81,7 +81,9 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
 def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
     for pattern in entry.paths:
         found = source.resolve(pattern)
-        if not found:
+        if not found and not source.is_mapped(shape.name):
+            log.add(Fault(pattern, "a regular file: no folder, no pipe or device, and no link that leads nowhere"))
+        elif not found:
             log.add(Fault("campaign.toml", "an existing file", column=f"files.{shape.name}.path", value=pattern))
         yield from found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import glob
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,7 +54,8 @@ class CampaignFiles:
             return tuple(one for entry in entries for one in entry.by_channel) if table == _BY_CHANNEL else entries
         from schemas.mapping import FileMapping
 
-        present = [name for name in _contract_names(table) if _is_file(self.folder / name)]
+        # A link that leads nowhere (a drive that is not there) is no table that the campaign does without.
+        present = [name for name in _contract_names(table) if os.path.lexists(self.folder / name)]
         return tuple(FileMapping(path=name) for name in present)
 
     def is_mapped(self, table: str) -> bool:
