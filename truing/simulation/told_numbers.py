@@ -130,9 +130,9 @@ def _changed(told: Told, found: Comparison, level: float) -> dict[str, list[Any]
     columns |= {name: [None] * count for name in ("change", "sigma_change", "instead")}
     sizes, sigmas = found.sizes(changed)
     for (place, rivals), size, sigma in zip(alternatives(found, changed), sizes, sigmas, strict=True):
-        row, one = row_of[place], np.abs(told.by_numbers[row_of[place], place])
+        row, one = row_of[place], told.by_numbers[row_of[place], place]  # a component may fall as its tilt grows
         others = " ".join(told.rows[row_of[rival]].label for rival in rivals) or None
-        values = {"changed": True, "change": size * one, "sigma_change": sigma * one, "instead": others}
+        values = {"changed": True, "change": size * one, "sigma_change": sigma * abs(one), "instead": others}
         for name, value in values.items():
             columns[name][row] = value
     return columns
