@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
     from truing.simulation.structure import Machine, poses_at, readings_at
     from truing.simulation.structures import structures
+    from truing.simulation.unknowns import Conditions
 
 __version__ = "0.1.0"
 
@@ -62,6 +63,7 @@ __all__ = [
     "CalibrationProblem",
     "Cause",
     "Closure",
+    "Conditions",
     "ElasticSensor",
     "EllipseFit",
     "ErrorsInVariablesFit",
@@ -187,6 +189,7 @@ _ROOMS = {
     "truing.simulation.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),
     "truing.simulation.structure": ("Machine", "poses_at", "readings_at"),
     "truing.simulation.structures": ("structures",),
+    "truing.simulation.unknowns": ("Conditions",),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 
