@@ -101,7 +101,7 @@ def _value(state: State, column: str) -> NDArray:
     """Return a column's values (B, L or 1)."""
     moved = state.indicated - state.legs.rho0
     leg = drive_of(column)
-    if leg is not None:
+    if leg is not None and leg <= moved.shape[1]:  # bodies without legs may have such a column, too
         return moved[:, leg - 1 : leg]
     if column == OWN_DRIVE:
         return moved

@@ -1,0 +1,75 @@
+"""The tutorial is walked: its folder is made, looked at, completed, checked and run, and says what the page shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+from tests.conftest import PROJECT
+
+PAGE = (PROJECT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+NUMBER = re.compile(r"\d[\d,.]*")
+EXCLUDED = "reflection on the tube"
+
+
+def blocks(kind: str) -> list[str]:
+    return re.findall(rf"^```{kind}\n(.*?)```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def called(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+def skeletons(text: str) -> list[str]:
+    """Lines without their numbers, as fewer poses than on the page are read here."""
+    return [NUMBER.sub("#", line) for line in text.strip().splitlines()]
+
+
+@pytest.fixture
+def place(workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Step 1 in a folder beside the sample, cut short."""
+    (tmp_path / "sample_data").symlink_to(workplace / "sample_data")
+    monkeypatch.chdir(tmp_path)
+    (program,) = blocks("python")
+    exec(program, {})
+    return tmp_path
+
+
+def test_the_commands_are_those_that_are_walked():
+    told = [line for block in blocks("sh") for line in block.splitlines()]
+    assert told == [f"truing {word} my-lab" for word in ("init", "check", "run", "stages", "run")]
+
+
+def test_every_step_says_what_the_page_shows(place: Path):
+    """Stages up to the deformation: what comes after them is run by others, and takes its time."""
+    _, init, check, fault, run = blocks("text")
+    said = called("init", "my-lab")
+    assert skeletons(said.stdout) == skeletons(init)
+    assert (place / "my-lab" / "campaign.toml").is_file()
+    assert called("check", "my-lab").exit_code == 0  # what was guessed can be read as it is
+
+    toml, exclusion = blocks("toml")
+    campaign = place / "my-lab" / "campaign.toml"
+    campaign.write_text(toml.replace('decimal = ","\n', ""), encoding="utf-8")
+    assert fault.strip() in called("check", "my-lab").stderr.splitlines()
+    campaign.write_text(toml, encoding="utf-8")
+    assert skeletons(called("check", "my-lab").stdout) == skeletons(check)
+
+    done = called("run", "my-lab", "--only", "deformation")
+    assert done.exit_code == 0, done.output
+    stages = [line for line in done.stdout.splitlines() if line.split()[0] in ("ingest", "pose", "deformation")]
+    assert [line.split(";")[0].split()[:2] for line in stages] == [
+        [name, "read"] for name in ("ingest", "pose", "deformation")
+    ]
+    assert skeletons(stages[0])[0] in skeletons(run)
+
+    campaign.write_text(f"{toml}\n{exclusion}".replace("pose = 23", "pose = 3"), encoding="utf-8")
+    told = called("stages", "my-lab").stdout
+    assert re.search(r"^ingest +stale", told, re.MULTILINE) or re.search(r"^pose +stale", told, re.MULTILINE)
+    again = called("run", "my-lab", "--only", "pose")
+    assert again.exit_code == 0
+    assert EXCLUDED in again.stdout
