@@ -1,4 +1,4 @@
-"""What an effect follows: displacements of actuators where there are legs, columns of that name where there are none."""
+"""What an effect follows: displacements of actuators where there are legs, columns of that name where there are not."""
 
 from __future__ import annotations
 
