@@ -4,6 +4,7 @@
 #   make all CAMPAIGN=my-campaign   the same on another one
 #   make pose CAMPAIGN=my-campaign  one stage by its name, and what it needs
 #   make test | check | bench       tests; style, types and collection; side by side with other libraries
+#   make docs | links               the pages as a site in build/docs/html; do their outside links still lead somewhere
 #   make setup | lock | clean       the environment alone; locked versions anew; all but the runs removed
 
 CAMPAIGN ?= sample_data/telescope
@@ -16,7 +17,7 @@ digest = $(shell { pwd; cat pyproject.toml requirements/$(1).txt; } | cksum | tr
 runtime := $(VENV)/ready-runtime-$(call digest,runtime)
 dev := $(VENV)/ready-dev-$(call digest,dev)
 
-.PHONY: all setup test check bench lock clean
+.PHONY: all setup test check bench docs links lock clean
 
 all: $(runtime)
 	@$(VENV)/bin/truing run "$$CAMPAIGN"
@@ -37,6 +38,13 @@ check: $(dev)
 
 bench: $(dev)
 	$(python) -m benchmarks
+
+docs: $(dev)
+	$(python) -m sphinx --quiet --fail-on-warning --keep-going docs build/docs/html
+	@echo "open build/docs/html/index.html"
+
+links: $(dev)
+	$(python) -m sphinx --quiet --builder linkcheck docs build/docs/links
 
 # Any other target is the name of a stage; the command line knows them, and answers where there is none.
 .DEFAULT:

@@ -1,0 +1,57 @@
+"""The pages become a site without a warning, and the site asks no network for anything."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import truing
+from tests.conftest import PROJECT
+from tests.docs.pages import blocks, pages
+
+PYTHON_PAGES = [page for page in pages() if page.startswith("docs/reference/python/")]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("sphinx", reason="the site is made by Sphinx, which `make test` installs")
+    place = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", f"{place}/doctrees"]
+    done = subprocess.run([*command, "docs", f"{place}/html"], cwd=PROJECT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return place / "html"
+
+
+def test_every_page_is_in_the_site_with_an_empty_list_of_faults(site: Path) -> None:
+    """A page that no index lists is a warning, and a warning is an error."""
+    made = {path.relative_to(site).with_suffix(".md").as_posix() for path in site.rglob("*.html")}
+    assert {page.removeprefix("docs/") for page in pages() if page.startswith("docs/")} <= made
+
+
+def test_the_site_needs_no_network(site: Path) -> None:
+    """Scripts, styles, fonts and pictures lie within; equations are drawings and not scripts."""
+    loaded = re.compile(r'<(?:script|img|iframe)[^>]* src="([^"]*)"|<link[^>]* rel="(?:stylesheet|preload)"[^>]*>')
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert [found.group() for found in loaded.finditer(text) if "//" in found.group()] == [], page
+    assert [path.name for path in site.rglob("*.css") if re.search(r"url\(['\"]?(https?:)?//", path.read_text())] == []
+
+
+def test_equations_are_drawn_in_the_page(site: Path) -> None:
+    text = (site / "theory" / "rigid-poses.html").read_text(encoding="utf-8")
+    assert len(re.findall(r'<svg [^>]*role="img" aria-label="', text)) > 20
+    assert r"\sum" not in re.sub(r'aria-label="[^"]*"', "", text)
+
+
+def test_every_public_name_has_its_place_in_the_reference() -> None:
+    listed = [name for page in PYTHON_PAGES for block in blocks(page) for name in block.text.split()]
+    assert sorted(name for name in listed if "." not in name) == sorted(truing.__all__)
+
+
+def test_public_names_are_explained(site: Path) -> None:
+    text = "".join((site / page.removeprefix("docs/")).with_suffix(".html").read_text("utf-8") for page in PYTHON_PAGES)
+    assert [name for name in truing.__all__ if f'id="truing.{name}"' not in text] == []
