@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from pipeline.whole_file import discard_parts, reveal, settle, write_part
 from schemas.artifact import Artifact
 from schemas.artifacts import ARTIFACTS
+from schemas.settings_text import regular_size
+from schemas.whole_table import whole_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,6 +32,10 @@ _COMMENT = "<!-- provenance: "
 
 class SchemaBreach(Exception):
     """A stage left, or a file holds, something other than the schema says."""
+
+
+class Unreadable(Exception):
+    """A file of a run is not what was written there."""
 
 
 @dataclass(frozen=True)
@@ -64,16 +70,21 @@ class Stamp:
 
 
 def write_artifacts(
-    folder: Path, contents: Mapping[str, pa.Table | pa.RecordBatchReader | str], stamp: Stamp, obsolete: Sequence[str]
+    folder: Path,
+    contents: Mapping[str, pa.Table | pa.RecordBatchReader | str],
+    stamp: Stamp,
+    obsolete: Sequence[str],
+    check: Callable[[], None] = lambda: None,
 ) -> dict[str, str]:
     """Write all that a stage left, in the mapping's order, then reveal it; returns the SHA-256 of each file.
 
-    ``obsolete`` files, of an earlier run that left more, go first. Raises SchemaBreach; whatever a stream raises
-    passes, and nothing is left behind then.
+    ``obsolete`` files, of an earlier run that left more, go first. Raises SchemaBreach; whatever a stream or ``check``
+    (called once all is written, before anything is revealed) raises passes, and nothing is left behind then.
     """
     paths = {name: folder / ARTIFACTS[name].file for name in contents}
     try:
         digests = {name: _write(paths[name], ARTIFACTS[name], content, stamp) for name, content in contents.items()}
+        check()
         for file in obsolete:
             (folder / file).unlink(missing_ok=True)
         for path in paths.values():
@@ -188,16 +199,17 @@ def _gathered(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
 
 
 def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
-    """An artifact's table (or text); raises SchemaBreach where it is not what its schema says."""
-    if not artifact.is_table:
-        return (folder / artifact.file).read_text(encoding="utf-8")
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(folder / artifact.file)
-    faults = artifact.faults(table)
-    if faults:
-        raise SchemaBreach("\n".join(str(fault) for fault in faults))
-    return table
+    """An artifact's table (or text); raises Unreadable where it is not what its schema says, or not there."""
+    path = folder / artifact.file
+    try:
+        regular_size(path)
+        if not artifact.is_table:
+            return path.read_text(encoding="utf-8")
+        return whole_table(path, artifact)
+    except FileNotFoundError as error:
+        raise Unreadable(error.strerror) from None
+    except ValueError as error:
+        raise Unreadable((str(error).splitlines() or [""])[0]) from None
 
 
 def read_provenance(folder: Path, artifact: Artifact) -> dict[str, str] | None:
@@ -207,7 +219,7 @@ def read_provenance(folder: Path, artifact: Artifact) -> dict[str, str] | None:
         return None
     try:
         return _provenance(path)
-    except (OSError, ValueError, KeyError):  # pyarrow's errors are among these
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # pyarrow's errors are among these
         return None
 
 

@@ -10,20 +10,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pipeline
-from pipeline.campaign_folder import CampaignFolder
+from pipeline.campaign_folder import CampaignFolder, relative_name
 from pipeline.freshness import Evidence, Standing, State
 from pipeline.ledger import Entry, Ledger, MadeFrom, digest_of, read_ledger
+from pipeline.problems import EnvironmentProblem
 from pipeline.remembered import RememberedDigests
 from pipeline.run_folder import PRIVATE
 from pipeline.settings_view import SettingsView
 from pipeline.source_digest import SourceTree
 from pipeline.stage_order import ORDER, RAW_READER, bare, is_optional, makers, stage_module
 from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults, Fault
 from stages.declaration import Outcome, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from schemas.artifact import Artifact
     from schemas.campaign import Campaign
     from stages.declaration import Progress
 
@@ -65,7 +68,11 @@ class CampaignRun:
 
     def made_from(self, stage: Stage) -> MadeFrom:
         """What a stage would be made from now."""
-        return self.evidence.made_from(stage, self._raw_files if stage.name == RAW_READER else ())
+        raw = self._raw_files if stage.name == RAW_READER else ()
+        if gone := [path for path in raw if self._digest_of_raw(path) is None]:
+            expected = "a file that stays where it is while it is read; this one has just vanished"
+            raise CampaignFaults(Fault(relative_name(path, self.campaign.folder), expected) for path in gone)
+        return self.evidence.made_from(stage, raw)
 
     @cached_property
     def _raw_files(self) -> tuple[Path, ...]:
@@ -126,10 +133,20 @@ class CampaignRun:
         return outcome
 
     def _tables(self, stage: Stage) -> dict[str, pa.Table | str]:
-        from pipeline.artifacts import read_artifact
-
         present = [name for name in map(bare, stage.reads) if self.evidence.input_digest(name) is not None]
-        return {name: read_artifact(self.folder, ARTIFACTS[name]) for name in present}
+        return {name: self._read(ARTIFACTS[name]) for name in present}
+
+    def _read(self, artifact: Artifact) -> pa.Table | str:
+        """An artifact that a stage before has left; raises EnvironmentProblem where somebody has damaged it since."""
+        from pipeline.artifacts import Unreadable, read_artifact
+
+        path = self.folder / artifact.file
+        try:
+            return read_artifact(self.folder, artifact)
+        except Unreadable as error:
+            self.remembered.forget(path)  # lest its old digest be trusted again
+            self.remembered.save()
+            raise EnvironmentProblem(f"{path} is no longer as it was written ({error})") from None
 
     def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
         from pipeline.artifacts import Stamp, write_artifacts
@@ -140,9 +157,22 @@ class CampaignRun:
         stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, said)
         files = {ARTIFACTS[name].file for name in left}  # two artifacts may have the same file, of which one is left
         obsolete = [file for name in map(bare, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
-        digests = write_artifacts(self.folder, outcome.artifacts, stamp, obsolete)
+        digests = write_artifacts(self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(now))
         self.ledger.entries[stage.name] = Entry(now.digest, digests, failed, now)
         self.save()
+
+    def _check_unchanged(self, then: MadeFrom) -> None:
+        """Raise EnvironmentProblem where a raw file is not what it was before it was read: it is being written to."""
+        for path in self._raw_files if then.raw else ():
+            name = relative_name(path, self.campaign.folder)
+            if self._digest_of_raw(path) != then.raw.get(name):
+                raise EnvironmentProblem(f"{name} changed or vanished while it was read: something writes to it")
+
+    def _digest_of_raw(self, path: Path) -> str | None:
+        try:
+            return self.remembered.digest(path)
+        except FileNotFoundError:
+            return None
 
     def save(self) -> None:
         """Write the ledger and the remembered digests where they changed."""
@@ -171,6 +201,10 @@ def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False) 
     """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
     private = folder / PRIVATE
     ledger = read_ledger(private / "ledger.json")
-    ledger.entries = {name: entry for name, entry in ledger.entries.items() if name in ORDER[campaign.kind]}
+    ledger.entries = {  # another version may have had other stages, and they may have left other artifacts
+        name: entry
+        for name, entry in ledger.entries.items()
+        if name in ORDER[campaign.kind] and entry.artifacts.keys() <= ARTIFACTS.keys()
+    }
     remembered = RememberedDigests(private / "digests.json", distrust=distrust)
     return CampaignRun(campaign, folder, remembered, ledger, private)

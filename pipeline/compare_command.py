@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.problems import ExitCode, environment
+from pipeline.recorded import opened_run
 from pipeline.voice import Voice
 from pipeline.whole_file import write_whole
 from schemas.faults import CampaignFaults, Fault
@@ -71,24 +73,15 @@ def _distinct(folders: Sequence[Path]) -> None:
     """Raise where there are fewer than two runs, or one is named twice."""
     if len(folders) < 2:
         raise CampaignFaults([Fault("RUN", "two runs or more", value=str(folders[0]))])
-    twice = [str(place) for place, times in Counter(folder.resolve() for folder in folders).items() if times > 1]
+    twice = [place for place, times in Counter(os.path.realpath(folder) for folder in folders).items() if times > 1]
     if twice:
         raise CampaignFaults(Fault(place, "each run once") for place in twice)
 
 
 def _opened(folder: Path) -> Run:
-    from truing.runs.recorded_run import load
-
-    try:
-        run = load(folder)
-    except (FileNotFoundError, NotADirectoryError):
-        run = None
-    if run is None or "qa" not in run:
+    run = opened_run(folder)
+    if "qa" not in run:
         raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")])
-    try:
-        run.model  # noqa: B018 (read once, here, so that its faults are the run's)
-    except ValueError:
-        raise CampaignFaults([Fault(str(folder), "a model.toml that `truing run` has written")]) from None
     return run
 
 

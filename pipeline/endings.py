@@ -74,6 +74,8 @@ def defects_logged(log: Path, doing: str) -> Iterator[None]:
         try:
             log.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
         except OSError:
+            if not log.parent.is_dir():
+                raise EnvironmentProblem(f"{doing}: the folder {log.parent} has vanished") from error
             raise error from None
         brief = (str(error).splitlines() or [""])[0][:200]
         sentence = f"truing has a defect: {doing} ended with {type(error).__name__}: {brief} (traceback in {log})"

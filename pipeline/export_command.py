@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.problems import ExitCode, environment
+from pipeline.recorded import broken_run, opened_run
 from pipeline.voice import Voice
 from pipeline.whole_file import write_whole
 from schemas.faults import CampaignFaults, Fault
@@ -23,7 +24,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None) -> ExitCo
     unknown = [form for form in forms if form not in FORMS]
     if unknown:
         raise CampaignFaults(Fault("--to", f"one of {', '.join(FORMS)}", value=form) for form in unknown)
-    run, place = _opened(folder), out or folder / FOLDER
+    run, place = opened_run(folder), out or folder / FOLDER
     with environment(f"the folder {place} cannot be made"):
         place.mkdir(parents=True, exist_ok=True)
     voice = Voice(quiet=False)
@@ -31,15 +32,6 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None) -> ExitCo
         written = [_write(place, name, content) for name, content in _files(form, run)]
         voice.say(f"{form}: {_said(place, written)}")
     return ExitCode.DONE
-
-
-def _opened(folder: Path) -> Run:
-    from truing.runs.recorded_run import load
-
-    try:
-        return load(folder)
-    except (FileNotFoundError, NotADirectoryError):
-        raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
 
 
 def _files(form: str, run: Run) -> Iterable[tuple[str, bytes]]:
@@ -52,9 +44,7 @@ def _files(form: str, run: Run) -> Iterable[tuple[str, bytes]]:
     try:
         yield from makers[form](run)
     except ValueError as broken:  # a file of the run is not what its schema says
-        raise CampaignFaults(
-            Fault(str(run.folder), f"a run that is whole ({line})") for line in str(broken).split("\n")
-        ) from None
+        raise CampaignFaults(broken_run(run.folder, broken)) from None
 
 
 def _write(place: Path, name: str, content: bytes) -> str:

@@ -96,7 +96,7 @@ class Evidence:
                 if self.remembered.digest(self.run_folder / file) != digest:
                     yield f"{file} is not as it was written"
             except FileNotFoundError:
-                yield f"{file} is missing"
+                yield f"{file} is missing"  # or a folder, or a pipe
 
     def _embedded(self, stage: Stage) -> Entry | None:
         """The entry that a stage's artifacts speak for themselves, where the ledger is gone."""
@@ -105,7 +105,10 @@ class Evidence:
         for name in map(bare, stage.leaves):
             carried = read_provenance(self.run_folder, self.artifacts[name])
             if carried is not None and carried.get("stage") == stage.name and carried.keys() >= _SPOKEN:
-                return self._entry_from(carried)
+                try:
+                    return self._entry_from(carried)
+                except (ValueError, KeyError, TypeError, RecursionError):  # no words of this version
+                    return None
         return None
 
     def _entry_from(self, carried: Mapping[str, str]) -> Entry:

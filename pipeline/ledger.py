@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.whole_file import write_whole
+from schemas.settings_text import regular_size
 
 
 def canonical(value: Any) -> str:
@@ -65,13 +66,19 @@ class Ledger:
 def read_ledger(store: Path) -> Ledger:
     """The ledger of a run folder; an empty one where there is none, or none that can be read."""
     try:
+        regular_size(store)
         content = json.loads(store.read_bytes())
         entries = {name: _entry(row) for name, row in content["entries"].items()}
-        return Ledger(entries, content["valid_campaign"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return Ledger(entries, str(content["valid_campaign"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Ledger()
 
 
 def _entry(row: dict[str, Any]) -> Entry:
-    made_from = None if row["made_from"] is None else MadeFrom(**row["made_from"])
-    return Entry(row["digest"], row["artifacts"], tuple(row["failed_checks"]), made_from)
+    """An entry as it was written, by this version or another; raises where it is none."""
+    told = row["made_from"]
+    made_from = None
+    if told is not None:
+        parts = {name: dict(told[name]) for name in ("source", "settings", "inputs", "raw")}
+        made_from = MadeFrom(str(told["campaign"]), **parts)
+    return Entry(str(row["digest"]), dict(row["artifacts"]), tuple(map(str, row["failed_checks"])), made_from)

@@ -73,4 +73,5 @@ def environment(doing: str) -> Iterator[None]:
         yield
     except OSError as error:
         known = environment_problem(error, doing)
-        raise known or EnvironmentProblem(f"{doing}: {error.strerror or error}") from error
+        place = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
+        raise known or EnvironmentProblem(f"{doing}: {error.strerror or error}{place}") from error

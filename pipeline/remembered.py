@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import stat
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from pipeline.ledger import digest_of
 from pipeline.whole_file import write_whole
+from schemas.settings_text import regular_size
 
 # A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
 _TICK_NS = 2_000_000_000
@@ -32,6 +36,8 @@ class RememberedDigests:
         """The SHA-256 of a file's bytes; raises FileNotFoundError."""
         key = os.path.abspath(path)
         status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
+            raise FileNotFoundError(errno.ENOENT, "no regular file is there", str(path))
         identity = [status.st_size, status.st_mtime_ns, status.st_ino]
         known = self._files.get(key)
         if known is not None and known[:3] == identity:
@@ -42,6 +48,10 @@ class RememberedDigests:
             self._files[key] = [*identity, digest]
             self._changed = True
         return digest
+
+    def forget(self, path: Path) -> None:
+        """Read a file anew when its digest is asked for again."""
+        self._changed = self._files.pop(os.path.abspath(path), None) is not None or self._changed
 
     def fact(self, digest: str) -> Any | None:
         """What was noted about the file with these bytes, here or for another run folder, or None."""
@@ -58,13 +68,15 @@ class RememberedDigests:
         """Write what is new to the run folder."""
         if self._changed and self._store is not None:
             content = {"files": self._files, "facts": self._facts}
-            write_whole(self._store, json.dumps(content, indent=0).encode())
+            write_whole(self._store, json.dumps({**content, "sum": digest_of(content)}, indent=0).encode())
             self._changed = False
 
 
 def _load(store: Path | None) -> dict[str, Any]:
     if store is not None:
-        with suppress(OSError, ValueError, KeyError, TypeError):
+        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            regular_size(store)
             content = json.loads(store.read_bytes())
-            return {"files": dict(content["files"]), "facts": dict(content["facts"])}
+            if content.pop("sum") == digest_of(content):  # as it was written, so of the form that it was written in
+                return {"files": dict(content["files"]), "facts": dict(content["facts"])}
     return {"files": {}, "facts": {}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -132,6 +133,6 @@ def _refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
     """An artifact may bear a raw file's name (configurations.parquet), so a run never writes where raw files are."""
     from truing.formats.source import raw_files
 
-    raw = {path.resolve().parent for path in raw_files(campaign.folder, campaign.document)}
-    if folder.resolve() in {campaign.folder.resolve(), *raw}:
+    raw = {os.path.dirname(os.path.realpath(path)) for path in raw_files(campaign.folder, campaign.document)}
+    if os.path.realpath(folder) in {os.path.realpath(campaign.folder), *raw}:
         raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])

@@ -42,11 +42,11 @@ def _sweep(folder: Path) -> None:
 
 
 def _remove_empty(lock: Path, created: list[Path]) -> None:
-    if not created or any(entry != lock for entry in lock.parent.iterdir()):
-        return
     try:
+        if not created or any(entry != lock for entry in lock.parent.iterdir()):
+            return
         lock.unlink()
         for place in created:
             place.rmdir()
-    except OSError:  # somebody put something there, or Windows keeps the open lock: the folder stays
+    except OSError:  # somebody put something there or took it away, or Windows keeps the open lock: what is there stays
         return

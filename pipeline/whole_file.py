@@ -53,7 +53,8 @@ def settle(folder: Path) -> None:
 def discard_parts(paths: Iterable[Path]) -> None:
     """Remove the part files of ``paths``, those that exist."""
     for path in paths:
-        part_of(path).unlink(missing_ok=True)
+        with suppress(OSError):  # the next run sweeps, and says what it cannot remove
+            part_of(path).unlink(missing_ok=True)
 
 
 def write_whole(path: Path, content: bytes) -> None:

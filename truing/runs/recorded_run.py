@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
+from schemas.settings_text import read_settings_text, regular_size
+from schemas.whole_table import whole_table
 from truing.runs.page_parts import page_parts, provenance_of
 
 if TYPE_CHECKING:
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from truing.report.page import Head, Section
     from truing.simulation.bench.extended_sensor import ExtendedSensor
     from truing.simulation.extended_model import ExtendedModel
+
+_TOLD = {"units", "stage", "digest", "software_version", "campaign"}
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         if name not in self.files:
             raise KeyError(f"{name}: this run has {', '.join(self.files)}")
         if name not in self._read:
-            self._read[name] = _whole(name, self.files[name])
+            self._read[name] = whole_table(self.files[name], ARTIFACTS[name])
         return self._read[name]
 
     def origin(self, name: str) -> dict[str, str]:
@@ -86,7 +90,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         from truing.simulation.bench.sensor_text import is_sensor, read_sensor
         from truing.simulation.model_text import read_model
 
-        text = path.read_text(encoding="utf-8")
+        text = read_settings_text(path)
         document = tomllib.loads(text)
         if "model" not in document:
             return None  # the stage was not evaluated, and says so in the file
@@ -98,7 +102,11 @@ class Run(Mapping[str, "pd.DataFrame"]):
 
 
 def load(folder: str | Path) -> Run:
-    """Open the folder of a run; raises FileNotFoundError where it holds no table that a run has left."""
+    """Open the folder of a run.
+
+    Raises FileNotFoundError where it holds no table that a run has left, ValueError where a table is damaged, or of a
+    later version of truing than this one.
+    """
     folder = Path(folder)
     found = {name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _known(path)}
     if not found:
@@ -113,19 +121,30 @@ def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        facts = provenance_of(pq.read_schema(path).empty_table())
-    except (OSError, pa.ArrowInvalid):
+    known = {name for name, artifact in ARTIFACTS.items() if artifact.file == path.name}
+    if not known:
         return
-    name = facts.get("schema", "")
-    if name in ARTIFACTS and ARTIFACTS[name].file == path.name:
+    try:
+        regular_size(path)
+        facts = provenance_of(pq.read_schema(path).empty_table())
+    except (OSError, pa.ArrowException, UnicodeError):
+        raise ValueError(f"{path.name}: expected a whole Parquet file") from None
+    if (name := facts.get("schema", "")) in known:
+        _check_provenance(path.name, facts, ARTIFACTS[name].version)
         yield name, facts
 
 
-def _whole(name: str, path: Path) -> pa.Table:
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path)
-    if faults := ARTIFACTS[name].faults(table):
-        raise ValueError("\n".join(str(fault) for fault in faults))
-    return table
+def _check_provenance(file: str, facts: dict[str, str], version: int) -> None:
+    """Raise ValueError where a table does not tell where it comes from in the words of this version."""
+    try:
+        found, told = (
+            int(facts["schema_version"]),
+            facts.keys() >= _TOLD and isinstance(json.loads(facts["units"]), dict),
+        )
+    except (KeyError, ValueError, RecursionError):
+        found, told = version, False
+    if not told:
+        raise ValueError(f"{file}: expected to be told of its origin, as a run writes it into the file")
+    if found > version:
+        by = f"truing {facts['software_version']}"
+        raise ValueError(f"{file}: found version {found} of its schema, by {by}; expected {version} at most")
