@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from stages.declaration import Stage
 
 ORDER: dict[str, tuple[str, ...]] = {
-    "photogrammetry": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "report"),
-    "interferometer": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "report"),
+    "photogrammetry": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"),
+    "interferometer": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"),
 }
 
 RAW_READER = "ingest"  # the one stage that sees raw files, through truing.formats

@@ -149,4 +149,21 @@ CALIBRATION = (
         ),
         key=("model", "deformation", "component"),
     ),
+    parquet(
+        "uncertainty",
+        "statement of uncertainty: every result that is quoted, with its standard and its expanded uncertainty",
+        (
+            *("result", "subject", "quantity", "estimate", "standard_uncertainty", "degrees_of_freedom"),
+            *("coverage_factor", "expanded_uncertainty", "unit", "stated", "reason"),
+        ),
+        key=("result", "subject", "quantity"),
+    ),
+    parquet(
+        "uncertainty_budget",
+        "what each source gives to these uncertainties; and what is no part of them, with the reason",
+        (
+            *("result", "subject", "quantity", "input_source", "evaluation", "distribution", "contribution"),
+            *("degrees_of_freedom", "share_of_variance", "unit", "reason"),
+        ),
+    ),
 )

@@ -334,6 +334,34 @@ _REQUIREMENTS = (
     _real("upper", "", "upper end of the 95 % interval of the number beside it", minimum=0.0, nullable=True),
 )
 
+RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "load", "positioning")
+_UNCERTAINTY = (
+    Column("result", "text", "what kind of result", choices=RESULTS),
+    Column("quantity", "text", "which number of the subject"),
+    _real("estimate", "", "the value that is stated, in the unit of its row", nullable=True),
+    _real("standard_uncertainty", "", "combined standard uncertainty of the estimate", minimum=0.0, nullable=True),
+    _real(
+        "degrees_of_freedom",
+        "",
+        "of the uncertainty beside it (combined: by Welch and Satterthwaite); empty: without bound",
+        minimum=0.0,
+        nullable=True,
+    ),
+    _real("coverage_factor", "", "by which the standard uncertainty is multiplied", minimum=0.0, nullable=True),
+    _real("expanded_uncertainty", "", "half the interval of 95 %", minimum=0.0, nullable=True),
+    Column("stated", "flag", "whether an uncertainty is stated; else the reason says why not"),
+    Column("input_source", "text", "the source of uncertainty"),
+    Column(
+        "evaluation",
+        "text",
+        "A: from observations of this campaign; B: declared; or not evaluated, and so no part of the budget",
+        choices=("A", "B", "not evaluated"),
+    ),
+    Column("distribution", "text", "the distribution that the source is taken to have", nullable=True),
+    _real("contribution", "", "standard uncertainty that the source gives to the result", minimum=0.0, nullable=True),
+    _real("share_of_variance", "", "its share in the squared uncertainty", minimum=0.0, maximum=1.0, nullable=True),
+)
+
 COLUMNS: dict[str, Column] = {
     column.name: column
     for group in (
@@ -352,6 +380,7 @@ COLUMNS: dict[str, Column] = {
         _CALIBRATION,
         _SENSOR,
         _REQUIREMENTS,
+        _UNCERTAINTY,
     )
     for column in group
 }

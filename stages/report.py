@@ -59,6 +59,8 @@ DECLARATION = Stage(
         "next_poses?",
         "next_loads?",
         "changes?",
+        "uncertainty?",
+        "uncertainty_budget?",
     ),
     leaves=("report",),
     settings=("campaign.name",),

@@ -58,7 +58,7 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
     """
     fitted = gathered.measured.roles != "verification"
     every = list(cases(gathered, structures(gathered.machine)))
-    clean = _screened(gathered, fitted, every)
+    clean = screened_poses(gathered, fitted, every)
     both = _calibrations(gathered, clean, every, progress)
     if not both.likely:
         raise NothingCalibrated("; ".join(both.failed))
@@ -95,7 +95,7 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
     )
 
 
-def _screened(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:
+def screened_poses(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:
     """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
     used = gathered.measured.chosen(fitted)
     richest = [case for case in every if case.structure.name == every[0].structure.name][-1]

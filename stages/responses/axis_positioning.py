@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 _UM = 1e3  # per mm
 _WAYS = ("forward", "backward")
-_SEED = 230
+SEED = 230
 
 
 def positioning_rows(positions: pa.Table, optics: Interferometer) -> Rows:
@@ -31,11 +31,11 @@ def positioning_rows(positions: pa.Table, optics: Interferometer) -> Rows:
     runs = np.array([str(name) for name in names], dtype=object)
     for run in dict.fromkeys(names):
         own = positions.filter((runs == str(run)).tolist())
-        target, deviation = _deviations(own)
+        target, deviation = deviations(own)
         found = positioning(deviation)
         _of_targets(rows, run, target, found)
         _of_axis(rows, run, found)
-        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(_SEED), _instrument(own, optics))
+        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(SEED), instrument(own, optics))
         for figure, one in known.items():
             _add(rows, run, figure, None, one.value, sigma=one.sigma, low=one.low, high=one.high)
     return rows
@@ -61,7 +61,7 @@ def _value(rows: pa.Table, run: int | str, figure: str) -> float:
     )
 
 
-def _deviations(rows: pa.Table) -> tuple[Array, Array]:
+def deviations(rows: pa.Table) -> tuple[Array, Array]:
     """Targets (P,) in mm and deviations (P, 2, C) in um of the rows of a run, which are in order."""
     target = np.unique(number_column(rows, "target_mm"))
     shape = len(target), len(_WAYS), -1
@@ -69,7 +69,7 @@ def _deviations(rows: pa.Table) -> tuple[Array, Array]:
     return target, off.reshape(shape) * _UM
 
 
-def _instrument(rows: pa.Table, optics: Interferometer) -> Instrument:
+def instrument(rows: pa.Table, optics: Interferometer) -> Instrument:
     """What the correction to 20 degrees C leaves uncertain of the axis' length; nothing where none was made."""
     axis, spread = optics.material.axis, optics.surroundings_sigma
     if axis is None:

@@ -4,7 +4,7 @@ one."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +44,8 @@ _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 class Loaded:
     """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many.
 
-    spread (6, 6): one sigma of the compliance's entries that the geometry of beams leaves open.
+    spread (6, 6): one sigma of the compliance's entries that the geometry of beams leaves open. by_loads (6,): the part
+    of the variance that stems from errors of the loads.
     """
 
     steps: RecordedSteps
@@ -52,6 +53,7 @@ class Loaded:
     variance: Array
     drifts: int
     spread: Array
+    by_loads: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
     def fitted(self) -> NDArray[np.bool_]:
@@ -62,8 +64,8 @@ class Loaded:
 def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     """Fit the linear and the matrix compliance, one free zero per run, and hold them against the simulated one."""
     simulated = simulated_compliance(settings, tables.get("given_compliance"))
-    loaded = _loaded(tables, settings.noise, simulated)
-    found = {form: with_spread(_fit(loaded, form), loaded.spread) for form in ("linear", "matrix")}
+    loaded = loaded_steps(tables, settings.noise, simulated)
+    found = {form: with_spread(fitted_compliance(loaded, form), loaded.spread) for form in ("linear", "matrix")}
     against = {} if simulated is None else {form: compare(fit, simulated.entries, simulated.covariance)
                                             for form, fit in found.items()}  # fmt: skip
     artifacts = {
@@ -75,7 +77,7 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outc
     return Outcome(artifacts, read, _left_out(tables, loaded), _figure(loaded, found, against))
 
 
-def _loaded(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
+def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
     """Readings without gross errors and without the drifts that runs show beyond chance."""
     steps = load_steps({"readings": tables["readings"]})
     own = kept_readings(tables["reading_residuals"], steps)
@@ -89,9 +91,9 @@ def _loaded(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCo
     if not load_sigma.any():
         return loaded
     # a load that is not quite what was declared moves the platform as well
-    entries = _fit(loaded, "matrix").entries if simulated is None else simulated.entries
+    entries = fitted_compliance(loaded, "matrix").entries if simulated is None else simulated.entries
     by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
-    return replace(loaded, variance=own.sigma**2 + by_loads)
+    return replace(loaded, variance=own.sigma**2 + by_loads, by_loads=by_loads)
 
 
 def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
@@ -105,7 +107,7 @@ def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
     return found
 
 
-def _fit(loaded: Loaded, form: str) -> Compliance:
+def fitted_compliance(loaded: Loaded, form: str) -> Compliance:
     rows = loaded.fitted
     cov = np.where(np.eye(6, dtype=bool), loaded.variance[rows][:, None, :], 0.0)
     return fit_compliance(

@@ -66,7 +66,7 @@ class SensorCalibrations:
 def calibrations(found: Recorded) -> SensorCalibrations:
     """Fit and judge every contender; raises UndeterminedCalibrationError, naming what is missing."""
     rows = ~found.steps.held_out
-    table, words = _by_cases(found, rows)
+    table, words = by_cases(found, rows)
     choice = choose_calibration(table, contenders(found))
     matrices = tuple(calibration_matrix(one.fit, table.signal_cov) for one in choice.contenders)
     by_case = covariance_by_case(table, choice.chosen.fit.model)
@@ -98,7 +98,7 @@ def contenders(found: Recorded) -> list[CalibrationModel]:
     return list(dict.fromkeys([*models, CalibrationModel(zero=zero, powers="products")]))
 
 
-def _by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]:
+def by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]:
     """The table with the largest load cases that can be left out: runs, else either sign of the load in a run, else
     all readings of one load."""
     steps = found.steps

@@ -41,7 +41,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     if found is None or fitted is None:
         empty = {name: ARTIFACTS[name].empty() for name in ("sensor_choice", "error_classes")}
         return Outcome(artifacts | empty, "the drawing", "nothing", f"G by [mechanism]; G_B not evaluated: {why}")
-    ranges = _ranges(settings, found)
+    ranges = ranges_of(settings, found)
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
     words = [f"{found.left_out} load steps with a gross error in a signal"] if found.left_out else []
@@ -68,7 +68,7 @@ def _fitted(
         return None, None, str(error)
 
 
-def _ranges(settings: Campaign, found: Recorded) -> np.ndarray:
+def ranges_of(settings: Campaign, found: Recorded) -> np.ndarray:
     """The range (6,) of every axis: as [loading] has it, else its largest load; NaN where it was never loaded."""
     largest = np.abs(found.steps.load).max(axis=0)
     stated = [getattr(settings.loading, name) for name in LOAD_COLUMNS]

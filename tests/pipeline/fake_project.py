@@ -147,6 +147,17 @@ DECLARATION = Stage("calibrate", ("deformation_models",), ("calibration",), ("me
 def run(tables, settings, progress):
     return Outcome({"calibration": ARTIFACTS["calibration"].empty()}, "models", "nothing", "nothing identified")
 """,
+    "uncertainty": """
+from schemas.artifacts import ARTIFACTS
+from stages.declaration import Outcome, Stage
+
+LEFT = ("uncertainty", "uncertainty_budget")
+DECLARATION = Stage("uncertainty", ("observations",), LEFT, ("noise.load_n",), "states")
+
+
+def run(tables, settings, progress):
+    return Outcome({name: ARTIFACTS[name].empty() for name in LEFT}, "points", "nothing", "nothing stated")
+""",
     "report": """
 from stages.declaration import Outcome, Stage
 

@@ -129,7 +129,11 @@ def test_a_change_reruns_exactly_what_depends_on_it(ran: FakeProject, change: st
 def _not_behind(expected: list[str]) -> list[str]:
     """Stages whose state does not hang on those that rerun, and on those that may follow."""
     reads = {"qa": {"ingest"}, "pose": {"ingest"}, "deformation": {"pose"}, "calibrate": {"deformation"}}
-    reads |= {"diagnose": {"qa", "deformation"}, "report": {"ingest", "qa", "pose", "diagnose"}}
+    reads |= {
+        "uncertainty": {"ingest"},
+        "diagnose": {"qa", "deformation"},
+        "report": {"ingest", "qa", "pose", "diagnose"},
+    }
     behind = {expected[0]}
     for name in ALL:
         if behind & reads.get(name, set()):
@@ -153,14 +157,14 @@ def test_the_model_that_a_campaign_starts_from_is_judged_by_content(fake: FakePr
 
 def test_forced_reruns_leave_the_same_bytes(ran: FakeProject) -> None:
     before = {path.name: path.read_bytes() for path in ran.out.glob("[a-z]*")}
-    assert len(before) == 12
+    assert len(before) == 14
     assert ran.run("--force") == ALL
     assert {path.name: path.read_bytes() for path in ran.out.glob("[a-z]*")} == before
     assert ran.run() == []
 
 
 def test_from_runs_the_stage_and_all_after_it(ran: FakeProject) -> None:
-    assert ran.run("--from", "diagnose") == ["diagnose", "calibrate", "report"]
+    assert ran.run("--from", "diagnose") == ["diagnose", "calibrate", "uncertainty", "report"]
 
 
 def test_only_runs_the_stage_and_what_it_needs(fake: FakeProject) -> None:
@@ -168,7 +172,7 @@ def test_only_runs_the_stage_and_what_it_needs(fake: FakeProject) -> None:
     assert fake.run("--only", "deformation") == []
     assert fake.run("--only", "deformation", "--force") == ["deformation"]
     assert fake.standings()["qa"].startswith("never run")
-    assert fake.run() == ["qa", "diagnose", "calibrate", "report"]
+    assert fake.run() == ["qa", "diagnose", "calibrate", "uncertainty", "report"]
 
 
 def test_an_optional_artifact_that_is_no_longer_made_disappears(fake: FakeProject) -> None:

@@ -117,7 +117,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
-        parts += [("sensor", "qa"), ("sensor", "calibrate")]
+        parts += [("sensor", "qa"), ("sensor", "uncertainty")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
             code = run_campaign(open_campaign(folder / name), out, Wish(Selection(only=only)), Voice(quiet=True))

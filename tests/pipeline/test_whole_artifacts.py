@@ -84,7 +84,7 @@ def test_an_interrupted_run_says_so_and_the_next_carries_on(fake: FakeProject, n
     assert errors.startswith(f"interrupted ({number.name})")
     assert errors.count("\n") == 1
     assert_whole(fake.out)
-    assert fake.run() == ["pose", "deformation", "diagnose", "calibrate", "report"]
+    assert fake.run() == ["pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"]
 
 
 @posix_only
@@ -96,7 +96,7 @@ def test_two_runs_exclude_each_other_and_the_second_names_the_first(fake: FakePr
     assert " since " in second.stderr
     process.kill()
     process.communicate()
-    assert fake.run() == ["pose", "deformation", "diagnose", "calibrate", "report"]
+    assert fake.run() == ["pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"]
 
 
 @posix_only

@@ -173,7 +173,7 @@ def test_every_section_has_its_figure():
     for name, least in {"measured": 1, "diagnosis": 2, "poses": 2, "deformation": 3}.items():
         assert sum(len(part.figures) for part in all_of([found[name]])) >= least, name
     order = ["diagnosis", "measured", "qa", "poses", "deformation", "calibration", "requirements"]
-    assert list(found) == [*order, "excluded", "provenance"]
+    assert list(found) == [*order, "uncertainty", "excluded", "provenance"]
 
 
 def test_every_figure_says_what_it_shows_and_has_units():
@@ -214,8 +214,8 @@ def test_markup_in_names_stays_text_in_figures():
 def test_empty_tables_are_not_evaluated_and_say_why(name):
     tables = campaign_tables()
     before = _idle(tables)
-    assert set(before) == {"calibration", "requirements"}  # of which these tables hold nothing
-    assert all("stage calibrate" in lead for lead in before.values())
+    assert set(before) == {"calibration", "requirements", "uncertainty"}  # of which these tables hold nothing
+    assert all("This run holds no table of stage" in lead for lead in before.values())
     tables[name] = tables[name].iloc[:0]
     states = _idle(tables)
     assert len(states) == len(before) + 1

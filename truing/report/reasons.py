@@ -74,6 +74,7 @@ _STAGES = {
     "deformation": "deformation",
     "calibration": "calibrate",
     "requirements": "calibrate",
+    "uncertainty": "uncertainty",
 }
 
 

@@ -21,6 +21,7 @@ from truing.report.sensor.deformation import load_deformation
 from truing.report.sensor.displacement import displacement
 from truing.report.sensor.positioning import positioning
 from truing.report.tables import Tables
+from truing.report.uncertainty.section import uncertainty
 
 _OF_BENCHES = ("displacement", "positioning")
 
@@ -41,6 +42,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
         calibration(tables) or sensor_calibration(tables) or _absent("calibration", "Calibration", tables),
         knowledge(tables),
         requirements(tables) or _absent("requirements", "Requirements", tables),
+        uncertainty(tables),
         excluded(tables),
         _provenance(provenance),
     ]

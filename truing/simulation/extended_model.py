@@ -25,7 +25,8 @@ class ExtendedModel:
     """A mechanism as identified: unknowns (G,) with covariance (G, G), in prior sigmas.
 
     The model's targets are those of base and platform, at their surveyed places; survey_sigma (K,), m, is the noise of
-    these. ``context`` says, for people, what the model was made from.
+    these. ``context`` says, for people, what the model was made from. The covariance is that at the noise found, which
+    is ``noise_ratio`` times what was declared, tolerances included.
     """
 
     model: PointModel
@@ -33,6 +34,7 @@ class ExtendedModel:
     covariance: NDArray
     survey_sigma: NDArray
     context: dict[str, str]
+    noise_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -50,14 +52,16 @@ class PredictedPoses:
     converged: NDArray  # (B,)
 
 
-def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
+def extended(
+    model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str], noise_ratio: float = 1.0
+) -> ExtendedModel:
     """Return the extended model of a fit over targets: its geometry and effects with their joint covariance."""
     own = model.targets.body != LEG
     parts = [part for name, part in model.layout.items() if name not in ("shape", "seat")]
     kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     smaller = with_targets(model, own)
     sigma = survey_noise(model)[own]
-    return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context)
+    return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context, noise_ratio)
 
 
 def with_targets(model: PointModel, own: NDArray) -> PointModel:

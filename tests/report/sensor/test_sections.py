@@ -35,7 +35,7 @@ def test_the_page_has_a_bench_and_no_machine(tables):
     found = build_sections(tables, {})
     sections = {section.id: section for section in found}
     order = ["diagnosis", "measured", "qa", "displacement", "deformation", "calibration", "requirements"]
-    assert [section.id for section in found] == [*order, "excluded", "provenance"]
+    assert [section.id for section in found] == [*order, "uncertainty", "excluded", "provenance"]
     assert sections["requirements"].state == "not evaluated"
 
 

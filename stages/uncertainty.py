@@ -1,0 +1,82 @@
+"""Uncertainty: a statement for every result that is quoted, with a budget, in the terms of the GUM."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from stages.declaration import Outcome, Progress, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+DECLARATION = Stage(
+    name="uncertainty",
+    reads=(
+        "observations?",
+        "survey?",
+        "configurations?",
+        "readings?",
+        "signals?",
+        "reading_corrections?",
+        "positions?",
+        "given_compliance?",
+        "start?",
+        "poses?",
+        "residuals?",
+        "displacement?",
+        "reading_residuals?",
+        "run_terms?",
+        "deformation?",
+        "deformation_models?",
+        "compliance?",
+        "positioning?",
+        "diagnosis?",
+        "model?",
+        "calibration?",
+        "accuracy?",
+        "model_choice?",
+        "sensor_matrix?",
+    ),
+    leaves=("uncertainty", "uncertainty_budget"),
+    settings=(
+        "campaign.kind",
+        "mechanism",
+        "loading",
+        "interferometer",
+        "noise",
+        "exclude",
+        "keep",
+    ),
+    summary="standard and expanded uncertainty of every result, with a budget by source",
+)
+
+
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    """State what can be stated, and say of the rest why it cannot."""
+    from stages.uncertainty_statement.accuracy import state_accuracy
+    from stages.uncertainty_statement.calibration import state_calibration
+    from stages.uncertainty_statement.causes import state_causes
+    from stages.uncertainty_statement.compliance import state_compliance
+    from stages.uncertainty_statement.poses import state_poses
+    from stages.uncertainty_statement.positioning import state_positioning
+    from stages.uncertainty_statement.sensor import state_sensor
+    from stages.uncertainty_statement.statement import Statement
+
+    made = Statement()
+    of_bench = (state_compliance, state_sensor, state_positioning)
+    parts = of_bench if settings.campaign.kind == "interferometer" else (state_poses, state_calibration)
+    for done, part in enumerate((*parts, state_causes, state_accuracy)):
+        progress(done, len(parts) + 2, part.__name__.replace("_", " "))
+        part(made, tables, settings)
+    artifacts = {"uncertainty": made.stated.table(), "uncertainty_budget": made.parts.table()}
+    stated = sum(artifacts["uncertainty"].column("stated").to_pylist())
+    left, parts_told = artifacts["uncertainty"].num_rows - stated, artifacts["uncertainty_budget"].num_rows
+    return Outcome(
+        artifacts,
+        read=f"{len(tables)} artifacts",
+        left_out=f"{left} results without an uncertainty" if left else "nothing",
+        figure=f"{stated} results with standard and expanded uncertainty, by {parts_told} parts",
+    )

@@ -1,0 +1,123 @@
+"""Entries of the compliance: readings, loads, the geometry of the beams, and what corrections leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.responses.load_deformation import Loaded, fitted_compliance, loaded_steps
+from stages.responses.tables import birge
+from stages.sensor.reading_arrays import CHANNELS, LOADS
+from stages.sensor.simulated_compliance import simulated_compliance
+from stages.uncertainty_statement.statement import Statement
+from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+
+BY_LOADS = Source("applied loads, as declared", "B")
+GEOMETRY = Source("geometry of the beams", "B")
+CORRECTED = Source("correction for air and material", "B")
+_MODEL = "matrix"
+_CLOSES = 1e-6
+
+
+def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    """State every entry that the readings tell, by the model in which every load may act on every component."""
+    table = tables.get("compliance")
+    if table is None or not table.num_rows:
+        if settings.campaign.kind == "interferometer" and "positions" not in tables:
+            statement.not_evaluated("compliance", "all", "no readings of displacement under load")
+        return
+    rows = [row for row in table.to_pylist() if row["model"] == _MODEL and row["sigma"]]
+    if not rows:
+        statement.not_evaluated("compliance", "all", "the loads do not tell it")
+        return
+    loaded = loaded_steps(tables, settings.noise, simulated_compliance(settings, tables.get("given_compliance")))
+    declared = settings.noise.linear_um is not None and settings.noise.angular_arcsec is not None
+    found = _budgets(loaded, declared)
+    places = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
+    whole = np.array([row["sigma"] for row in rows], float)
+    told = _picked(found, loaded, places)
+    if told is None or not np.allclose(told.standard, whole, rtol=_CLOSES):
+        told = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
+    estimate = np.array([row["coefficient"] for row in rows], float)
+    told = told.beside(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
+    names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
+    statement.state("compliance", "loads as written down", names, estimate, units, told.filled())
+    _omit(statement, tables, settings)
+
+
+def _budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
+    """The budget of the entries (6,) of each of the six components; None where the readings leave some open."""
+    one = fitted_compliance(loaded, _MODEL)
+    if not one.known.all():
+        return None
+    ratio, dof = birge(one.fit), float(one.fit.dof)
+    readings = Source("noise of the readings", "B") if declared else Source("noise of the readings", "A", dof)
+    beyond = Source("scatter of the readings beyond that", "A", dof)
+    rows = loaded.fitted
+    found = []
+    for k in range(len(CHANNELS)):
+        own = rows & np.isfinite(loaded.reading[:, k])
+        run = np.unique(loaded.steps.run[own], return_inverse=True)[1]
+        columns = np.concatenate([loaded.steps.load[own], np.eye(run.max() + 1)[run]], 1)
+        loads = np.full(own.sum(), loaded.by_loads[k])
+        noise = {readings: loaded.variance[own, k] - loads, BY_LOADS: loads}
+        sized = {source: ratio**2 * variance[:, None, None] for source, variance in noise.items()}
+        parts = linear_estimate(columns[:, None], sized)
+        total = np.zeros_like(parts[readings])
+        for source in noise if ratio > 1.0 else ():
+            split = beyond_declared({source: parts[source]}, source, ratio, beyond)
+            parts[source], total = split[source], total + split[beyond]
+        found.append(budget({**parts, beyond: total}, np.eye(len(LOADS), columns.shape[1])))
+    return found
+
+
+def _picked(found: list[Budget] | None, loaded: Loaded, places: list[tuple[int, int]]) -> Budget | None:
+    """The budgets of some entries together, the geometry's part with them."""
+    if found is None:
+        return None
+    sources = tuple(dict.fromkeys(source for one in found for source in one.sources))
+    table = np.zeros((len(sources), len(places)))
+    for n, (i, j) in enumerate(places):
+        for source, own in zip(found[i].sources, found[i].contributions, strict=True):
+            table[sources.index(source), n] = own[j]
+    return Budget(sources, table).beside(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()
+
+
+def _corrected(tables: Mapping[str, pa.Table]) -> Array:
+    """What corrections leave uncertain of each component (6,), as a share of its largest reading."""
+    share = np.zeros(len(CHANNELS))
+    if "reading_corrections" not in tables:
+        return share
+    readings = tables["readings"]
+    channel = np.array(readings.column("channel").to_pylist(), object)
+    value = np.abs(np.asarray(readings.column("reading").to_pylist(), float))
+    for row in tables["reading_corrections"].to_pylist():
+        if row["subject"] in CHANNELS and row["sigma"] is not None and (channel == row["subject"]).any():
+            k = CHANNELS.index(row["subject"])
+            share[k] = np.hypot(share[k], row["sigma"] / max(value[channel == row["subject"]].max(), 1e-30))
+    return share
+
+
+def _omit(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    noise = settings.noise
+    if not noise.load_n and not noise.load_nm:
+        statement.omitted("compliance", "applied loads", "[noise] declares neither load_n nor load_nm")
+    if "reading_corrections" not in tables or not tables["reading_corrections"].num_rows:
+        why = "readings came corrected, and [interferometer] declares nothing of what that leaves open"
+        statement.omitted("compliance", "wavelength, air and material", why)
+    diagnosis = tables.get("diagnosis")
+    for row in diagnosis.to_pylist() if diagnosis is not None else ():
+        if row["verdict"] == "found":
+            name = f"{row['cause']} {row['subject'] or ''}".strip()
+            why = "the diagnosis found it; these entries are of the loads as written down, without it"
+            statement.omitted("compliance", name, why)

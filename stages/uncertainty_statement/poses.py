@@ -1,0 +1,173 @@
+"""Poses: what the points of each body, its survey, and their scatter beyond what was declared give to a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.calibration.data import BodyPoses, body_poses
+from stages.point_arrays import (
+    PosePoints,
+    SurveyPoints,
+    default_motions,
+    pose_ids,
+    pose_points,
+    residual_points,
+    survey_points,
+    used_targets,
+)
+from stages.uncertainty_statement.statement import Statement
+from truing.estimation.covariance import relative, survey_frame_covariance
+from truing.estimation.rotation import left_jacobian_so3, log_so3
+from truing.estimation.uncertainty_budget import Budget, Source
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+Parts = Mapping[Source, Array]  # covariances (B, 6, 6)
+
+_COMPONENTS = ("px", "py", "pz", "rx", "ry", "rz")
+_UNITS = ("mm", "mm", "mm", "rad", "rad", "rad")
+_CLOSES = 1e-6  # relative: parts that sum to less, or more, than the covariance that was stated are not its parts
+_BY_CHANCE = 0.01  # a scatter that declared noise would exceed so often is not called larger
+
+
+def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    """State every component of every pose of the platform, or of each body where there is no mechanism."""
+    table = tables.get("poses")
+    if table is None or not table.num_rows:
+        return
+    poses = pose_ids(table)
+    parents = dict(zip(table.column("body").to_pylist(), table.column("parent").to_pylist(), strict=True))
+    bodies = [name for name in parents if name == "platform" or not settings.mechanism.is_legged]
+    for body in bodies:
+        _state(statement, tables, body, parents[body], poses)
+    if bodies:
+        statement.omitted("pose", "scale of the measurement", "no scale bar or certified length tells it from here")
+
+
+def _state(
+    statement: Statement, tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...]
+) -> None:
+    found = body_poses(tables["poses"], body, poses, parent)
+    seen = np.flatnonzero(found.found)
+    if not len(seen):
+        statement.not_evaluated("pose", "all", "no pose of it was found", body)
+        return
+    parts = _parts(tables, body, parent, poses, found) or _whole(tables, found)
+    vector = log_so3(found.R[seen])
+    turn = np.linalg.inv(left_jacobian_so3(vector))  # of the rotation vector, by a small rotation before the pose
+    estimate = np.concatenate([found.p[seen] * 1e3, vector], 1)
+    to_units = np.zeros((len(seen), 6, 6))
+    to_units[:, :3, :3], to_units[:, 3:, 3:] = np.eye(3) * 1e3, turn
+    told = {
+        source: np.einsum("bij,bjk,bik->bi", to_units, covariance[seen], to_units, optimize=True)
+        for source, covariance in parts.items()
+    }
+    contributions = np.sqrt(np.maximum(np.array([own.ravel() for own in told.values()]), 0.0))
+    subject = [f"{body} in {parent}, pose {poses[n]}" for n in seen for _ in _COMPONENTS]
+    statement.state(
+        "pose",
+        subject,
+        list(_COMPONENTS) * len(seen),
+        estimate.ravel(),
+        list(_UNITS) * len(seen),
+        Budget(tuple(told), contributions),
+    )
+
+
+def _whole(tables: Mapping[str, pa.Table], found: BodyPoses) -> Parts:
+    """The covariance as it is, where its parts are not told."""
+    known = "observations" in tables and tables["observations"].column("sigma_x_mm").null_count == 0
+    return {Source("points and shape as the fit has them", "B" if known else "A"): found.covariance}
+
+
+def _parts(
+    tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...], found: BodyPoses
+) -> Parts | None:
+    """What the points and the surveys of a body, and of the one it is seen from, give to its poses; None where the
+    poses are not those of a fit to surveys with declared noise."""
+    own = _of_body(tables, body, poses)
+    if own is None:
+        return None
+    if parent == "measurement":
+        parts = own
+    else:
+        other = _of_body(tables, parent, poses)
+        if other is None:
+            return None
+        none, (R, p), (Ra, pa_) = (
+            np.zeros((len(poses), 6, 6)),
+            default_motions(tables["poses"], body, poses),
+            default_motions(tables["poses"], parent, poses),
+        )
+        parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in own.items()}
+        parts |= {source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in other.items()}
+    by_declared = [covariance for source, covariance in parts.items() if source.evaluation == "B"]
+    declared = np.sum(by_declared, axis=0)
+    sigma, stated = (np.sqrt(np.diagonal(C[found.found], axis1=1, axis2=2)) for C in (declared, found.covariance))
+    return parts if np.allclose(sigma, stated, rtol=_CLOSES, atol=0.0) else None
+
+
+def _of_body(tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...]) -> Parts | None:
+    """Covariances (B, 6, 6) of a body in the measurement by its points, its survey, and the scatter beyond them."""
+    if "survey" not in tables or "observations" not in tables:
+        return None
+    survey = survey_points(tables["survey"], body)
+    points = pose_points(tables["observations"], body, poses, survey.targets)
+    R, _ = default_motions(tables["poses"], body, poses)
+    ok: NDArray[np.bool_] = np.asarray(np.isfinite(R).all((1, 2)))
+    used = used_targets(tables["residuals"], body, poses, survey.targets) & ok[:, None]
+    declared = np.trace(points.cov, axis1=-2, axis2=-1) > 0.0
+    if not used.any() or not declared[used].all() or not np.isfinite(points.cov[used]).all():
+        return None
+    turn, source_cov = np.where(ok[:, None, None], R, np.eye(3)), np.nan_to_num(survey.cov)
+    target_cov = np.where(used[..., None, None], points.cov, np.eye(3))
+    turned = turn[:, None] @ source_cov @ np.swapaxes(turn, 1, 2)[:, None]
+    noise = target_cov + np.where(used[..., None, None], turned, 0.0)
+    W = used[..., None, None] * np.linalg.inv(noise)
+    frame = _frame(survey)
+    none = np.zeros_like(source_cov), np.zeros_like(target_cov)
+    by_points = survey_frame_covariance(turn, survey.points, W, none[0], target_cov, frame, ok)
+    by_survey = survey_frame_covariance(turn, survey.points, W, source_cov, none[1], frame, ok)
+    parts = {
+        Source(f"points of {body}, as declared", "B"): by_points,
+        Source(f"survey of {body}, as declared", "B"): by_survey,
+    }
+    ratio, dof = _scatter(residual_points(tables["residuals"], body, poses, survey.targets), used, turn, points)
+    if ratio > 1.0:
+        parts[Source(f"scatter of the points of {body} beyond that", "A", dof)] = (ratio**2 - 1.0) * by_points
+    return parts
+
+
+def _frame(survey: SurveyPoints) -> NDArray[np.bool_]:
+    """(T,) which targets make the body's frame: those away from the legs, or all where these are too few."""
+    away = survey.leg == 0
+    return away if away.sum() >= 3 or away.all() else np.ones_like(away)
+
+
+def _scatter(residual: Array, used: NDArray[np.bool_], R: Array, points: PosePoints) -> tuple[float, float]:
+    """How much residuals scatter about their targets' means, over the declared noise of the points, and its freedom;
+    1 where it is no larger than chance makes it.
+
+    The error of the survey is the same in all poses, and goes with the means.
+    """
+    from scipy.special import chdtrc
+
+    kept = used & np.isfinite(residual).all(-1)
+    count = kept.sum(0)
+    mean = np.where(kept[..., None], residual, 0.0).sum(0) / np.maximum(count, 1)[:, None]
+    apart = np.einsum("bij,bnj->bni", R, np.where(kept[..., None], residual - mean, 0.0))
+    cov = np.where(kept[..., None, None], points.cov, np.eye(3))
+    squares = float(np.einsum("bni,bni->", apart, np.linalg.solve(cov, apart[..., None])[..., 0]))
+    poses = int(kept.any(1).sum())
+    dof = float(3 * kept.sum() - 6 * poses - max(3 * int((count > 0).sum()) - 6, 0))
+    if dof <= 0 or chdtrc(dof, squares) > _BY_CHANCE:
+        return 1.0, max(dof, 0.0)
+    return float(np.sqrt(squares / dof)), dof

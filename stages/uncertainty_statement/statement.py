@@ -1,0 +1,84 @@
+"""Statements of uncertainty and their budgets, gathered as rows of the two artifacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.responses.tables import Rows
+from truing.estimation.uncertainty_budget import Budget
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Statement:
+    """Rows of ``uncertainty`` and ``uncertainty_budget``; subject and quantity tell results of a kind apart."""
+
+    stated: Rows = field(default_factory=lambda: Rows("uncertainty"))
+    parts: Rows = field(default_factory=lambda: Rows("uncertainty_budget"))
+
+    def state(
+        self,
+        result: str,
+        subject: Sequence[str] | str,
+        quantity: Sequence[str],
+        estimate: Array,
+        unit: Sequence[str] | str,
+        told: Budget,
+        interval: Array | None = None,
+    ) -> None:
+        """State N results with their budgets; interval (N,): expanded uncertainties that no Student's law gives."""
+        count = len(quantity)
+        names = {
+            "result": result,
+            "subject": _each(subject, count),
+            "quantity": list(quantity),
+            "unit": _each(unit, count),
+        }
+        expanded = told.expanded if interval is None else interval
+        standard = told.standard
+        factor = np.divide(expanded, standard, out=np.full(count, np.nan), where=standard > 0.0)
+        self.stated.add(
+            **names,
+            estimate=estimate,
+            standard_uncertainty=standard,
+            degrees_of_freedom=_bounded(told.dof),
+            coverage_factor=_finite(factor),
+            expanded_uncertainty=expanded,
+            stated=True,
+        )
+        for source, own, share in zip(told.sources, told.contributions, told.shares, strict=True):
+            self.parts.add(
+                **names,
+                input_source=source.name,
+                evaluation=source.evaluation,
+                distribution=source.distribution,
+                contribution=own,
+                degrees_of_freedom=None if np.isinf(source.dof) else source.dof,
+                share_of_variance=np.minimum(share, 1.0),
+            )
+
+    def not_evaluated(self, result: str, quantity: str, why: str, subject: str | None = None) -> None:
+        """Say of a kind of result, or of one, that no uncertainty is stated, and why."""
+        self.stated.add(result=result, subject=subject, quantity=quantity, stated=False, reason=why)
+
+    def omitted(self, result: str, source: str, why: str) -> None:
+        """Say what is no part of the budgets of a kind of result, and why."""
+        self.parts.add(result=result, quantity="all", input_source=source, evaluation="not evaluated", reason=why)
+
+
+def _each(given: Sequence[str] | str, count: int) -> list[str]:
+    return [given] * count if isinstance(given, str) else list(given)
+
+
+def _finite(values: Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def _bounded(dof: Array) -> list[float | None]:
+    """Degrees of freedom; none where there are so many that they make no difference."""
+    return [float(value) if value < 1e9 else None for value in dof]

@@ -1,0 +1,177 @@
+"""Statements of uncertainty are those of the tables they state, and their parts are all there is to them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.uncertainty_statement.accuracy import root_mean_square
+from stages.uncertainty_statement.causes import _with_rest
+from stages.uncertainty_statement.sensor import BY_LOADS, _parts
+from tests.cut_telescope import cut_telescope
+from tests.sensor_campaign import campaign_toml, measured, write_campaign
+from tests.stages.line import run_line
+from truing.estimation.sensor.calibrate import fit_calibration
+from truing.estimation.sensor.calibration import CalibrationModel, Estimator
+from truing.estimation.sensor.load_table import load_table
+from truing.estimation.uncertainty_budget import Source, linear_estimate
+
+Frames = dict[str, pd.DataFrame]
+
+
+def _frames(folder: Path, *stages: str) -> Frames:
+    tables, _ = run_line(folder, *stages, "uncertainty")
+    return {name: table.to_pandas() for name, table in tables.items() if hasattr(table, "to_pandas")}
+
+
+@pytest.fixture(scope="module")
+def telescope(tmp_path_factory: pytest.TempPathFactory) -> Frames:
+    return _frames(cut_telescope(tmp_path_factory.mktemp("gum") / "t"), "ingest", "pose", "deformation", "calibrate")
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory: pytest.TempPathFactory) -> Frames:
+    folder = tmp_path_factory.mktemp("gum") / "sensor"
+    write_campaign(folder, *measured(np.random.default_rng(5)), campaign_toml(more="load_n = 2.0\nload_nm = 0.1\n"))
+    return _frames(folder, "ingest", "pose", "deformation", "calibrate")
+
+
+def _of(frames: Frames, result: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+    stated, parts = frames["uncertainty"], frames["uncertainty_budget"]
+    own = parts[(parts["result"] == result) & (parts["evaluation"] != "not evaluated")]
+    return stated[(stated["result"] == result) & stated["stated"]], own
+
+
+@pytest.mark.parametrize(
+    ("campaign", "results"),
+    [("telescope", ("pose", "calibration", "accuracy")), ("sensor", ("compliance", "G_B", "load", "accuracy"))],
+)
+def test_parts_of_every_result_sum_to_its_uncertainty(request: Any, campaign: str, results: tuple[str, ...]) -> None:
+    frames = request.getfixturevalue(campaign)
+    for result in results:
+        stated, parts = _of(frames, result)
+        assert len(stated), result
+        place = ["subject", "quantity"]
+        squares = (parts["contribution"] ** 2).groupby([parts[name] for name in place]).sum()
+        told = stated.set_index(place)["standard_uncertainty"] ** 2
+        assert squares.reindex(told.index).to_numpy() == pytest.approx(told.to_numpy(), rel=1e-9)
+        shares = parts.groupby(place)["share_of_variance"].sum()
+        assert shares.to_numpy() == pytest.approx(1.0, abs=1e-9)
+        product = stated["coverage_factor"] * stated["standard_uncertainty"]
+        assert product.to_numpy() == pytest.approx(stated["expanded_uncertainty"].to_numpy())
+
+
+def test_poses_are_stated_with_the_uncertainty_that_their_table_has(telescope: Frames) -> None:
+    stated, parts = _of(telescope, "pose")
+    table = telescope["poses"]
+    rows = table[table["default"] & (table["body"] == "platform")]
+    own = stated[stated["quantity"] == "pz"]
+    assert own["estimate"].tolist() == pytest.approx(rows["pz_mm"].tolist())
+    assert own["standard_uncertainty"].tolist() == pytest.approx((1e3 * np.sqrt(rows["cov_2_2"])).tolist(), rel=1e-6)
+    assert {"points of platform, as declared", "survey of base, as declared"} <= set(parts["input_source"])
+
+
+def test_numbers_of_the_mechanism_are_stated_with_the_sigma_of_the_chosen_calibration(telescope: Frames) -> None:
+    choice, table = telescope["model_choice"], telescope["calibration"]
+    chosen = choice[(choice["figure"] == "chosen") & (choice["value"] == 1.0)].iloc[0]
+    rows = table[(table["model"] == chosen["model"]) & (table["deformation"] == chosen["deformation"])]
+    stated, parts = _of(telescope, "calibration")
+    assert stated["standard_uncertainty"].tolist() == pytest.approx(rows["sigma"].tolist(), rel=1e-3)
+    assert {"readings of the actuators", "tolerance of the lower joints"} <= set(parts["input_source"])
+    # so few poses leave the directions of the actuators to their tolerance
+    own = parts[(parts["quantity"] == "u_x of leg 1") & parts["input_source"].str.startswith("tolerance of the dir")]
+    assert own["share_of_variance"].item() > 0.5
+
+
+def test_noise_beyond_what_was_declared_is_of_type_a(tmp_path: Path) -> None:
+    folder = cut_telescope(tmp_path / "t")
+    points = pd.read_csv(folder / "points.csv")
+    assert not [name for name in points if name.startswith("sigma")]
+    settings = (folder / "campaign.toml").read_text().replace("point_mm = 0.005", "point_mm = 0.002")
+    (folder / "campaign.toml").write_text(settings)
+    _, parts = _of(_frames(folder, "ingest", "pose"), "pose")
+    beyond = parts[parts["input_source"] == "scatter of the points of platform beyond that"]
+    declared = parts[parts["input_source"] == "points of platform, as declared"]
+    assert set(beyond["evaluation"]) == {"A"}
+    ratio = np.sqrt(1.0 + (beyond["contribution"].to_numpy() / declared["contribution"].to_numpy()) ** 2)
+    dof = beyond["degrees_of_freedom"].iloc[0]
+    assert ratio == pytest.approx(2.5, abs=2.5 * 4.0 / np.sqrt(2.0 * dof))
+
+
+def test_entries_are_stated_with_the_sigma_of_their_tables(sensor: Frames) -> None:
+    table = sensor["compliance"]
+    entries, parts = _of(sensor, "compliance")
+    rows = table[table["model"] == "matrix"]
+    assert entries["standard_uncertainty"].tolist() == pytest.approx(rows["sigma"].tolist(), rel=1e-9)
+    assert {"noise of the readings", "applied loads, as declared"} <= set(parts["input_source"])
+    matrix = sensor["sensor_matrix"]
+    rows = matrix[matrix["chosen"] & (matrix["matrix"] == "G_B")]
+    entries, _ = _of(sensor, "G_B")
+    assert entries["estimate"].tolist() == pytest.approx(rows["value"].tolist())
+    ratio = entries["standard_uncertainty"].to_numpy() / rows["sigma"].to_numpy()
+    assert np.all(ratio >= 1.0 - 1e-9)
+    by_case = rows["sigma_by_case"].to_numpy() / rows["sigma"].to_numpy()
+    assert ratio[ratio > 1.0 + 1e-9] == pytest.approx(by_case[ratio > 1.0 + 1e-9])
+
+
+@pytest.mark.parametrize("estimator", ["weighted", "errors in both"])
+def test_errors_of_signals_and_of_loads_each_do_to_a_calibration_what_is_stated(estimator: Estimator) -> None:
+    rng = np.random.default_rng(6)
+    loads, gain = np.repeat([-1.0, 1.0], 20)[:, None] * np.tile(np.eye(2), (20, 1)), np.array([[2.0, 0.5], [0.3, -1.0]])
+    signal, load = np.diag([1e-4, 4e-4]), np.diag([1e-4, 1e-5])
+    model, names = CalibrationModel(estimator, "forward", zero="common"), ("fx", "fy")
+    draws = 150 if estimator == "weighted" else 40
+    for errs, source in ((signal, Source("signals", "B")), (load, BY_LOADS)):
+        found = []
+        for _ in range(draws):
+            noise = rng.normal(size=(40, 2)) * np.sqrt(np.diag(errs))
+            seen, told = (noise, 0.0) if errs is signal else (0.0, noise)
+            table = load_table(loads @ gain.T + seen, loads + told, signal_cov=signal, load_cov=load, load_names=names)
+            fit = fit_calibration(table, model)
+            found.append(np.concatenate([fit.matrix, fit.zeros], 1).ravel())
+        stated = np.diag(_parts(fit, table, Source("signals", "B"))[source])
+        ratio = np.sum(np.var(found, axis=0, ddof=1) / stated) / len(stated)
+        # draws of six numbers; those of a row are independent here
+        assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / (draws * len(stated)))
+
+
+def test_loads_told_by_one_reading_err_as_far_as_is_stated(sensor: Frames) -> None:
+    """The rms error of 102 held-out readings, nearly all of it their own noise, is that of a reading as stated."""
+    stated, _ = _of(sensor, "load")
+    held, _ = _of(sensor, "accuracy")
+    ratio = held["estimate"].to_numpy() / stated["standard_uncertainty"].to_numpy()
+    assert np.all(np.abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * 102.0))
+
+
+def test_a_root_mean_square_of_few_errors_scatters_as_is_stated() -> None:
+    rng = np.random.default_rng(3)
+    draws = [root_mean_square(rng.normal(size=40)) for _ in range(800)]
+    scatter = np.std([value for value, _ in draws])
+    typical = np.sqrt(np.mean([told.standard[0] ** 2 for _, told in draws]))
+    assert typical == pytest.approx(scatter, rel=0.12)
+    assert draws[0][1].dof == pytest.approx([39.0])
+
+
+def test_what_was_known_before_is_told_from_the_covariance_of_a_fit_alone() -> None:
+    rng = np.random.default_rng(4)
+    jacobian, noise = rng.normal(size=(20, 1, 3)), Source("data", "A")
+    prior = {Source("a", "B"): np.diag([1.0, 0.0, 0.0]), Source("b", "B"): np.diag([0.0, 4.0, 4.0])}
+    whole = linear_estimate(jacobian, {noise: np.full((20, 1, 1), 30.0)}, prior)
+    level = 1.3  # variances found over those declared, tolerances included
+    total = level * sum(whole.values())
+    told = _with_rest(total, {"a": [0], "b": [1, 2]}, level, np.array([1.0, 4.0, 4.0]), 17.0)
+    for source in prior:
+        assert told[source] == pytest.approx(level * whole[source], rel=1e-9)
+    (rest,) = (part for source, part in told.items() if source.evaluation == "A")
+    assert rest == pytest.approx(level * whole[noise], rel=1e-9)
+
+
+def test_what_cannot_be_stated_says_why(tmp_path: Path) -> None:
+    frames = _frames(cut_telescope(tmp_path / "t"), "ingest", "pose")
+    left = frames["uncertainty"][~frames["uncertainty"]["stated"]]
+    assert set(left["result"]) == {"calibration", "cause", "accuracy"}
+    assert left["reason"].str.len().min() > 10
