@@ -171,10 +171,10 @@ def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups:
 def _solve(
     form: Form, free: NDArray[np.bool_], design: Array, y: Array, seen: NDArray[np.bool_], weight: Array, prior: Array
 ) -> ResponseFit:
-    weighted = np.einsum("nlp,nlm->nmp", design, weight)
-    normal = np.einsum("nmp,nmq->pq", weighted, design) + prior
+    weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # products that BLAS knows: (N M, P)
+    normal = weighted.T @ design.reshape(weighted.shape) + prior
     covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
-    theta = covariance @ np.einsum("nmp,nm->p", weighted, y)
+    theta = covariance @ (weighted.T @ y.ravel())
     residuals = y - design @ theta
     loo = _leave_one_out(design, covariance, weight, residuals)
     n_free, width = int(free.sum()), free.shape[0]
