@@ -15,7 +15,7 @@ author = "The truing authors"
 copyright = "The truing authors, BSD 3-Clause"
 version = release = truing.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "equations", "tree_of_lists", "docstrings"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "equations", "tree_of_lists", "docstrings", "notebooks"]
 exclude_patterns = ["experiments", "site"]
 source_suffix = {".md": "markdown"}
 

@@ -7,7 +7,7 @@ import re
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
-_ENTRY = re.compile(r"^[-*] \[(?P<title>[^\]]+)\]\((?P<page>[\w./-]+)\.md\)", re.MULTILINE)
+_ENTRY = re.compile(r"^[-*] \[(?P<title>[^\]]+)\]\((?P<page>[\w./-]+)\.(?:md|ipynb)\)", re.MULTILINE)
 
 # Another page of the project that is none of docs/: it is taken along as a file.
 _BEYOND = re.compile(r"\]\(((?:\.\./)+(?:sample_data/[^)#]*|CHANGELOG|CONTRIBUTING|README)\.md)\)")
