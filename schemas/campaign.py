@@ -22,7 +22,9 @@ from schemas.sections import (
     Noise,
     Overrule,
     QualityLimits,
+    Renamed,
     Requirement,
+    Resurvey,
     Signals,
     Workspace,
 )
@@ -68,6 +70,8 @@ class Campaign(Section):
     exclude: tuple[Overrule, ...] = ()
     keep: tuple[Overrule, ...] = ()
     accept: tuple[Acceptance, ...] = ()
+    renamed: tuple[Renamed, ...] = ()
+    resurvey: tuple[Resurvey, ...] = ()
     files: dict[str, Annotated[tuple[FileMapping, ...], BeforeValidator(_listed)]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -80,6 +84,8 @@ class Campaign(Section):
                 raise ValueError(
                     "pose, body or target in [[exclude]] and [[keep]]: run, step and channel are a bench's"
                 )
+        elif self.renamed or self.resurvey:
+            raise ValueError("no [[renamed]] and no [[resurvey]]: a bench has no targets")
         return self
 
     @property

@@ -60,6 +60,22 @@ _IDENTITY = (
     Column("drive", "text", "the column that the response follows", nullable=True),
 )
 
+_CAMPAIGN_LIFE = (
+    Column("called", "text", "what the files call the target"),
+    Column("from_pose", "text", "the first pose of which it holds; empty: from the first on", nullable=True),
+    Column("to_pose", "text", "the last pose of which it holds; empty: to the last", nullable=True),
+    Column("later_survey", "text", "the survey that is compared with those before it"),
+    *(
+        _real(f"shift_{a}_mm", "mm", f"by how much the survey has the target elsewhere along {a}", nullable=True)
+        for a in "xyz"
+    ),
+    _real("distance_mm", "mm", "how far it lies from the target's place on the body", minimum=0.0),
+    Column("relocated", "flag", "whether the target lies elsewhere than before, beyond chance or as was said"),
+    Column(
+        "holds_as", "text", "the target as which the new place holds; empty where it holds for no pose", nullable=True
+    ),
+)
+
 _POINTS = (
     *(_real(f"{a}_mm", "mm", f"{a} coordinate in the frame of the file") for a in "xyz"),
     *(_real(f"sigma_{a}_mm", "mm", f"one standard deviation of {a}", minimum=0.0, nullable=True) for a in "xyz"),
@@ -366,6 +382,7 @@ COLUMNS: dict[str, Column] = {
     column.name: column
     for group in (
         _IDENTITY,
+        _CAMPAIGN_LIFE,
         _POINTS,
         _CONFIGURATIONS,
         _POSES,

@@ -143,6 +143,26 @@ MEASUREMENT = (
         ("stage", "subject", "reason", "rows", "by"),
     ),
     parquet(
+        "relabelled",
+        "targets that the files call otherwise in some poses, or that a later survey found elsewhere, and in how many "
+        "points",
+        ("body", "called", "target", "from_pose", "to_pose", "rows", "reason"),
+    ),
+    parquet(
+        "likely_names",
+        "names that no survey knows, at the place of a target that is not seen with them: a suggestion, never applied",
+        ("body", "called", "target", "from_pose", "to_pose", "rows", "distance_mm"),
+    ),
+    parquet(
+        "resurveys",
+        "where a later survey has the targets, in the frame of the first, less where they were before",
+        (
+            *("later_survey", "body", "target", "shift_x_mm", "shift_y_mm", "shift_z_mm"),
+            *(*_SIGMA, "p_value", "relocated", "holds_as", "from_pose", "status"),
+        ),
+        key=("later_survey", "body", "target"),
+    ),
+    parquet(
         "qa",
         "one row per check",
         ("check", "subject", "value", "limit", "unit", "verdict", "message"),

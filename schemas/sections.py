@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -135,6 +136,7 @@ class Overrule(Section):
         None, description="interferometer: what was read"
     )
     by: str = Field(min_length=1, description="who decided")
+    on: date | None = Field(None, description="when, as 2026-11-22")
     reason: str = Field(min_length=1, description="why")
 
 
@@ -144,4 +146,34 @@ class Acceptance(Section):
     check: str = Field(min_length=1, description="the check, as qa.parquet names it")
     subject: str | None = Field(None, description="what it concerns; absent: whatever it concerns")
     by: str = Field(min_length=1, description="who decided")
+    on: date | None = Field(None, description="when, as 2026-11-22")
     reason: str = Field(min_length=1, description="why")
+
+
+class Renamed(Section):
+    """[[renamed]]: a target that the files call otherwise in some poses; ``target`` is its name in the campaign.
+
+    ``from_pose`` and ``to_pose`` count in the order of time and are both within; an absent one means the first or the
+    last. All entries act at once, so two targets may take each other's names.
+    """
+
+    body: str = Field(min_length=1, description="the body that carries it")
+    called: str = Field(min_length=1, description="what the files call it")
+    target: str = Field(min_length=1, description="which target it is")
+    from_pose: int | str | None = Field(None, description="the first pose of it; absent: the first of all")
+    to_pose: int | str | None = Field(None, description="the last pose of it; absent: the last of all")
+    by: str | None = Field(None, min_length=1, description="who says so")
+    reason: str | None = Field(None, min_length=1, description="why")
+
+
+class Resurvey(Section):
+    """[[resurvey]]: from which pose on a later survey of ``resurveys`` holds; one without this table is a check alone.
+
+    A target that lies elsewhere in it is another one from that pose on: ``P07@after``, for a survey called after.
+    """
+
+    survey: str = Field(min_length=1, description="its name in the column survey of the table resurveys")
+    from_pose: int | str | None = Field(None, description="the first pose that it holds for; absent: a check alone")
+    moved: tuple[str, ...] = Field((), description="targets known to have been moved, however little")
+    by: str | None = Field(None, min_length=1, description="who says so")
+    reason: str | None = Field(None, min_length=1, description="why")

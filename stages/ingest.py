@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -17,6 +18,7 @@ from truing.formats.source import TABLES, CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.ingestion.later_surveys import LaterSurveys
     from stages.ingestion.point_sizes import Geometry
     from stages.ingestion.points import Points
     from stages.ingestion.tables import SmallTable
@@ -35,6 +37,8 @@ DECLARATION = Stage(
             "reading_corrections?",
             "positions?",
             "given_compliance?",
+            "relabelled?",
+            "resurveys?",
             "exclusions",
         ),
     ),
@@ -55,6 +59,8 @@ DECLARATION = Stage(
         "noise.displacement_mm",
         "noise.rotation_rad",
         "bodies.reference",
+        "renamed",
+        "resurvey",
         "files",
     ),
     summary="reads the raw files, brings them into the contract's units and names, and refuses what cannot be",
@@ -94,7 +100,9 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 
 
 def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, log: FaultLog) -> Outcome:
+    from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from stages.ingestion.points import Points
+    from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
     from stages.ingestion.start import read_start
     from stages.ingestion.tables import read_configurations, read_survey
     from stages.rigid_poses.dense_scans import identifier_of, read_scans
@@ -105,13 +113,20 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
     if not source.entries("points") and not source.entries("scans"):
         log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
         log.throw()
-    expected = _expected(settings, configurations, survey)
+    order = PoseOrder.of(configurations.table)
+    later = read_later_surveys(source, settings, survey, order, log)
+    if survey is not None and later is not None:
+        survey = replace(survey, table=later.survey(survey.table))
+    renamed = declared(settings, order, None if survey is None else survey.table, log)
+    others = (renamed, relabelling_of(later, order))
+    expected = replace(_expected(settings, configurations, survey), relabelled=others)
     scans = read_scans(source, expected.poses, log, progress)
     artifacts: dict[str, Any] = {} if survey is None else {"survey": survey.table}
     artifacts |= {} if start is None else {"start": start}
     artifacts |= {} if configurations is None else {"configurations": configurations.table}
     artifacts |= {} if scans is None else {"scans": scans.table(expected.poses)}
-    small = [table for table in (configurations, survey, scans) if table is not None]
+    artifacts |= {} if later is None else {"resurveys": later.table()}
+    small = [table for table in (configurations, survey, later, scans) if table is not None]
     if scans is not None and not source.entries("points"):
         log.throw()
         artifacts["observations"] = ARTIFACTS["observations"].empty(identifier_of(expected.poses))
@@ -121,6 +136,8 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
     if log:
         observations.read_all()  # the rest of the faults, which raise at its end
     artifacts |= {"observations": observations, "exclusions": _exclusions_of(points, small)}
+    if any(part.rules for part in others):
+        artifacts["relabelled"] = _at_last("relabelled", lambda: relabelled_table(*others))
     return Outcome(
         artifacts,
         read=_late(lambda: _read_words(points)),
@@ -129,7 +146,9 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
     )
 
 
-def _scans_alone(scans: DenseScans, artifacts: dict[str, Any], small: Sequence[SmallTable | DenseScans]) -> Outcome:
+def _scans_alone(
+    scans: DenseScans, artifacts: dict[str, Any], small: Sequence[SmallTable | LaterSurveys | DenseScans]
+) -> Outcome:
     left_out: Counter[tuple[str, str]] = Counter()
     for table in small:
         left_out.update(table.left_out)
@@ -175,22 +194,25 @@ def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
     return Geometry(surveyed, joints if legs else {})
 
 
-def _all_left_out(points: Points, small: Sequence[SmallTable | DenseScans]) -> Counter[tuple[str, str]]:
+def _all_left_out(points: Points, small: Sequence[SmallTable | LaterSurveys | DenseScans]) -> Counter[tuple[str, str]]:
     total = Counter(points.left_out)
     for table in small:
         total.update(table.left_out)
     return total
 
 
-def _exclusions_of(points: Points, small: Sequence[SmallTable | DenseScans]) -> pa.RecordBatchReader:
+def _exclusions_of(points: Points, small: Sequence[SmallTable | LaterSurveys | DenseScans]) -> pa.RecordBatchReader:
+    return _at_last("exclusions", lambda: _exclusions(_all_left_out(points, small)))
+
+
+def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
+    """A table that is known only once the points have been read."""
     import pyarrow as pa
 
-    schema = ARTIFACTS["exclusions"].arrow_schema()
-
     def batches() -> Iterator[pa.RecordBatch]:
-        yield from _exclusions(_all_left_out(points, small)).to_batches()
+        yield from table().to_batches()
 
-    return pa.RecordBatchReader.from_batches(schema, batches())
+    return pa.RecordBatchReader.from_batches(ARTIFACTS[artifact].arrow_schema(), batches())
 
 
 def _exclusions(left_out: Mapping[tuple[str, str], int]) -> pa.Table:

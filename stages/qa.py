@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from typing import TYPE_CHECKING, cast
 
@@ -32,8 +32,10 @@ DECLARATION = Stage(
         "given_compliance?",
         "quadrature?",
         "reading_corrections?",
+        "relabelled?",
+        "resurveys?",
     ),
-    leaves=("qa",),
+    leaves=("qa", "likely_names?"),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
         *(
@@ -61,17 +63,29 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.quality.checks import all_checks
     from stages.quality.limits import CampaignLimits
     from stages.quality.of_decisions import overruled_points
+    from stages.quality.of_names import likely_names, likely_table, names_known, settled_names
+    from stages.quality.of_surveys import later_surveys
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies = _reference_first(body_views(tables, around), settings)
     attachments = _attachments(settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    found = chain(
-        all_checks(bodies, around, attachments, settings.noise.actuator_mm, settings.qa.false_alarm, limits),
-        overruled_points(tables["observations"], settings),
+    observations, resurveys, settled = (
+        tables["observations"],
+        tables.get("resurveys"),
+        settled_names(tables.get("relabelled")),
     )
-    read = f"{tables['observations'].num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
-    return _judged(found, read, settings, progress)
+    likely = likely_names(observations, bodies, around, settled)
+    found = chain(
+        all_checks(bodies, around, attachments, settings, limits, resurveys),
+        names_known(observations, bodies, likely, settled),
+        later_surveys(resurveys, settings.exclude, limits),
+        overruled_points(observations, settings),
+    )
+    read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
+    outcome = _judged(found, read, settings, progress)
+    suggested = {"likely_names": likely_table(likely)} if likely else {}
+    return replace(outcome, artifacts={**outcome.artifacts, **suggested})
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:

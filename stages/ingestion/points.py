@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.ingestion.point_sizes import Geometry, size_faults
+from stages.ingestion.relabelling import Relabelling
 from stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
@@ -48,6 +49,7 @@ class Expected:
     point_mm: float | None
     geometry: Geometry
     survey: pa.Table | None
+    relabelled: tuple[Relabelling, ...] = ()
 
     def without(self, scanned: set[str]) -> Expected:
         """The same where some bodies are known from scans of their surface, and need no targets."""
@@ -112,7 +114,7 @@ class Points:
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
             self.progress(0, total, f"{self.rows:,} points")
-            named = self._named_part(file, batch)
+            named = self._under_own_names(self._named_part(file, batch))
             if named.rows:
                 yield self._taken(file, named)
         yield from self._labelled()
@@ -127,6 +129,14 @@ class Points:
             return batch
         self.unlabelled.add(file, rows_of(batch, nameless))
         return rows_of(batch, ~nameless)
+
+    def _under_own_names(self, batch: TableBatch) -> TableBatch:
+        if not batch.rows or not any(part.rules for part in self.expected.relabelled):
+            return batch
+        pose = self._ledger.pose_numbers(batch.columns["pose"])
+        for part in self.expected.relabelled:
+            batch = part.applied(batch, pose)
+        return batch
 
     def _labelled(self) -> Iterator[TableBatch]:
         if not self.unlabelled.parts:
@@ -204,6 +214,8 @@ class Points:
     # -- at the end ---------------------------------------------------------------------------------------
 
     def _finish(self) -> None:
+        for part in self.expected.relabelled[:1]:  # of those that a later survey moves, no point need be there
+            part.check(self.log, self._ledger.labels.values)
         self._check_duplicates()
         self._check_bodies()
         if not self.rows and not self.log:
@@ -233,7 +245,8 @@ class Points:
                 pose, body, target = self._ledger.name_of(row)
                 value = f"pose {pose}, {body}, {target}"
                 count = len(rows) - SHOWN + 1 if shown == SHOWN - 1 else 1
-                faults = CellFaults("each pose, body and target once", None, ((record, value),), count)
+                said = "".join(part.called(pose, body, target) for part in self.expected.relabelled)
+                faults = CellFaults(f"each pose, body and target once{said}", None, ((record, value),), count)
                 self.log.cells(file.raw.name, faults, file.locate)
 
     def _check_bodies(self) -> None:

@@ -45,7 +45,7 @@ def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         return SmallTable(_in_order_of_appearance(source))
-    _once(found, log, ("pose",))
+    once(found, log, ("pose",))
     _check_times(found, log, required=bool(legs_of(settings)))
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
@@ -88,7 +88,7 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     return poses.values, any_text
 
 
-def _once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
+def once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
     """A fault at every row whose key stood in a row before."""
     import pyarrow as pa
 
@@ -151,8 +151,8 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     found = gather(source, TARGETS, log)
     if found is None:
         return None
-    _once(found, log, ("body", "target"))
-    _check_legs(found, log, len(legs_of(settings)))
+    once(found, log, ("body", "target"))
+    check_legs(found, log, len(legs_of(settings)))
     surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
     # A body that is scanned needs no targets; whether the others are there is seen when the points are read.
     for body in ("base", "platform") if legs_of(settings) and not source.entries("scans") else ():
@@ -177,7 +177,8 @@ def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:
     return table.set_column(table.column_names.index(name), name, filled)
 
 
-def _check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
+def check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
+    """A fault at every leg that there is not, or that a body without attachments gives."""
     if "leg" not in found.table.column_names or not legs:
         return
     leg = _numbers(found, "leg")

@@ -8,6 +8,7 @@ subjects. Checks that only warn are held at ten times their share.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
+from stages.quality.of_names import due
 from stages.quality.of_noise import noise, noise_by_pose, repeatability
 from stages.quality.of_targets import (
     attachment_labels,
@@ -27,6 +29,11 @@ from stages.quality.of_targets import (
 )
 from stages.quality.of_time import base_drift, temperature_span, time_gaps
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
 
 
@@ -34,16 +41,16 @@ def all_checks(
     bodies: Sequence[BodyView],
     around: Surroundings,
     attachments: NDArray[np.float64],
-    actuator_mm: float,
-    budget: float,
+    settings: Campaign,
     limits: CampaignLimits,
+    resurveys: pa.Table | None,
 ) -> Iterator[Check]:
     """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
-    share = budget / _CHANCE_CHECKS
+    share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield unobserved_poses(around, limits)
     yield from attachment_labels(bodies, attachments)
     for body in bodies:
-        yield from completeness(body, limits)
+        yield from completeness(body, due(resurveys, body, around), limits)
         yield from geometry(body, limits)
         yield from gross_errors(body, limits)
         yield from exchanged_labels(body, around)
@@ -51,6 +58,6 @@ def all_checks(
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(bodies[0], 10.0 * share)
-    yield from repeatability(bodies, around, actuator_mm, share)
+    yield from repeatability(bodies, around, settings.noise.actuator_mm, share)
     yield time_gaps(around, limits)
     yield temperature_span(around, limits)

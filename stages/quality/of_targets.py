@@ -53,14 +53,15 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
             )
 
 
-def completeness(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
-    """Targets seen per pose, and poses without a frame."""
+def completeness(body: BodyView, due: NDArray[np.bool_], limits: CampaignLimits) -> Iterator[Check]:
+    """Targets seen per pose of those that were due (B, T), and poses without a frame."""
     seen = body.points.seen
+    missing = due & ~seen
     yield limits.of("completeness").row(
         body.name,
-        1.0 - float(seen.mean()),
+        float(missing.sum()) / max(int(due.sum()), 1),
         "1",
-        f"{body.name}: {int((~seen).sum())} of {seen.size} target readings are missing "
+        f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
         f"({seen.shape[1]} targets, {seen.shape[0]} poses).",
     )
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]

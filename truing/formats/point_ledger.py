@@ -71,7 +71,7 @@ class PointLedger:
 
     def add(self, file: FileRows, batch: TableBatch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Take in a batch of points; returns the numbers of their poses and of their labels."""
-        pose = self._pose_numbers(batch.columns["pose"])
+        pose = self.pose_numbers(batch.columns["pose"])
         label = self._label_numbers(batch.columns["body"], batch.columns["target"])
         if batch.rows:
             self._any_unknown |= int(pose.max()) == len(self.poses)
@@ -81,7 +81,8 @@ class PointLedger:
             self._spool.append(pose=pose, label=label)
         return pose, label
 
-    def _pose_numbers(self, poses: pa.Array) -> NDArray[np.int32]:
+    def pose_numbers(self, poses: pa.Array) -> NDArray[np.int32]:
+        """The place of each of these poses among those that are known, and their count where it is none of them."""
         import pyarrow as pa
         import pyarrow.compute as pc
 

@@ -16,6 +16,7 @@ _SHOWN = ("shown_fx_n", "shown_fy_n", "shown_fz_n", "shown_mx_nm", "shown_my_nm"
 _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
 # Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
 _RAW = (
+    Column("survey", "text", "which of the later surveys a target was seen in"),
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m", nullable=True),
     Column("channel", "text", "the motion that was read", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
@@ -91,6 +92,7 @@ def _carried_unit(name: str) -> str:
 
 POINTS = Shape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
 TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
+RESURVEYS = Shape("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
 SCANS = Shape("scans", ("pose", "body", *_POINT))
 SURFACES = Shape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from schemas.mapping import FileMapping
 
 TABLES = (
-    *("points", "targets", "configurations", "scans", "surfaces"),
+    *("points", "targets", "resurveys", "configurations", "scans", "surfaces"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning"),
 )
 _BY_CHANNEL = "interferometer"  # the table whose rows may come side by side, a column per channel

@@ -1,0 +1,260 @@
+"""Later surveys of the targets: what moved since the one before, and from which pose on the new place holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from stages.ingestion.gathered_columns import numbers, texts
+from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, meant, window
+from stages.ingestion.tables import SmallTable, check_legs, legs_of, once
+from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import COORDINATES, RESURVEYS
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+
+_FILE = "campaign.toml"
+_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a target sits on its body, m, with its covariance (3, 3) in m^2, its leg or 0, and the name it now has."""
+
+    point: Array
+    cov: Array
+    leg: int
+    name: str
+
+
+@dataclass
+class LaterSurveys:
+    """What later surveys say: rows of ``resurveys``, targets to add to the survey, targets that are others from a pose
+    on, and the raw rows left out."""
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    added: list[dict[str, Any]] = field(default_factory=list)
+    rules: list[Relabel] = field(default_factory=list)
+    left_out: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    def survey(self, first: pa.Table) -> pa.Table:
+        """The first survey with the places that hold later."""
+        import pyarrow as pa
+
+        return pa.concat_tables([first, pa.Table.from_pylist(self.added, schema=first.schema)]) if self.added else first
+
+    def table(self) -> pa.Table:
+        """The artifact resurveys."""
+        import pyarrow as pa
+
+        return pa.Table.from_pylist(self.rows, schema=ARTIFACTS["resurveys"].arrow_schema())
+
+
+def read_later_surveys(
+    source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseOrder, log: FaultLog
+) -> LaterSurveys | None:
+    """The later surveys, compared one after the other; None where there are none."""
+    found = gather(source, RESURVEYS, log)
+    if found is None:
+        for number in range(1, len(settings.resurvey) * (not source.entries("resurveys")) + 1):
+            said = "the table resurveys.csv, or [files.resurveys]: where the targets were found"
+            log.add(Fault(_FILE, said, column=f"resurvey.{number}"))
+        return None
+    if any(name not in found.table.column_names for name in RESURVEYS.required):
+        return None  # told as the table was read
+    once(found, log, ("survey", "body", "target"))
+    check_legs(found, log, len(legs_of(settings)))
+    if first is None:
+        log.add(Fault(found.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
+        return None
+    wished = _wishes(settings, found, order, log)
+    cov = _covariances(found, settings.noise.point_mm, log)
+    if log:
+        return None
+    places = _places(first.table, settings.noise.point_mm)
+    out = LaterSurveys(left_out=dict(found.left_out))
+    surveys, bodies = texts(found, "survey"), texts(found, "body")
+    pairs = [(name, body) for name in _in_time(wished) for body in dict.fromkeys(bodies[surveys == name].tolist())]
+    for name, body in pairs:
+        seen = _seen(found, cov, (surveys == name) & (bodies == body))
+        _compare(out, places.setdefault(body, {}), seen, (name, body), wished[name], FALSE_ALARM / len(pairs))
+    return out
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What [[resurvey]] says of a survey: its poses by place in time (none: a check alone), and what has moved."""
+
+    window: tuple[int, int] | None = None
+    from_pose: str | None = None
+    moved: tuple[str, ...] = ()
+    why: str = ""
+    column: str = ""
+
+
+def _in_time(wished: dict[str, _Wish]) -> list[str]:
+    """Surveys in the order in which they hold; checks come last, in the order of the file."""
+    return sorted(wished, key=lambda name: (1 << 62) if (w := wished[name].window) is None else w[0])
+
+
+def _wishes(settings: Any, found: Gathered, order: PoseOrder, log: FaultLog) -> dict[str, _Wish]:
+    names = [str(name) for name in dict.fromkeys(texts(found, "survey"))]
+    wished = {name: _Wish() for name in names}
+    since: dict[int, str] = {}
+    for number, entry in enumerate(settings.resurvey, 1):
+        column = f"resurvey.{number}"
+        if entry.survey not in wished:
+            there = f"a survey of {found.first_file} ({', '.join(names)}){meant(entry.survey, names)}"
+            log.add(Fault(_FILE, there, column=f"{column}.survey", value=entry.survey))
+            continue
+        if wished[entry.survey].column:
+            log.add(Fault(_FILE, "each survey once", column=f"{column}.survey", value=entry.survey))
+        own = texts(found, "survey") == entry.survey
+        targets = [str(target) for target in texts(found, "target")[own]]
+        for target in (one for one in entry.moved if one not in targets):
+            said = f"targets of survey {entry.survey}{meant(target, targets)}"
+            log.add(Fault(_FILE, said, column=f"{column}.moved", value=target))
+        where = None if entry.from_pose is None else window(order, entry.from_pose, None, column, log)
+        if where is not None and where[0] in since:
+            said = f"a pose of its own; {since[where[0]]} holds from this one on, too"
+            log.add(Fault(_FILE, said, column=f"{column}.from_pose", value=str(entry.from_pose)))
+        since |= {} if where is None else {where[0]: column}
+        why = ": ".join(filter(None, (entry.by, entry.reason)))
+        pose = None if entry.from_pose is None else str(entry.from_pose)
+        wished[entry.survey] = _Wish(where, pose, entry.moved, why, column)
+    return wished
+
+
+def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Array:
+    """(N, 3, 3) in m^2 of the rows, by their sigmas or by the declared noise."""
+    sigma = np.full((len(found.table), 3), np.nan if declared is None else declared)
+    for k, name in enumerate(_SIGMAS):
+        if name in found.table.column_names:
+            given = numbers(found, name)
+            sigma[:, k] = np.where(np.isnan(given), sigma[:, k], given)
+    if np.isnan(sigma).any():
+        said = f"a standard deviation of the points, which {found.first_file} does not give in every row"
+        log.add(Fault(_FILE, said, column="noise.point_mm"))
+    found.fault(log, (sigma == 0.0).any(axis=1), "sigma_x_mm", "a standard deviation above 0")
+    return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
+
+
+def _seen(found: Gathered, cov: Array, rows: NDArray[np.bool_]) -> dict[str, Place]:
+    """The targets of one body in one survey."""
+    points = _MM * np.column_stack([numbers(found, name) for name in COORDINATES])[rows]
+    has_legs = "leg" in found.table.column_names
+    leg = np.nan_to_num(numbers(found, "leg"))[rows].astype(int) if has_legs else np.zeros(len(points), int)
+    targets = texts(found, "target")[rows]
+    places = zip(targets, points, cov[rows], leg.tolist(), strict=True)
+    return {str(target): Place(point, own, at, str(target)) for target, point, own, at in places}
+
+
+def _places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
+    """The first survey: body to target to place."""
+    sigma = np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in _SIGMAS])
+    sigma = np.where(np.isnan(sigma), np.nan if declared is None else declared, sigma)
+    points = _MM * np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATES])
+    names = (survey.column(name).to_pylist() for name in ("body", "target", "leg"))
+    out: dict[str, dict[str, Place]] = {}
+    for body, target, leg, point, own in zip(*names, points, sigma, strict=True):
+        out.setdefault(body, {})[target] = Place(point, np.diag((_MM * own) ** 2), leg or 0, target)
+    return out
+
+
+def _compare(
+    out: LaterSurveys, held: dict[str, Place], seen: dict[str, Place], of: tuple[str, str], wish: _Wish, alarm: float
+) -> None:
+    """One body in one survey against the places that held before, which become the new ones where it holds."""
+    common = [target for target in seen if target in held]
+    before, after = [held[target] for target in common], [seen[target] for target in common]
+    known = np.array([target in wish.moved for target in common], dtype=bool)
+    found = _comparison(before, after, known, alarm)
+    for at, target in enumerate(common):
+        new = seen[target], held[target], f"{target}@{of[0]}"
+        kept = wish.window is not None and bool(found.moved[at])
+        out.rows.append(_row(of, target, found, at, new[2] if kept else None, wish))
+        if kept:
+            held[target] = _moved_on(out, of[1], target, (new[0], new[1]), new[2], found, wish)
+    for target in (one for one in seen if one not in held):
+        told = found.status == "ok" and wish.window is not None
+        status = "new" if found.status == "ok" else found.status
+        out.rows.append(_new_row(of, target, status, target if told else None, wish))
+        if told:
+            held[target] = _added(out, of[1], seen[target], target, found)
+
+
+def _comparison(before: Sequence[Place], after: Sequence[Place], known: NDArray[np.bool_], alarm: float) -> Any:
+    points = [np.array([place.point for place in places]).reshape(-1, 3) for places in (before, after)]
+    cov = [np.array([place.cov for place in places]).reshape(-1, 3, 3) for places in (before, after)]
+    return compare_surveys(points[0], cov[0], points[1], cov[1], known, alarm)
+
+
+def _moved_on(
+    out: LaterSurveys, body: str, target: str, places: tuple[Place, Place], name: str, found: Any, wish: _Wish
+) -> Place:
+    """A target that sits elsewhere is another one by name; one that sat at an attachment and does not say that it sits
+    there again is none of the survey."""
+    assert wish.window is not None
+    now, then = places
+    for at, rule in enumerate(out.rules):
+        if (rule.body, rule.called) == (body, target):
+            out.rules[at] = replace(rule, last=min(rule.last, wish.window[0] - 1))
+    out.rules.append(Relabel(body, target, name, *wish.window, wish.column, wish.why, wish.from_pose))
+    if then.leg and not now.leg:
+        return replace(now, point=found.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
+    return _added(out, body, now, name, found)
+
+
+def _added(out: LaterSurveys, body: str, now: Place, name: str, found: SurveyComparison) -> Place:
+    point, cov = (part[0] for part in found.place(now.point[None], now.cov[None]))
+    sigma = np.sqrt(np.diag(cov)) / _MM
+    row = {"body": body, "target": name, "leg": now.leg or None}
+    row |= dict(zip((*COORDINATES, *_SIGMAS), (*(point / _MM).tolist(), *sigma.tolist()), strict=True))
+    out.added.append(row)
+    return Place(point, cov, now.leg, name)
+
+
+def _row(of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | None, wish: _Wish) -> dict[str, Any]:
+    told = found.status == "ok"
+    sigma = np.sqrt(np.diag(found.cov[at])) / _MM if told else (None,) * 3
+    shift = found.shift[at] / _MM if told else (None,) * 3
+    status = ("moved" if found.moved[at] else "same") if told else found.status
+    return {
+        **_new_row(of, target, status, holds_as, wish),
+        **{f"shift_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", shift, strict=True)},
+        **{f"sigma_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", sigma, strict=True)},
+        "p_value": float(found.p_value[at]),
+        "relocated": bool(found.moved[at]),
+    }
+
+
+def _new_row(of: tuple[str, str], target: str, status: str, holds_as: str | None, wish: _Wish) -> dict[str, Any]:
+    return {
+        "later_survey": of[0],
+        "body": of[1],
+        "target": target,
+        "p_value": 1.0,
+        "relocated": False,
+        "holds_as": holds_as,
+        "from_pose": wish.from_pose,
+        "status": status,
+    }
+
+
+def relabelling_of(found: LaterSurveys | None, order: PoseOrder) -> Relabelling:
+    """The targets that are others from a pose on, as later surveys say."""
+    rules: Iterator[Relabel] = iter(()) if found is None else (rule for rule in found.rules if rule.first <= rule.last)
+    return Relabelling(order, tuple(rules))

@@ -1,0 +1,210 @@
+"""Targets under other names from some pose on: as [[renamed]] says, and where a later survey found them elsewhere."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from truing.formats.dictionaries import as_dictionary, codes
+from truing.formats.evaluation import TableBatch
+from truing.formats.faultlog import FaultLog
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_FILE = "campaign.toml"
+
+
+@dataclass(frozen=True)
+class PoseOrder:
+    """The poses (B) as text, and the place (B,) of each in the order of time."""
+
+    names: tuple[str, ...]
+    place: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, configurations: pa.Table) -> PoseOrder:
+        """The order in which the poses of a table were taken."""
+        names = tuple(str(pose) for pose in configurations.column("pose").to_pylist())
+        time = np.asarray(configurations.column("time_s").to_numpy(zero_copy_only=False), dtype=float)
+        place = np.empty(len(names), np.int64)
+        place[np.argsort(time, kind="stable")] = np.arange(len(names))
+        return cls(names, place)
+
+    def of_pose(self, pose: object) -> int | None:
+        """The place of a pose; None of one that there is not."""
+        name = str(pose)
+        return int(self.place[self.names.index(name)]) if name in self.names else None
+
+
+@dataclass(frozen=True)
+class Relabel:
+    """One target of a body that is another by name in the poses from ``first`` to ``last``, places in time.
+
+    ``column`` is where campaign.toml says so, ``why`` who says it and why."""
+
+    body: str
+    called: str
+    target: str
+    first: int
+    last: int
+    column: str
+    why: str
+    from_pose: str | None = None
+    to_pose: str | None = None
+
+    def meets(self, other: Relabel) -> bool:
+        """Whether both concern one body in some pose."""
+        return self.body == other.body and self.first <= other.last and other.first <= self.last
+
+
+@dataclass
+class Relabelling:
+    """What is called otherwise, all at once; count: how many points each of the rules concerned so far."""
+
+    order: PoseOrder
+    rules: tuple[Relabel, ...] = ()
+    count: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.count = [0] * len(self.rules)
+
+    def applied(self, batch: TableBatch, pose: NDArray[np.int32]) -> TableBatch:
+        """The same points under their own names; pose (N,): the number of each point's pose, beyond those that are
+        known where it is unknown."""
+        rules = [(at, rule) for at, rule in enumerate(self.rules) if _has(batch, rule)]
+        if not rules:
+            return batch
+        place = np.append(self.order.place, -1)[np.minimum(pose, len(self.order.place))]
+        body, target = as_dictionary(batch.columns["body"]), as_dictionary(batch.columns["target"])
+        bodies, names = body.dictionary.to_pylist(), target.dictionary.to_pylist()
+        old, new = codes(target), codes(target).copy()
+        for at, rule in rules:
+            here = (codes(body) == bodies.index(rule.body)) & (old == names.index(rule.called))
+            here &= (place >= rule.first) & (place <= rule.last)
+            if rule.target not in names:
+                names.append(rule.target)
+            new[here] = names.index(rule.target)
+            self.count[at] += int(here.sum())
+        return replace(batch, columns={**batch.columns, "body": body, "target": _coded(new, names)})
+
+    def called(self, pose: object, body: str, target: str) -> str:
+        """What a point of this name is called in the files, in words; empty where it is called so."""
+        place = self.order.of_pose(pose)
+        for rule in self.rules:
+            if place is not None and (rule.body, rule.target) == (body, target) and rule.first <= place <= rule.last:
+                return f"; {rule.called} is {target} there, as {rule.column} has it"
+        return ""
+
+    def check(self, log: FaultLog, seen: Sequence[tuple[str, str]]) -> None:
+        """Note rules that concerned no point; seen: body and target of all points."""
+        for rule, count in zip(self.rules, self.count, strict=True):
+            if not count:
+                there = [target for body, target in seen if body == rule.body and target != rule.target]
+                said = f"a target that body {rule.body} has under this name in these poses{meant(rule.called, there)}"
+                log.add(Fault(_FILE, said, column=f"{rule.column}.called", value=rule.called))
+
+
+def _has(batch: TableBatch, rule: Relabel) -> bool:
+    bodies, targets = (as_dictionary(batch.columns[name]).dictionary.to_pylist() for name in ("body", "target"))
+    return rule.body in bodies and rule.called in targets
+
+
+def _coded(new: NDArray[np.int32], names: list[str]) -> pa.DictionaryArray:
+    import pyarrow as pa
+
+    return pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
+
+
+def meant(name: str, known: Sequence[str]) -> str:
+    """What somebody may have meant, in words; empty where nothing is like it."""
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+def window(order: PoseOrder, from_pose: object, to_pose: object, column: str, log: FaultLog) -> tuple[int, int] | None:
+    """The places in time of the first and the last pose; None, with a fault, where there is no such pose between."""
+    first = 0 if from_pose is None else order.of_pose(from_pose)
+    last = len(order.names) - 1 if to_pose is None else order.of_pose(to_pose)
+    for key, pose, place in (("from_pose", from_pose, first), ("to_pose", to_pose, last)):
+        if place is None:
+            said = f"a pose of the campaign{meant(str(pose), order.names)}"
+            log.add(Fault(_FILE, said, column=f"{column}.{key}", value=str(pose)))
+    if first is None or last is None:
+        return None
+    if first > last:
+        said = f"a pose taken no later than to_pose ({to_pose}), in the order of time"
+        log.add(Fault(_FILE, said, column=f"{column}.from_pose", value=str(from_pose)))
+        return None
+    return first, last
+
+
+def declared(settings: Any, order: PoseOrder, survey: pa.Table | None, log: FaultLog) -> Relabelling:
+    """What [[renamed]] says; notes what contradicts itself, the survey or the poses."""
+    found = []
+    for number, entry in enumerate(settings.renamed, 1):
+        column = f"renamed.{number}"
+        places = window(order, entry.from_pose, entry.to_pose, column, log)
+        known = _surveyed(survey, entry.body)
+        if known and entry.target not in known:
+            said = f"a target of body {entry.body} in the survey{meant(entry.target, known)}"
+            log.add(Fault(_FILE, said, column=f"{column}.target", value=entry.target))
+        if entry.target == entry.called:
+            log.add(Fault(_FILE, "another name than the target has", column=f"{column}.called", value=entry.called))
+        if places is not None:
+            why = ": ".join(filter(None, (entry.by, entry.reason)))
+            poses = (None if pose is None else str(pose) for pose in (entry.from_pose, entry.to_pose))
+            found.append(Relabel(entry.body, entry.called, entry.target, *places, column, why, *poses))
+    for one, other in combinations(found, 2):
+        for fault in _contradictions(one, other):
+            log.add(fault)
+    return Relabelling(order, tuple(found))
+
+
+def _contradictions(one: Relabel, other: Relabel) -> Iterator[Fault]:
+    if not one.meets(other):
+        return
+    if one.called == other.called and one.target != other.target:
+        said = f"one target for {one.called} of body {one.body} in one pose; {one.column} says {one.target}"
+        yield Fault(_FILE, said, column=f"{other.column}.target", value=other.target)
+    elif one.called == other.called:
+        said = f"a name once in one pose; {one.column} says the same of {one.called}"
+        yield Fault(_FILE, said, column=f"{other.column}.called", value=other.called)
+    elif one.target == other.target:
+        said = f"one name for {one.target} of body {one.body} in one pose; {one.column} says {one.called}"
+        yield Fault(_FILE, said, column=f"{other.column}.called", value=other.called)
+
+
+def _surveyed(survey: pa.Table | None, body: str) -> list[str]:
+    if survey is None:
+        return []
+    pairs = zip(survey.column("body").to_pylist(), survey.column("target").to_pylist(), strict=True)
+    return [target for name, target in pairs if name == body]
+
+
+def relabelled_table(*parts: Relabelling) -> pa.Table:
+    """What was called otherwise, rule by rule, and in how many points."""
+    import pyarrow as pa
+
+    rows = [
+        {
+            "body": rule.body,
+            "called": rule.called,
+            "target": rule.target,
+            "from_pose": rule.from_pose,
+            "to_pose": rule.to_pose,
+            "rows": count,
+            "reason": rule.why or None,
+        }
+        for part in parts
+        for rule, count in zip(part.rules, part.count, strict=True)
+    ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["relabelled"].arrow_schema())

@@ -1,0 +1,147 @@
+"""Targets under names that the survey does not know: those declared, and those that lie where a vanished one was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from stages.point_arrays import PosePoints, pose_points, text_column
+from stages.quality.bodies import BodyView, Surroundings
+from stages.quality.check import PASS, WARN, Check, listed
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_NEAR = 10.0  # deviations of its mean place, as for labels that are exchanged
+_NEAR_SHARE = 0.02  # of the distance to the nearest other target
+
+
+@dataclass(frozen=True)
+class LikelyName:
+    """A target that vanishes, and an unknown name at its place from ``from_pose`` to ``to_pose`` (ids)."""
+
+    body: str
+    called: str
+    target: str
+    from_pose: int | str | None
+    to_pose: int | str | None
+    poses: int
+    off_mm: float
+
+
+def likely_names(
+    observations: pa.Table, bodies: Sequence[BodyView], around: Surroundings, settled: set[tuple[str, str]]
+) -> list[LikelyName]:
+    """Unknown names that lie at the place of a target which is not seen in any of their poses.
+
+    settled: body and name of what is known to be another target.
+    """
+    found = []
+    for body in bodies:
+        here = text_column(observations, "target")[text_column(observations, "body") == body.name]
+        known = {*body.survey.targets, *(name for of, name in settled if of == body.name)}
+        unknown = tuple(name for name in dict.fromkeys(here) if name not in known)
+        if unknown:
+            points = pose_points(observations, body.name, around.poses, unknown)
+            found += [one for at in range(len(unknown)) if (one := _likely(body, points, at)) is not None]
+    return found
+
+
+def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
+    rows = np.flatnonzero(points.seen[:, at] & body.fit.ok)
+    if not len(rows):
+        return None
+    seen = np.einsum("bij,bi->bj", body.fit.R[rows], points.points[rows, at] - body.fit.t[rows])
+    off = np.linalg.norm(body.survey.points - np.median(seen, axis=0), axis=1)
+    off[body.points.seen[rows].any(axis=0)] = np.inf  # both in one pose: two targets
+    nearest = int(off.argmin())
+    sigma = float(np.sqrt(np.trace(points.cov[rows[0], at]) + np.trace(body.survey.cov[nearest])))
+    others = np.delete(body.survey.points, nearest, axis=0)
+    apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
+    if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
+        return None
+    own = np.flatnonzero(body.points.seen[:, nearest])
+    before, after = (own < rows[0]).any(), (own > rows[-1]).any()
+    poses = body.points.poses
+    return LikelyName(
+        body.name,
+        points.targets[at],
+        body.survey.targets[nearest],
+        poses[rows[0]] if before else None,
+        poses[rows[-1]] if after else None,
+        len(rows),
+        1e3 * float(off[nearest]),
+    )
+
+
+def names_known(
+    observations: pa.Table, bodies: Sequence[BodyView], likely: Sequence[LikelyName], settled: set[tuple[str, str]]
+) -> Iterator[Check]:
+    """A row per body; or per unknown name that lies where a target is missing, which warns."""
+    for body in bodies:
+        here = [one for one in likely if one.body == body.name]
+        for one in here:
+            since = "" if one.from_pose is None else f" from pose {one.from_pose}"
+            until = "" if one.to_pose is None else f" to pose {one.to_pose}"
+            said = f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from {one.target}, which is not seen{since}{until}: "
+            said += "is it called so there? Nothing was renamed; [[renamed]] would say so."
+            yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, said)
+        if here:
+            continue
+        names = dict.fromkeys(text_column(observations, "target")[text_column(observations, "body") == body.name])
+        other = [str(n) for n in names if n not in body.survey.targets and (body.name, n) not in settled]
+        said = f"{body.name}: {listed(other)} are in no survey, and at no place of a missing target." if other else (
+            f"{body.name}: all targets are known by their names."
+        )  # fmt: skip
+        yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, said)
+
+
+def settled_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
+    """Body and name of the targets that something declared calls so."""
+    if relabelled is None:
+        return set()
+    return set(zip(relabelled.column("body").to_pylist(), relabelled.column("target").to_pylist(), strict=True))
+
+
+def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
+    """The artifact likely_names."""
+    import pyarrow as pa
+
+    rows: list[dict[str, Any]] = [
+        {
+            "body": one.body,
+            "called": one.called,
+            "target": one.target,
+            "from_pose": None if one.from_pose is None else str(one.from_pose),
+            "to_pose": None if one.to_pose is None else str(one.to_pose),
+            "rows": one.poses,
+            "distance_mm": one.off_mm,
+        }
+        for one in likely
+    ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["likely_names"].arrow_schema())
+
+
+def due(resurveys: pa.Table | None, body: BodyView, around: Surroundings) -> NDArray[np.bool_]:
+    """(B, T) which targets should be seen: one that a later survey found elsewhere or anew holds from its pose on, and
+    the one that it was until then."""
+    out = np.ones(body.points.seen.shape, bool)
+    place = {name: at for at, name in enumerate(body.survey.targets)}
+    since = {str(pose): at for at, pose in enumerate(around.poses)}
+    rows = [] if resurveys is None else resurveys.to_pylist()
+    held = {name: name for name in place}
+    for row in rows:
+        start = since.get(str(row["from_pose"])) if row["body"] == body.name and row["holds_as"] else None
+        if start is None:
+            continue
+        if (new := place.get(row["holds_as"])) is not None:
+            out[:start, new] = False
+        if row["holds_as"] != row["target"] and (old := place.get(held.get(row["target"], ""))) is not None:
+            out[start:, old] = False
+        held[row["target"]] = row["holds_as"]
+    return out

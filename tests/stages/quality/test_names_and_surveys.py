@@ -1,0 +1,131 @@
+"""A vanished target under an unknown name is suggested, never renamed; later surveys are judged by what moved."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import Layout, Targets
+from tests.blind.generator.schedule import random_moves
+from tests.stages.line import run_line
+
+PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    rng = np.random.default_rng(3)
+    campaign = draw_campaign(PLAIN, random_moves(24, 2, rng), [], rng)
+    return write_campaign(campaign, tmp_path / "campaign", 3)
+
+
+def rewritten(folder, change):
+    lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
+    (folder / "points.csv").write_text("\n".join(change(line) for line in lines) + "\n", encoding="utf-8")
+
+
+def poses_of(folder):
+    rows = (folder / "configurations.csv").read_text(encoding="utf-8").splitlines()
+    time = rows[0].split(",").index("time_s")
+    return [row.split(",")[0] for row in sorted(rows[1:], key=lambda row: float(row.split(",")[time]))]
+
+
+def quality(folder):
+    tables, said = run_line(folder, "ingest", "qa")
+    qa = tables["qa"].to_pandas()
+    return tables, qa.set_index(["check", "subject"]), said["qa"]
+
+
+def added(folder, text):
+    with (folder / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write(text)
+
+
+def toml_of(row):
+    keys = {"body": row["body"], "target": row["target"], "called": row["called"], "from_pose": row["from_pose"]}
+    return "\n[[renamed]]\n" + "\n".join(f'{key} = "{value}"' for key, value in keys.items() if value) + "\n"
+
+
+def test_a_target_that_vanishes_and_an_unknown_at_its_place_are_suggested_to_be_one(folder):
+    late = set(poses_of(folder)[14:])
+    rewritten(folder, lambda line: re.sub("^(.*?),platform,P03,", lambda m: f"{m[1]},platform,X77,"
+              if m[1] in late else m[0], line))  # fmt: skip
+    tables, qa, said = quality(folder)
+    row = tables["likely_names"].to_pylist()
+    assert [(one["called"], one["target"], one["from_pose"], one["rows"]) for one in row] == [
+        ("X77", "P03", poses_of(folder)[14], (folder / "points.csv").read_text(encoding="utf-8").count(",X77,"))
+    ]
+    assert qa.loc[("names-known", "target X77"), "verdict"] == "warn"
+    assert "X77" in tables["observations"].column("target").to_pylist()  # nothing is renamed by itself
+    assert not said.failed_checks
+    added(folder, toml_of(row[0]))
+    tables, qa, _ = quality(folder)
+    assert "X77" not in tables["observations"].column("target").to_pylist()
+    assert qa.loc[("names-known", "platform"), "verdict"] == "pass"
+    assert "likely_names" not in tables
+
+
+def test_a_further_target_of_its_own_is_no_other_name(folder):
+    first = poses_of(folder)[0]
+    extra = [
+        line for line in (folder / "points.csv").read_text(encoding="utf-8").splitlines() if ",platform,P03," in line
+    ]
+    with (folder / "points.csv").open("a", encoding="utf-8") as file:
+        file.writelines(line.replace(",P03,", ",X77,") + "\n" for line in extra if not line.startswith(f"{first},"))
+    tables, qa, _ = quality(folder)
+    assert "likely_names" not in tables
+    assert qa.loc[("names-known", "platform"), "verdict"] == "pass"
+    assert "X77" in qa.loc[("names-known", "platform"), "message"]
+
+
+def surveyed_again(folder, target, by_mm, seed=4):
+    noise = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))["noise"]["point_mm"]
+    rng, rows = np.random.default_rng(seed), ["survey,body,target,x_mm,y_mm,z_mm"]
+    for line in (folder / "targets.csv").read_text(encoding="utf-8").splitlines()[1:]:
+        body, name, *rest = line.split(",")
+        place = np.array(rest[:3], float) + (by_mm if name == target else 0.0)
+        at = place[[1, 2, 0]] + [100.0, 20.0, 3.0] + noise * rng.standard_normal(3)
+        rows.append(f"end,{body},{name},{','.join(f'{v:.5f}' for v in at)}")
+    (folder / "resurveys.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def test_a_survey_at_the_end_is_not_evaluated_passes_or_fails(folder):
+    assert quality(folder)[1].loc[("resurvey", ""), "verdict"] == "not evaluated"
+    surveyed_again(folder, "P03", np.zeros(3))
+    rows = quality(folder)[1].loc["resurvey"]
+    assert set(rows["verdict"]) == {"pass"}
+    surveyed_again(folder, "P03", np.array([0.3, 0.0, -0.2]))
+    _, qa, said = quality(folder)
+    row = qa.loc[("resurvey", "target P03 survey end")]
+    assert row["verdict"] == "fail"
+    assert row["limit"] == 10.0
+    assert "lies 0.36" in row["message"]
+    assert said.failed_checks == ("resurvey target P03 survey end",)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ('[[resurvey]]\nsurvey = "end"\nfrom_pose = "{pose}"\n', "on it is P03@end"),
+        ('[[exclude]]\nbody = "platform"\ntarget = "P03"\nby = "Ann"\nreason = "loose"\n', "it was excluded by Ann"),
+    ],
+)
+def test_what_is_taken_into_account_passes(folder, entry, words):
+    surveyed_again(folder, "P03", np.array([0.3, 0.0, -0.2]))
+    added(folder, "\n" + entry.format(pose=poses_of(folder)[14]))
+    _, qa, said = quality(folder)
+    row = qa.loc[("resurvey", "target P03 survey end")]
+    assert (row["verdict"], words in row["message"]) == ("pass", True)
+    assert qa.loc[("completeness", "platform"), "verdict"] == "pass"
+    assert not [name for name in said.failed_checks if "resurvey" in name]
+
+
+def test_the_limit_of_a_later_survey_may_be_set(folder):
+    surveyed_again(folder, "P03", np.array([0.06, 0.0, 0.0]))
+    added(folder, "\n[qa.limits.resurvey]\nfail = 1000.0\n")
+    assert quality(folder)[1].loc[("resurvey", "target P03 survey end"), "verdict"] == "warn"

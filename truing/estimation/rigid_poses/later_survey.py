@@ -1,0 +1,163 @@
+"""Which targets of a body lie elsewhere in a later survey: the common motion taken out, the many tests corrected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses.robust import consensus
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FALSE_ALARM = 0.01  # of a body in which nothing moved: that any of its targets is said to have
+_CONTRADICTED = 0.01  # the others' scatter: rarer by chance, and it takes the place of the declared noise
+_FLOOR = 1e-6  # share of a target's noise that its residual keeps where it alone holds the frame in some direction
+_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class SurveyComparison:
+    """How T targets differ between two surveys, in the frame of the first, SI.
+
+    shift (T, 3): place in the later survey less that before, as the unmoved others have it; cov (T, 3, 3) of it;
+    p_value (T,) of each by itself, moved (T,) by all tests together. status: ok, or why nothing can be told. chi_square
+    and freedom of what the unmoved leave over. R (3, 3), t (3,): from the first frame to that of the later survey.
+    """
+
+    shift: Array
+    cov: Array
+    p_value: Array
+    moved: Mask
+    status: str
+    chi_square: float
+    freedom: int
+    R: Array
+    t: Array
+    frame_cov: Array
+
+    def place(self, points: ArrayLike, cov: ArrayLike) -> tuple[Array, Array]:
+        """Points (N, 3) of the later survey in the first frame, and their covariance (N, 3, 3) with that of the frame;
+        cov (N, 3, 3) of the points."""
+        at = (np.asarray(points, float) - self.t) @ self.R
+        arm = _arms(at)
+        return at, self.R.T @ np.asarray(cov, float) @ self.R + arm @ self.frame_cov @ np.swapaxes(arm, 1, 2)
+
+
+def compare_surveys(
+    before: ArrayLike, cov_before: ArrayLike, after: ArrayLike, cov_after: ArrayLike, known: ArrayLike, alarm: float
+) -> SurveyComparison:
+    """Compare two surveys (T, 3) of one body in frames of their own; cov (T, 3, 3), known (T,): said to have moved.
+
+    The unmoved are the largest set that follows one rigid motion. Each target is held against the motion of the unmoved
+    others, with three degrees of freedom; Holm's correction keeps it at ``alarm`` that any is said to have moved where
+    none has. The noise is the declared one, unless the unmoved others contradict it.
+    """
+    x, y = np.asarray(before, float), np.asarray(after, float)
+    Vx, Vy, said = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
+    worst = np.sqrt(np.linalg.eigvalsh(Vx + Vy)[:, -1])
+    kept, status = _largest_set(x, y, ~said, worst)
+    if status != FitStatus.OK:
+        return _untold(len(x), str(status))
+    for _ in range(_ROUNDS):
+        found = _held_against(x, Vx, y, Vy, kept, alarm, said)
+        if found.status != FitStatus.OK or (~found.moved == kept).all():
+            break
+        kept = ~found.moved
+    return found
+
+
+def _largest_set(x: Array, y: Array, usable: Mask, sigma: Array) -> tuple[Mask, str]:
+    if usable.sum() < 3:
+        return usable, str(FitStatus.TOO_FEW_POINTS)
+    kept, status = consensus(x[None], y[None], usable[None], sigma[None])
+    return kept[0], str(status[0])
+
+
+def _untold(count: int, status: str) -> SurveyComparison:
+    nothing, none = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    return SurveyComparison(
+        nothing, none, np.ones(count), np.zeros(count, bool), status, 0.0, 0, *(np.full(s, np.nan) for s in _SHAPES)
+    )
+
+
+_SHAPES = ((3, 3), 3, (6, 6))
+
+
+def _held_against(x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, said: Mask) -> SurveyComparison:
+    """Every target against the motion of the kept ones, itself left out."""
+    fit = umeyama(x[None], y[None], kept[None] / np.trace(Vx + Vy, axis1=1, axis2=2)[None])
+    if not fit.ok[0]:
+        return _untold(len(x), str(fit.status[0]))
+    R, t = fit.R[0], fit.t[0]
+    off = (y - t) @ R - x
+    V = Vx + R.T @ Vy @ R
+    arm, weight = _arms(x), np.linalg.inv(V) * kept[:, None, None]
+    frame = np.linalg.inv(np.einsum("tia,tij,tjb->ab", arm, weight, arm))
+    moved_frame = frame @ np.einsum("tia,tij,tj->a", arm, weight, off)
+    left = off - arm @ moved_frame
+    of_frame = arm @ frame @ np.swapaxes(arm, 1, 2)
+    own = V * (1.0 + _FLOOR) + np.where(kept, -1.0, 1.0)[:, None, None] * of_frame
+    inverse = np.linalg.inv(own)
+    square = np.einsum("ti,tij,tj->t", left, inverse, left)
+    chi_square = float(np.einsum("ti,tij,tj->", left, weight, left))
+    freedom = 3 * int(kept.sum()) - 6
+    p = _p_values(square, chi_square - np.where(kept, square, 0.0), freedom - 3 * kept)
+    # what the others predict of a kept target does not know of it: its own part of the residual is restored
+    restored = np.where(kept[:, None, None], V @ inverse, np.eye(3))
+    shift = (restored @ left[..., None])[..., 0]
+    cov = np.where(kept[:, None, None], V @ inverse @ V, own)
+    moved = said | _holm(p, ~said, alarm)
+    small = moved_frame[3:]
+    turn = R @ (np.eye(3) + _cross(small))
+    return SurveyComparison(
+        shift,
+        cov,
+        p,
+        moved,
+        str(FitStatus.OK),
+        chi_square,
+        freedom,
+        _nearest_rotation(turn),
+        t + R @ moved_frame[:3],
+        frame,
+    )
+
+
+def _p_values(square: Array, others: Array, freedom: NDArray[np.int64]) -> Array:
+    """(T,) by the declared noise, or by the scatter of the others where that contradicts it."""
+    from scipy.special import chdtrc, fdtrc
+
+    safe = np.maximum(freedom, 1)
+    scatter = np.maximum(others, 0.0) / safe
+    contradicted = (freedom > 0) & (chdtrc(safe, np.maximum(others, 0.0)) < _CONTRADICTED)
+    return np.where(contradicted, fdtrc(3, safe, square / 3.0 / np.maximum(scatter, 1.0)), chdtrc(3, square))
+
+
+def _holm(p: Array, tested: Mask, alarm: float) -> Mask:
+    """Which of the tested p-values are too small for chance, all of them together (Holm)."""
+    order = np.flatnonzero(tested)[np.argsort(p[tested], kind="stable")]
+    passes = p[order] > alarm / np.arange(len(order), 0, -1)
+    out = np.zeros(len(p), bool)
+    out[order[: int(passes.argmax()) if passes.any() else len(order)]] = True
+    return out
+
+
+def _arms(points: Array) -> Array:
+    """(T, 3, 6) by how much points move with a small shift and a small turn of the frame."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=-1)
+
+
+def _cross(v: Array) -> Array:
+    """(..., 3, 3) the matrices of the cross product."""
+    x, y, z = np.moveaxis(np.asarray(v, float), -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
+
+
+def _nearest_rotation(matrix: Array) -> Array:
+    u, _, v = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v, float)
