@@ -90,6 +90,21 @@ CALIBRATION = (
         key=("model", "deformation", "pose"),
     ),
     parquet(
+        "repeats",
+        "what was measured more than once: its scatter (pure error) with its 95 % interval, against what is stated",
+        (
+            *("repeated", "subject", "pure_error", "lower", "upper", "declared_sigma", "unit"),
+            *("freedom_of_error", "groups", "told_by"),
+        ),
+        key=("repeated", "subject"),
+    ),
+    parquet(
+        "lack_of_fit",
+        "the F test of what each model leaves against pure error, subject by subject",
+        ("repeated", "contender", "subject", "f_ratio", "freedom_of_fit", "freedom_of_error", "p_value"),
+        key=("repeated", "contender", "subject"),
+    ),
+    parquet(
         "model_choice",
         "figures of every calibration, by which one is chosen",
         ("model", "deformation", "estimator", "figure", "value", "unit"),

@@ -75,16 +75,17 @@ OF_POINTS: Checks = {
     ),
     "resurvey": QualityCheck(
         "How far do targets lie from where they were surveyed before, where nothing takes that into account?",
-        "A target that moved and was not noticed turns the body in all poses after. Those that lie elsewhere beyond chance "
-        "are named, the common motion of the others taken out; one that holds anew from a pose on, or is excluded, passes.",
+        "A target that moved and was not noticed turns the body in all poses after. Those that lie elsewhere beyond "
+        "chance are named, the common motion of the others taken out; one that holds anew from a pose on, or is "
+        "excluded, passes.",
         Limits("shift of a target that moved beyond chance, over its sigma", warn=0.0, fail=10.0, unit="sigma"),
-        "Say from which pose on the new place holds (`[[resurvey]] from_pose`; `moved-targets` tells when), or exclude the "
-        "target by name.",
+        "Say from which pose on the new place holds (`[[resurvey]] from_pose`; `moved-targets` tells when), or exclude "
+        "the target by name.",
     ),
     "names-known": QualityCheck(
         "Does a name that the survey does not know lie at the place of a target that is missing there?",
-        "Instruments number anew, and labels are replaced: such points are lost to the body as long as nobody says which "
-        "target they are. Nothing is renamed by itself.",
+        "Instruments number anew, and labels are replaced: such points are lost to the body as long as nobody says "
+        "which target they are. Nothing is renamed by itself.",
         Rule(warns="any"),
         "Write the `[[renamed]]` that the report proposes, once you have looked.",
     ),

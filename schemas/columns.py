@@ -76,6 +76,24 @@ _CAMPAIGN_LIFE = (
     ),
 )
 
+_REPEATS = (
+    Column(
+        "repeat_of",
+        "text",
+        "the pose that this one repeats, by its name; empty where it repeats none",
+        nullable=True,
+    ),
+    Column("repeated", "text", "what came out again", choices=("pose", "attachment", "reading", "signal")),
+    _real("pure_error", "", "one standard deviation of a repeat, in the unit of its row", minimum=0.0),
+    _real("declared_sigma", "", "one standard deviation as stated, in the unit of its row", minimum=0.0, nullable=True),
+    _real("freedom_of_error", "", "degrees of freedom of the pure error", minimum=0.0),
+    _real("freedom_of_fit", "", "degrees of freedom that the model leaves beside the pure error", minimum=0.0),
+    Column("groups", "integer", "how many poses or programmes of loads were repeated", minimum=1),
+    Column("told_by", "text", "how repeats are known: repeat_of, the same readings, or the same loads in one order"),
+    Column("contender", "text", "the model that is held against pure error"),
+    _real("f_ratio", "", "what the model leaves beside pure error over that, per degree of freedom", minimum=0.0),
+)
+
 _POINTS = (
     *(_real(f"{a}_mm", "mm", f"{a} coordinate in the frame of the file") for a in "xyz"),
     *(_real(f"sigma_{a}_mm", "mm", f"one standard deviation of {a}", minimum=0.0, nullable=True) for a in "xyz"),
@@ -383,6 +401,7 @@ COLUMNS: dict[str, Column] = {
     for group in (
         _IDENTITY,
         _CAMPAIGN_LIFE,
+        _REPEATS,
         _POINTS,
         _CONFIGURATIONS,
         _POSES,

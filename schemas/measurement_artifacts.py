@@ -49,7 +49,7 @@ MEASUREMENT = (
         "configurations",
         "one row per pose: role, time, actuator readings, covariates",
         ("pose", "role", "time_s"),
-        optional=("temperature_c",),
+        optional=("temperature_c", "repeat_of"),
         families=("rho",),
         covariates=True,
         key=("pose",),

@@ -47,6 +47,8 @@ DECLARATION = Stage(
         "signals?",
         "displacement?",
         "given_compliance?",
+        "diagnosis?",
+        "reading_errors?",
     ),
     leaves=(
         *(f"{name}?" for name in OF_MECHANISM),
@@ -54,9 +56,12 @@ DECLARATION = Stage(
         "sensor_merit?",
         "sensor_choice?",
         "error_classes?",
+        "repeats?",
+        "lack_of_fit?",
     ),
     settings=(
         "campaign.kind",
+        "campaign.drives",
         "mechanism.type",
         "mechanism.legs",
         "mechanism.tolerance",
@@ -81,6 +86,18 @@ DECLARATION = Stage(
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    """Calibrate every model that the mechanism's numbers allow, choose among them, and hold them against repeats."""
+    found = _calibrated(tables, settings, progress)
+    if settings.campaign.kind == "interferometer":
+        from stages.repeats.of_loads import repeats_of_loads as repeats_of
+    else:
+        from stages.repeats.of_poses import repeats_of_poses as repeats_of
+    known = {name: table for name, table in found.artifacts.items() if hasattr(table, "num_rows")}
+    told = {rows.artifact: rows.table() for rows in repeats_of({**tables, **known}, settings) if rows.count}
+    return replace(found, artifacts={**found.artifacts, **told})
+
+
+def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, and choose among them."""
     if settings.campaign.kind == "interferometer":
         from stages.sensor_calibration.run import calibrate_sensor

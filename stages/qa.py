@@ -77,7 +77,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     )
     likely = likely_names(observations, bodies, around, settled)
     found = chain(
-        all_checks(bodies, around, attachments, settings, limits, resurveys),
+        all_checks(bodies, around, attachments, settings, limits, tables),
         names_known(observations, bodies, likely, settled),
         later_surveys(resurveys, settings.exclude, limits),
         overruled_points(observations, settings),

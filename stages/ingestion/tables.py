@@ -47,6 +47,7 @@ def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         return SmallTable(_in_order_of_appearance(source))
     once(found, log, ("pose",))
     _check_times(found, log, required=bool(legs_of(settings)))
+    _check_repeats(found, log)
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
     return SmallTable(as_artifact("configurations", _completed(found.table)), dict(found.left_out))
@@ -107,6 +108,20 @@ def _check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
             log.add(Fault(found.first_file, "a column time_s; it orders the poses", column="time_s"))
         return
     found.fault(log, _repeated(_numbers(found, "time_s")), "time_s", "a time of its own for every row")
+
+
+def _check_repeats(found: Gathered, log: FaultLog) -> None:
+    """A pose repeats another one of the table, or none."""
+    names = found.table.column_names
+    if "repeat_of" not in names or "pose" not in names:
+        return
+    poses = [str(pose) for pose in found.table.column("pose").to_pylist()]
+    of = found.table.column("repeat_of").to_pylist()
+    known = set(poses)
+    unknown = np.array([bool(other) and other not in known for other in of], dtype=bool)
+    found.fault(log, unknown, "repeat_of", "a pose of this table, or nothing")
+    own = np.array([other == pose for pose, other in zip(poses, of, strict=True)], dtype=bool)
+    found.fault(log, own, "repeat_of", "another pose than this one, or nothing")
 
 
 def _repeated(values: NDArray[np.float64]) -> NDArray[np.bool_]:

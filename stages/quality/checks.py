@@ -7,7 +7,7 @@ subjects. Checks that only warn are held at ten times their share.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,7 @@ from stages.quality.of_targets import (
     unobserved_poses,
 )
 from stages.quality.of_time import base_drift, temperature_span, time_gaps
+from stages.repeats.groups import repeated_poses
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,9 +44,10 @@ def all_checks(
     attachments: NDArray[np.float64],
     settings: Campaign,
     limits: CampaignLimits,
-    resurveys: pa.Table | None,
+    tables: Mapping[str, pa.Table],
 ) -> Iterator[Check]:
     """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
+    resurveys = tables.get("resurveys")
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield unobserved_poses(around, limits)
     yield from attachment_labels(bodies, attachments)
@@ -58,6 +60,19 @@ def all_checks(
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(bodies[0], 10.0 * share)
-    yield from repeatability(bodies, around, settings.noise.actuator_mm, share)
+    yield from repeatability(bodies, around, *_repeats(tables.get("configurations"), around, settings), share)
     yield time_gaps(around, limits)
     yield temperature_span(around, limits)
+
+
+def _repeats(
+    configurations: pa.Table | None, around: Surroundings, settings: Campaign
+) -> tuple[list[NDArray[np.int64]], str]:
+    """Poses that repeat one another, as numbers of those that were seen, and how that is known."""
+    if configurations is None:
+        return [], ""
+    groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
+    poses = configurations.column("pose").to_pylist()
+    place = {pose: at for at, pose in enumerate(around.poses)}
+    seen = ([place[poses[row]] for row in group if poses[row] in place] for group in groups)
+    return [np.array(group) for group in seen if len(group) > 1], how

@@ -88,8 +88,10 @@ def names_known(
         for one in here:
             since = "" if one.from_pose is None else f" from pose {one.from_pose}"
             until = "" if one.to_pose is None else f" to pose {one.to_pose}"
-            said = f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from {one.target}, which is not seen{since}{until}: "
-            said += "is it called so there? Nothing was renamed; [[renamed]] would say so."
+            said = (
+                f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from the place of {one.target}, which is not seen"
+            )
+            said += f"{since}{until}: is it called so there? Nothing was renamed; [[renamed]] would say so."
             yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, said)
         if here:
             continue

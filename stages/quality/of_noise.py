@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
+from stages.repeats.groups import DECLARED, at_one_reading
 from truing.estimation.quality import (
     Scatter,
-    repeated_groups,
     unexplained_scatter,
 )
 from truing.estimation.rigid_poses.frame import redundancy
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
@@ -99,19 +100,18 @@ def _odd_poses(scatter: Scatter) -> NDArray[np.bool_]:
 
 
 def repeatability(
-    bodies: Sequence[BodyView], around: Surroundings, actuator_mm: float, share: float
+    bodies: Sequence[BodyView], around: Surroundings, groups: Sequence[Index], how: str, share: float
 ) -> Iterator[Check]:
-    """Poses taken more than once at the same readings: their scatter against their stated uncertainty."""
+    """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty."""
     reference, moving = bodies[0], [b for b in bodies[1:] if not b.name.startswith("leg")]
-    groups = []
-    if around.settings.shape[1] and moving:
-        groups = repeated_groups(around.settings, np.full(around.settings.shape[1], max(5.0 * actuator_mm, 1e-9)))
-    if not groups:
+    if not groups or not moving:
         yield without("repeatability", "repeatability", "", "no configuration was measured twice")
         return
     for body in moving:
         both = reference.fit.ok & body.fit.ok
         p, cov = _relative_position(reference, body)
+        if how == DECLARED:
+            p = at_one_reading(np.where(both[:, None], p, np.nan), around.settings, groups)
         parts = [g[both[g]] for g in groups]
         squares = sum(_spread(p[g], cov[g]) for g in parts if len(g) > 1)
         dof = 3.0 * sum(len(g) - 1 for g in parts if len(g) > 1)
@@ -127,7 +127,7 @@ def repeatability(
             "1",
             FAIL if failing else WARN if noted else PASS,
             f"{body.name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
-            f"({int(dof / 3)} repeats).",
+            f"({int(dof / 3)} repeats, known by {how}).",
         )
 
 

@@ -54,8 +54,8 @@ def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
     status = rows[0]["status"]
     if status == "too-few-points":
         return without("a later survey", "resurvey", subject, "fewer than three of its targets were surveyed before")
-    said = f"{subject}: the targets lie otherwise than before, but which of them moved cannot be told ({status}); the first "
-    said += "survey holds for all poses."
+    said = f"{subject}: targets lie otherwise than before, but which of them moved cannot be told ({status}); "
+    said += "the first survey holds for all poses."
     return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, said)
 
 

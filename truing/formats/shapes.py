@@ -95,7 +95,9 @@ TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
 RESURVEYS = Shape("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
 SCANS = Shape("scans", ("pose", "body", *_POINT))
 SURFACES = Shape("surfaces", ("body", *_POINT))
-CONFIGURATIONS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c"), family="rho", covariates=True)
+CONFIGURATIONS = Shape(
+    "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of"), family="rho", covariates=True
+)
 _LOADED = (*_WRENCH, "load_axis", "load", "role")
 DISPLACEMENT = Shape("displacement", ("run", "step", "time_s"), (*_MOTION, *_LOADED, *_SURROUNDINGS), covariates=True)
 INTERFEROMETER = Shape(

@@ -1,0 +1,85 @@
+"""Which poses and which runs repeat one another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column
+from stages.sensor.reading_arrays import RecordedSteps
+from truing.estimation.quality import repeated_groups
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+DECLARED, SAME_READINGS, SAME_LOADS = "repeat_of", "the same readings", "the same loads in the same order"
+_SAME = 5.0  # sigmas of an actuator's reading that are one and the same position
+
+
+def repeated_poses(configurations: pa.Table, drives: tuple[str, ...], actuator_mm: float) -> tuple[list[Index], str]:
+    """Rows of the configurations that repeat one another, group by group, and how that is known.
+
+    A column ``repeat_of`` says so where there is one; else readings (of actuators, or drives) that agree do.
+    """
+    if DECLARED in configurations.column_names:
+        return _declared(configurations), DECLARED
+    readings = drive_readings(configurations, drives)
+    if not readings.shape[1]:
+        return [], SAME_READINGS
+    return repeated_groups(readings, np.full(readings.shape[1], max(_SAME * actuator_mm, 1e-9))), SAME_READINGS
+
+
+def _declared(configurations: pa.Table) -> list[Index]:
+    poses = [str(pose) for pose in configurations.column("pose").to_pylist()]
+    first = {pose: of for pose, of in zip(poses, configurations.column(DECLARED).to_pylist(), strict=True) if of}
+    root = []
+    for pose in poses:
+        met = {pose}
+        while (of := first.get(pose)) is not None and of not in met:
+            pose = of
+            met.add(of)
+        root.append(pose)
+    rows = np.array(root, dtype=object)
+    groups = (np.flatnonzero(rows == pose) for pose in dict.fromkeys(root))
+    return [group for group in groups if len(group) > 1]
+
+
+def repeated_runs(steps: RecordedSteps) -> list[Index]:
+    """Rows (R, S) of runs of the same loads in the same order, group by group."""
+    alike: dict[bytes, list[Index]] = {}
+    for run in range(len(steps.runs)):
+        rows = np.flatnonzero((steps.run == run) & ~steps.held_out)
+        if len(rows) > 1:
+            alike.setdefault((steps.load[rows].round(9) + 0.0).tobytes(), []).append(rows)
+    return [np.array(rows) for rows in alike.values() if len(rows) > 1]
+
+
+def drive_readings(configurations: pa.Table, drives: tuple[str, ...]) -> Array:
+    """(B, D) readings of actuators or drives, those that vary."""
+    names = [name for name in configurations.column_names if name.startswith("rho") or name in drives]
+    columns = [number_column(configurations, name) for name in names]
+    varying = [column for column in columns if np.nanstd(column) > 0.0]
+    return np.column_stack(varying) if varying else np.zeros((configurations.num_rows, 0))
+
+
+def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> Array:
+    """Values (B, C), those of each group brought to its mean reading by a line in the readings (B, D) of all.
+
+    Repeats that are declared need not stand at one and the same place. Too few values stay as they are.
+    """
+    known = np.asarray(np.isfinite(np.column_stack([values, readings])).all(axis=1), bool)
+    design = np.column_stack([np.ones(len(readings)), readings])
+    out = values.copy()
+    if not readings.shape[1] or known.sum() < 2 * design.shape[1]:
+        return out
+    slope = np.linalg.lstsq(design[known], values[known], rcond=None)[0][1:]
+    for group in groups:
+        own = group[known[group]]
+        out[own] -= (readings[own] - readings[own].mean(axis=0)) @ slope if len(own) else 0.0
+    return out

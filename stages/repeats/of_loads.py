@@ -1,0 +1,123 @@
+"""Repeated runs of a bench: how far apart readings and signals came out, and whether models leave more than that."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column
+from stages.repeats.groups import SAME_LOADS, Index, repeated_runs
+from stages.repeats.tables import Repeated
+from stages.responses.tables import Rows
+from stages.sensor.overruled import without_excluded
+from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
+from truing.estimation.pure_error import Squares, lack_of_fit, within_runs
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+
+_UNITS = ("um",) * 3 + ("arcsec",) * 3
+
+
+def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, Rows]:
+    """Rows of ``repeats`` and of ``lack_of_fit``; none where no run was repeated."""
+    repeats, fits = Rows("repeats"), Rows("lack_of_fit")
+    try:
+        steps, _ = without_excluded(load_steps(tables), settings)
+    except ValueError:
+        return repeats, fits
+    groups = repeated_runs(steps)
+    if not groups:
+        return repeats, fits
+    names: tuple[str, ...] = steps.signals
+    readings = Repeated("reading", CHANNELS, _UNITS, SAME_LOADS, len(groups))
+    declared = np.sqrt(_mean(steps.sigma**2)) / READING_SI
+    readings.add_to(repeats, within_runs(steps.reading / READING_SI, groups), declared)
+    signals = Repeated("signal", names, ("mV",) * len(names), SAME_LOADS, len(groups))
+    noise = settings.noise.signal_mv
+    stated = np.full(len(names), np.nan if noise is None else noise)
+    if names:
+        signals.add_to(repeats, within_runs(1e3 * steps.signal, groups), stated)
+        left = _linear_left(steps)
+        signals.add_fit(fits, "linear in the loads", lack_of_fit(left[1], within_runs(left[0], groups)))
+    _of_diagnosis(tables, steps, groups, readings, fits)
+    return repeats, fits
+
+
+def _mean(values: Array) -> Array:
+    known = np.isfinite(values)
+    return np.where(
+        known.any(axis=0), np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1), np.nan
+    )
+
+
+def _linear_left(steps: RecordedSteps) -> tuple[Array, Squares]:
+    """What a zero per run and a line in every load leave of the signals (B, S) in mV, where nothing is held out."""
+    left = np.full_like(steps.signal, np.nan)
+    square, freedom = np.zeros((2, len(steps.signals)))
+    zeros = (steps.run[:, None] == np.arange(len(steps.runs))).astype(float)
+    size = np.abs(steps.load).max(axis=0)
+    design = np.column_stack([zeros, steps.load[:, size > 0.0] / size[size > 0.0]])
+    for at in range(len(steps.signals)):
+        rows = np.isfinite(steps.signal[:, at]) & ~steps.held_out
+        own = design[rows]
+        values = 1e3 * steps.signal[rows, at]
+        coefficients, _, rank, _ = np.linalg.lstsq(own, values, rcond=None)
+        left[rows, at] = values - own @ coefficients
+        square[at], freedom[at] = np.sum(left[rows, at] ** 2), rows.sum() - rank
+    return left, Squares(square, freedom)
+
+
+def _of_diagnosis(
+    tables: Mapping[str, pa.Table], steps: RecordedSteps, groups: Sequence[Index], kind: Repeated, fits: Rows
+) -> None:
+    """What the simulation and the extended model leave of the readings, each run from its own zero."""
+    errors = tables.get("reading_errors")
+    if errors is None or not errors.num_rows:
+        return
+    place = {
+        key: row for row, key in enumerate(zip([steps.runs[r] for r in steps.run], steps.step.tolist(), strict=True))
+    }
+    keys = zip(errors.column("run").to_pylist(), errors.column("step").to_pylist(), strict=True)
+    row = np.array([place.get(key, -1) for key in keys])
+    channel = np.array([CHANNELS.index(name) for name in errors.column("channel").to_pylist()])
+    own = (row >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")
+    for model, column, spent in (
+        ("simulation", "missed_before", 0.0),
+        ("extended model", "missed_after", _numbers_found(tables.get("diagnosis"))),
+    ):
+        left = np.full_like(steps.reading, np.nan)
+        left[row[own], channel[own]] = number_column(errors, column)[own]
+        whole = _from_own_zero(left, steps.run, len(steps.runs))
+        freedom = whole.freedom - spent / max(len(set(channel.tolist())), 1)
+        kind.add_fit(fits, model, lack_of_fit(Squares(whole.square, freedom), within_runs(left, groups)))
+
+
+def _from_own_zero(left: Array, run: NDArray[np.int64], count: int) -> Squares:
+    square, freedom = np.zeros((2, left.shape[1]))
+    for number in range(count):
+        own = left[run == number]
+        known = np.isfinite(own)
+        many = known.sum(axis=0)
+        mean = np.where(known, own, 0.0).sum(axis=0) / np.maximum(many, 1)
+        square += (np.where(known, own - mean, 0.0) ** 2).sum(axis=0)
+        freedom += np.maximum(many - 1, 0)
+    return Squares(square, freedom)
+
+
+def _numbers_found(diagnosis: pa.Table | None) -> float:
+    """How many numbers the found causes have."""
+    if diagnosis is None:
+        return 0.0
+    found = [row for row in diagnosis.to_pylist() if row["verdict"] == "found"]
+    return float(
+        sum(value.get("sigma") is not None for row in found for value in json.loads(row["parameters"]).values())
+    )

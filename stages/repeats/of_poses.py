@@ -1,0 +1,164 @@
+"""Repeated poses: how far apart the same pose came out, and whether the models leave more than that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column, positions, text_column
+from stages.repeats.groups import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
+from stages.repeats.tables import Repeated
+from stages.responses.tables import Rows
+from truing.estimation.pure_error import Squares, lack_of_fit, within_groups
+from truing.estimation.rotation import exp_so3, log_so3
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+_UNITS = ("um",) * 3 + ("arcsec",) * 3
+_ARCSEC = np.pi / 180 / 3600
+_SI = np.array([1e-6] * 3 + [_ARCSEC] * 3)
+_PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+
+
+def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, Rows]:
+    """Rows of ``repeats`` and of ``lack_of_fit``; none where nothing was repeated."""
+    repeats, fits = Rows("repeats"), Rows("lack_of_fit")
+    configurations = tables.get("configurations")
+    if configurations is None or not configurations.num_rows:
+        return repeats, fits
+    groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
+    if not groups:
+        return repeats, fits
+    poses = tuple(configurations.column("pose").to_pylist())
+    readings = drive_readings(configurations, settings.campaign.drives)
+    for body, values, sigma in _relative_poses(tables.get("poses"), poses):
+        values = at_one_reading(values, readings, groups) if how == DECLARED else values
+        found = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS, how, len(groups))
+        found.add_to(repeats, within_groups(values / _SI, groups), sigma / _SI)
+    fitted = np.array(configurations.column("role").to_pylist(), dtype=object) != "verification"
+    _of_attachments(tables, poses, groups, how, fitted, repeats, fits)
+    _of_calibrations(tables, poses, [group[fitted[group]] for group in groups], fits)
+    return repeats, fits
+
+
+def _relative_poses(table: pa.Table | None, poses: tuple[int | str, ...]) -> Iterator[tuple[str, Array, Array]]:
+    """Body, its poses (B, 6) seen from its reference, turned from the first of them, and a stated sigma (6,); SI.
+
+    Bodies that are seen from the measurement alone may stand anywhere.
+    """
+    if table is None or not table.num_rows:
+        return
+    default = np.asarray(table.column("default").to_pylist(), bool)
+    bodies, parents = text_column(table, "body"), text_column(table, "parent")
+    columns = np.column_stack([number_column(table, f"{kind}_{unit}") for kind, unit in _POSE])
+    variances = np.column_stack([number_column(table, f"cov_{k}_{k}") for k in range(6)])
+    place = positions(table.column("pose"), poses)
+    for body in dict.fromkeys(bodies[default & (parents != "measurement")]):
+        rows = default & (bodies == body) & (place >= 0)
+        own, variance = np.full((2, len(poses), 6), np.nan)
+        own[place[rows]], variance[place[rows]] = columns[rows] * ([1e-3] * 3 + [1.0] * 3), variances[rows]
+        known = np.isfinite(own).all(axis=1)
+        if not str(body).startswith("leg") and known.any():
+            R = exp_so3(own[known, 3:])
+            own[known, 3:] = log_so3(R @ R[0].T)
+            own[~known] = np.nan
+            yield str(body), own, np.sqrt(np.nanmean(variance, axis=0))
+
+
+_POSE = tuple((f"p{a}", "mm") for a in "xyz") + tuple((f"r{a}", "rad") for a in "xyz")
+
+
+def _of_attachments(
+    tables: Mapping[str, pa.Table],
+    poses: tuple[int | str, ...],
+    groups: Sequence[Index],
+    how: str,
+    fitted: NDArray[np.bool_],
+    repeats: Rows,
+    fits: Rows,
+) -> None:
+    """Shifts of attachments between repeats, and what the deformation models leave."""
+    table = tables.get("deformation")
+    if table is None or not table.num_rows:
+        return
+    leg = np.asarray(table.column("leg").to_pylist(), int)
+    kept = ~np.asarray(table.column("rejected").to_pylist(), bool)
+    place = positions(table.column("pose"), poses)
+    legs = int(leg.max())
+    shift, drive, variance = np.full((3, len(poses), legs), np.nan)
+    at = place[kept], leg[kept] - 1
+    shift[at], drive[at] = number_column(table, "delta_bz_um")[kept], number_column(table, "delta_rho_mm")[kept]
+    variance[at] = number_column(table, "own_sigma_um")[kept] ** 2
+    subjects = tuple(f"leg {number + 1}" for number in range(legs))
+    found = Repeated("attachment", subjects, ("um",) * legs, how, len(groups))
+    found.add_to(repeats, within_groups(shift, groups), np.sqrt(np.nanmean(variance, axis=0)))
+    inside = [group[fitted[group]] for group in groups]
+    for model, left in _deformation_left(tables.get("deformation_models"), shift, drive):
+        left[~fitted] = np.nan
+        count = np.isfinite(left).sum(axis=0)
+        spent = 1.0 + (1.0 if model == "linear" else legs)
+        centred = left - np.nanmean(left, axis=0)
+        all_left = Squares(np.nansum(centred**2, axis=0), count - spent)
+        found.add_fit(fits, model, lack_of_fit(all_left, within_groups(left, inside)))
+
+
+def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> Iterator[tuple[str, Array]]:
+    """What each deformation model leaves of the shifts (B, L) in um."""
+    if models is None or not models.num_rows:
+        return
+    names = text_column(models, "model")
+    leg, column = (np.nan_to_num(number_column(models, name)).astype(int) - 1 for name in ("leg", "column"))
+    coefficient = number_column(models, "coefficient")
+    for model in dict.fromkeys(names):
+        own = (names == model) & (leg >= 0) & (column >= 0)
+        gain = np.zeros((shift.shape[1], drive.shape[1]))
+        gain[leg[own], column[own]] = coefficient[own]
+        yield str(model), shift - 1e3 * drive @ gain.T if model == "matrix" else shift - 1e3 * drive * np.diag(gain)
+
+
+def _of_calibrations(
+    tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], groups: Sequence[Index], fits: Rows
+) -> None:
+    """What each calibrated model leaves of the platform's poses that it was fitted to."""
+    accuracy = tables.get("accuracy")
+    if accuracy is None or not accuracy.num_rows or _PARTS[0] not in accuracy.column_names:
+        return
+    names = [
+        f"{m}, {d}" for m, d in zip(text_column(accuracy, "model"), text_column(accuracy, "deformation"), strict=True)
+    ]
+    model, fitted = np.array(names, dtype=object), text_column(accuracy, "role") != "verification"
+    parts = np.column_stack([number_column(accuracy, name) for name in _PARTS])
+    place = positions(accuracy.column("pose"), poses)
+    spent = _parameters(tables.get("calibration"))
+    found = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS, "", len(groups))
+    for name in dict.fromkeys(names):
+        rows = (model == name) & fitted & (place >= 0)
+        left = np.full((len(poses), 6), np.nan)
+        left[place[rows]] = parts[rows]
+        count = np.isfinite(left).sum(axis=0)
+        all_left = Squares(np.nansum(left**2, axis=0), count - spent.get(name, 0.0) / 6.0)
+        found.add_fit(fits, name, lack_of_fit(all_left, within_groups(left, groups)))
+
+
+def _parameters(table: pa.Table | None) -> dict[str, float]:
+    """How many numbers the data, and not the tolerances, gave each model."""
+    out: dict[str, float] = {}
+    if table is None:
+        return out
+    names = zip(text_column(table, "model"), text_column(table, "deformation"), strict=True)
+    sigma, tolerance = number_column(table, "sigma"), number_column(table, "tolerance")
+    by_data = np.clip(
+        1.0 - np.where(tolerance > 0.0, sigma / np.where(tolerance > 0.0, tolerance, 1.0), 0.0) ** 2, 0.0, 1.0
+    )
+    for (model, deformation), share in zip(names, np.nan_to_num(by_data), strict=True):
+        out[f"{model}, {deformation}"] = out.get(f"{model}, {deformation}", 0.0) + float(share)
+    return out

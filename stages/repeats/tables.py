@@ -1,0 +1,57 @@
+"""The rows that tell of repeats and of what models leave beside them; and the stage's closing words on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.responses.tables import Rows
+from truing.estimation.pure_error import LackOfFit, Squares
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """What was repeated (pose, attachment, reading, signal): C subjects with their units, how that is known, and in how
+    many groups."""
+
+    kind: str
+    subjects: tuple[str, ...]
+    units: tuple[str, ...]
+    how: str
+    groups: int
+
+    def add_to(self, rows: Rows, found: Squares, declared: Array) -> None:
+        """A row per subject that was repeated; declared (C,) the stated sigma of one of them, NaN where none is."""
+        lower, upper = found.interval()
+        told = np.flatnonzero(found.freedom > 0)
+        if len(told):
+            rows.add(
+                repeated=[self.kind] * len(told),
+                subject=[self.subjects[c] for c in told],
+                pure_error=found.sigma[told],
+                lower=lower[told],
+                upper=upper[told],
+                declared_sigma=np.asarray(declared, float)[told],
+                unit=[self.units[c] for c in told],
+                freedom_of_error=found.freedom[told],
+                groups=[self.groups] * len(told),
+                told_by=[self.how] * len(told),
+            )
+
+    def add_fit(self, rows: Rows, model: str, found: LackOfFit) -> None:
+        """A row per subject of which a model could be held against pure error."""
+        told = np.flatnonzero(np.isfinite(found.p_value))
+        if len(told):
+            rows.add(
+                repeated=[self.kind] * len(told),
+                contender=[model] * len(told),
+                subject=[self.subjects[c] for c in told],
+                f_ratio=found.ratio[told],
+                freedom_of_fit=found.of_fit[told],
+                freedom_of_error=found.of_error[told],
+                p_value=found.p_value[told],
+            )

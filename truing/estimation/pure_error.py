@@ -1,0 +1,89 @@
+"""What repeating alone leaves: pure error with its degrees of freedom, and whether a model leaves more than that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Sums of squared deviations (C,) of C quantities, and their degrees of freedom (C,)."""
+
+    square: Array
+    freedom: Array
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of one measurement (C,); NaN without a degree of freedom."""
+        return np.sqrt(np.where(self.freedom > 0, self.square, np.nan) / np.maximum(self.freedom, 1))
+
+    def interval(self, level: float = 0.95) -> tuple[Array, Array]:
+        """The interval of the standard deviation (C,) each, by the chi-square distribution."""
+        from scipy.special import chdtri
+
+        tail, safe = 0.5 * (1.0 - level), np.maximum(self.freedom, 1)
+        square = np.where(self.freedom > 0, self.square, np.nan)
+        return np.sqrt(square / chdtri(safe, tail)), np.sqrt(square / chdtri(safe, 1.0 - tail))
+
+
+def within_groups(values: ArrayLike, groups: Sequence[Index]) -> Squares:
+    """Deviations from the mean of each group, of values (N, C) with NaN where there is none; groups are rows."""
+    values = np.asarray(values, float)
+    square, freedom = np.zeros((2, values.shape[1]))
+    for rows in groups:
+        own = values[rows]
+        known = np.isfinite(own)
+        count = known.sum(axis=0)
+        mean = np.where(known, own, 0.0).sum(axis=0) / np.maximum(count, 1)
+        square += (np.where(known, own - mean, 0.0) ** 2).sum(axis=0)
+        freedom += np.maximum(count - 1, 0)
+    return Squares(square, freedom)
+
+
+def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
+    """The same of runs that repeat each other step by step, each from its own zero; groups are rows (R, S).
+
+    A step that one of the runs did not read tells nothing.
+    """
+    values = np.asarray(values, float)
+    square, freedom = np.zeros((2, values.shape[1]))
+    for rows in groups:
+        own = values[rows]
+        whole = np.isfinite(own).all(axis=0)
+        count = whole.sum(axis=0)
+        kept = np.where(whole, own, 0.0)
+        left = np.where(whole, kept - kept.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
+        left = np.where(whole, left - left.mean(axis=0), 0.0)
+        square += (left**2).sum(axis=(0, 1))
+        freedom += (len(rows) - 1) * np.maximum(count - 1, 0)
+    return Squares(square, freedom)
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Whether a model leaves more than pure error (C,): ratio F, the two degrees of freedom, p-value."""
+
+    ratio: Array
+    of_fit: Array
+    of_error: Array
+    p_value: Array
+
+
+def lack_of_fit(left: Squares, pure: Squares) -> LackOfFit:
+    """The F test of what a model leaves, ``left``, against the pure error within it; NaN where one has no freedom."""
+    from scipy.special import fdtrc
+
+    freedom = left.freedom - pure.freedom
+    told = (freedom > 0) & (pure.freedom > 0) & (pure.square > 0)
+    safe, below = np.maximum(freedom, 1), np.maximum(pure.freedom, 1)
+    share = np.maximum(left.square - pure.square, 0.0) / safe
+    ratio = np.where(told, share / np.where(told, pure.square / below, 1.0), np.nan)
+    p = np.where(told, fdtrc(safe, below, np.nan_to_num(ratio)), np.nan)
+    return LackOfFit(ratio, freedom, pure.freedom, p)
