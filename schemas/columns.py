@@ -70,6 +70,17 @@ _CAMPAIGN_LIFE = (
         for a in "xyz"
     ),
     _real("distance_mm", "mm", "how far it lies from the target's place on the body", minimum=0.0),
+    Column("entry", "text", "which entry of campaign.toml, counted from 1"),
+    Column("decided_on", "text", "the day of the decision; empty where it was not written down", nullable=True),
+    Column("gross_anyway", "integer", "rows that would be left out as gross errors by themselves", minimum=0),
+    _real(
+        "largest_change",
+        "",
+        "by how much the result would be another at most, without the exclusions, in the unit of its row",
+        minimum=0.0,
+        nullable=True,
+    ),
+    _real("over_sigma", "", "that over its standard deviation; of bodies: over that of a target", minimum=0.0, nullable=True),
     Column("relocated", "flag", "whether the target lies elsewhere than before, beyond chance or as was said"),
     Column(
         "holds_as", "text", "the target as which the new place holds; empty where it holds for no pose", nullable=True

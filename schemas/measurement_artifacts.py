@@ -143,6 +143,16 @@ MEASUREMENT = (
         ("stage", "subject", "reason", "rows", "by"),
     ),
     parquet(
+        "exclusion_effects",
+        "what each [[exclude]] left out, how much of it is a gross error all the same, and by how much poses or "
+        "displacements would change at most if all were taken back",
+        (
+            *("entry", "subject", "by", "decided_on", "reason", "rows", "gross_anyway"),
+            *("largest_change", "unit", "over_sigma"),
+        ),
+        key=("entry", "subject"),
+    ),
+    parquet(
         "relabelled",
         "targets that the files call otherwise in some poses, or that a later survey found elsewhere, and in how many "
         "points",

@@ -139,6 +139,11 @@ class Overrule(Section):
     on: date | None = Field(None, description="when, as 2026-11-22")
     reason: str = Field(min_length=1, description="why")
 
+    @property
+    def signed(self) -> str:
+        """Who decided, and when."""
+        return self.by if self.on is None else f"{self.by} on {self.on}"
+
 
 class Acceptance(Section):
     """[[accept]]: a QA verdict accepted by a person, by name and with a reason."""
@@ -148,6 +153,11 @@ class Acceptance(Section):
     by: str = Field(min_length=1, description="who decided")
     on: date | None = Field(None, description="when, as 2026-11-22")
     reason: str = Field(min_length=1, description="why")
+
+    @property
+    def signed(self) -> str:
+        """Who decided, and when."""
+        return self.by if self.on is None else f"{self.by} on {self.on}"
 
 
 class Renamed(Section):

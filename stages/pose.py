@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="pose",
     reads=("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
-    leaves=("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?"),
+    leaves=("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?", "exclusion_effects?"),
     settings=(
         *("campaign.kind", "bodies", "mechanism.type", "exclude", "keep", "interferometer.beams"),
         *("mechanism.legs", "mechanism.height_mm", "mechanism.elements", "mechanism.tolerance"),
@@ -45,11 +45,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.rigid_poses.tables import poses_table, residuals_table
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
-    bodies = with_scans(_bodies(observations, tables.get("survey"), poses, settings, progress), scans, poses)
+    fitted = _bodies(observations, tables.get("survey"), poses, settings, progress)
+    bodies = with_scans(fitted, scans, poses)
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
         "poses": poses_table(bodies, settings.reference_body, identifier),
         "residuals": residuals_table(bodies, identifier),
+        **_exclusion_effects(fitted, tables.get("survey"), settings),
     }
     sources = f"{observations.num_rows} points" + (f" and {scans.num_rows} dense scans" if scans.num_rows else "")
     read = f"{sources} of {len(bodies)} bodies in {len(poses)} poses"
@@ -95,6 +97,17 @@ def _bodies(
         points = pose_points(observations, name, poses)
         bodies.append(fit_body(points, name, survey_points(survey, name), settings.exclude, settings.keep))
     return bodies
+
+
+def _exclusion_effects(bodies: Sequence[BodyPoses], survey: pa.Table | None, settings: Campaign) -> dict[str, pa.Table]:
+    if not settings.exclude:
+        return {}
+    from stages.point_arrays import survey_points
+    from stages.rigid_poses.without_exclusions import exclusion_rows
+
+    known = ARTIFACTS["survey"].empty() if survey is None else survey
+    rows = exclusion_rows([(body, survey_points(known, body.name)) for body in bodies], settings)
+    return {"exclusion_effects": rows.table()} if rows.count else {}
 
 
 def _left_out(bodies: Sequence[BodyPoses]) -> str:

@@ -150,7 +150,7 @@ def _acceptance(check: Check, accept: tuple[Acceptance, ...]) -> str | None:
     """Who accepted a verdict and why; an acceptance without a subject covers all of its check."""
     for entry in accept:
         if entry.check == check.check and entry.subject in (None, check.subject):
-            return f"{entry.by}: {entry.reason}"
+            return f"{entry.signed}: {entry.reason}"
     return None
 
 

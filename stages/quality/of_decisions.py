@@ -51,11 +51,11 @@ def _points(observations: pa.Table, rule: Overrule) -> int:
 
 
 def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Check:
-    said = f"{_VERBS[table]} by {rule.by}: {rule.reason}"
+    said = f"{_VERBS[table]} by {rule.signed}: {rule.reason}"
     message = (
         f"{_named(rule)}: {count} {what}{'s' * (count > 1)} {said}."
         if count
-        else f"{_named(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.by}."
+        else f"{_named(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.signed}."
     )
     return Check("overruled", f"{table} {number}", float(count), 1.0, "", PASS if count else WARN, message)
 

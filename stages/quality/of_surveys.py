@@ -72,5 +72,5 @@ def _taken_into_account(row: dict[str, Any], exclude: Sequence[Overrule]) -> str
         return f"from pose {row['from_pose']} on it is {row['holds_as']}."
     for rule in exclude:
         if rule.pose is None and rule.body in (None, row["body"]) and rule.target == row["target"]:
-            return f"it was excluded by {rule.by}."
+            return f"it was excluded by {rule.signed}."
     return ""

@@ -97,11 +97,16 @@ def _overruled(points: PosePoints, body: str, rules: Iterable[Overrule], verb: s
     chosen = np.zeros(points.seen.shape, bool)
     words = np.full(points.seen.shape, "", dtype=object)
     for rule in rules:
-        if rule.body not in (None, body):
-            continue
-        at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)
-        at_target = np.array([rule.target in (None, target) for target in points.targets], dtype=bool)
-        here = at_pose[:, None] & at_target & points.seen
+        here = chosen_points(points, body, rule)
         chosen |= here
-        words[here] = f"{verb} by {rule.by}: {rule.reason}"
+        words[here] = f"{verb} by {rule.signed}: {rule.reason}"
     return chosen, words
+
+
+def chosen_points(points: PosePoints, body: str, rule: Overrule) -> Mask:
+    """(B, T) which points of a body a rule names; an absent key stands for all, and runs have none."""
+    if rule.body not in (None, body):
+        return np.zeros(points.seen.shape, bool)
+    at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)
+    at_target = np.array([rule.target in (None, target) for target in points.targets], dtype=bool)
+    return np.asarray(at_pose[:, None] & at_target & points.seen)

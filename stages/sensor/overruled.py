@@ -43,7 +43,7 @@ def decided(steps: RecordedSteps, rules: Sequence[Overrule], verb: str) -> Decid
     for rule in rules:
         own = matched(steps, rule) & there
         chosen |= own
-        words[own] = f"{verb} by {rule.by}: {rule.reason}"
+        words[own] = f"{verb} by {rule.signed}: {rule.reason}"
     return Decided(chosen, words)
 
 

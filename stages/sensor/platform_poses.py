@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stages.declaration import Outcome
 from stages.responses.tables import Rows
 from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
-from stages.sensor.overruled import Decided, decided, excluded_words, without_excluded
+from stages.sensor.overruled import Decided, decided, excluded_words, matched, without_excluded
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import at_starts, begun_far, start_rows
 from stages.sensor.seen_motion import BeamGeometry, SeenMotion
@@ -70,6 +70,8 @@ def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: 
         "reading_residuals": _residual_rows(found, whole, out).table(identifier),
         "run_terms": _term_rows(found).table(identifier),
     }
+    if out.readings.any():
+        tables["exclusion_effects"] = _exclusion_rows(found, whole, geometry, settings).table()
     count = int(np.isfinite(steps.reading).sum())
     read = f"{count} readings of {len(steps.runs)} runs in {len(found.value)} load cases"
     left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
@@ -199,6 +201,34 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided) -> 
         reason=reasons,
         **_geometry_columns(found, at, k),
     )
+    return rows
+
+
+def _exclusion_rows(
+    found: PlatformPoses, whole: RecordedSteps, geometry: BeamGeometry | None, settings: Campaign
+) -> Rows:
+    """What a person's exclusions change: the displacements once more, of all readings; a row per [[exclude]] and
+    channel."""
+    with_all = find_poses(whole, geometry, decided(whole, settings.keep, "kept"))
+    change = np.abs(with_all.value - found.value) / READING_SI
+    over = np.abs(with_all.value - found.value) / np.sqrt(np.einsum("kii->ki", with_all.covariance))
+    rows = Rows("exclusion_effects")
+    for number, rule in enumerate(settings.exclude, 1):
+        chosen = matched(whole, rule)[:, : len(CHANNELS)] & np.isfinite(whole.reading)
+        for k in np.flatnonzero(chosen.any(axis=0)):
+            told = np.isfinite(change[:, k])
+            rows.add(
+                entry=f"exclude {number}",
+                subject=f"channel {CHANNELS[k]}",
+                by=rule.by,
+                decided_on=None if rule.on is None else str(rule.on),
+                reason=rule.reason,
+                rows=int(chosen[:, k].sum()),
+                gross_anyway=int((with_all.curves.rejected & chosen)[:, k].sum()),
+                largest_change=float(change[told, k].max()) if told.any() else None,
+                unit=_UNITS[k],
+                over_sigma=float(over[told, k].max()) if told.any() else None,
+            )
     return rows
 
 

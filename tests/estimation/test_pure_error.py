@@ -25,7 +25,9 @@ def test_the_interval_of_pure_error_holds_as_often_as_it_says():
 def test_runs_repeat_each_other_but_for_their_zeros_and_steps_that_one_of_them_missed():
     rng, runs, steps = np.random.default_rng(2), 3, 6
     values = rng.standard_normal((runs * steps, DRAWS))
-    values += np.repeat(rng.standard_normal((runs, DRAWS)) * 50.0, steps, axis=0) + np.tile(np.arange(steps), runs)[:, None]
+    values += (
+        np.repeat(rng.standard_normal((runs, DRAWS)) * 50.0, steps, axis=0) + np.tile(np.arange(steps), runs)[:, None]
+    )
     values[3, ::2] = np.nan
     found = within_runs(values, [np.arange(runs * steps).reshape(runs, steps)])
     assert set(found.freedom[::2]) == {(runs - 1) * (steps - 2)}

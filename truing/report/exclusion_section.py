@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.report.numbers import count, quantity
+from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
 
@@ -25,6 +25,7 @@ def excluded(tables: Tables) -> Section:
         listing
         for listing in (
             _decisions(tables),
+            _effects(tables),
             _rows_of_files(tables),
             _points_by_target(tables),
             _points(tables),
@@ -41,15 +42,42 @@ def excluded(tables: Tables) -> Section:
 
 def _lead(tables: Tables) -> str:
     files, residuals = filled(tables, "exclusions"), filled(tables, "residuals")
-    words = []
+    words, readings = [], filled(tables, "reading_residuals")
     if files is not None:
         words.append(f"{count(int(files['rows'].sum()), 'row')} of the raw files")
-    if residuals is not None and residuals["rejected"].any():
-        words.append(f"{count(int(residuals['rejected'].sum()), 'object point')} of {len(residuals):,}")
-    readings = filled(tables, "reading_residuals")
-    if readings is not None and readings["rejected"].any():
-        words.append(f"{count(int(readings['rejected'].sum()), 'reading')} of {len(readings):,}")
+    for table, noun in ((residuals, "object point"), (readings, "reading")):
+        if table is not None and table["rejected"].any():
+            number, by_person = int(table["rejected"].sum()), int((table["rejected"] & _by_person(table)).sum())
+            words.append(f"{count(number, noun)} of {len(table):,} ({by_person:,} by a person)")
     return f"Left out: {' and '.join(words)}. Every exclusion stands here with its reason." if words else "All of it:"
+
+
+def _by_person(table: pd.DataFrame) -> pd.Series:
+    """Which rows a person decided on; the others a rule of the software left out, and nobody has confirmed that."""
+    return table["reason"].astype("string").str.contains(_BY_A_PERSON, na=False).astype(bool)
+
+
+def _effects(tables: Tables) -> Listing | None:
+    """What persons left out, and what the result would be without that."""
+    effects = filled(tables, "exclusion_effects")
+    if effects is None:
+        return None
+    rows = tuple(
+        (
+            r.entry,
+            f"{r.by}{f', {r.decided_on}' if cell(r.decided_on) else ''}",
+            cell(r.reason),
+            r.subject,
+            f"{r.rows:,}",
+            f"{r.gross_anyway:,}",
+            quantity(r.largest_change, r.unit),
+            plain(r.over_sigma),
+        )
+        for r in effects.itertuples()
+    )
+    heads = ("entry", "by", "reason", "of", "left out", "gross errors anyway", "would change by up to", "over sigma")
+    caption = "Without what persons excluded: the result with all of it taken back"
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, "exclusion_effects.parquet")
 
 
 def _decisions(tables: Tables) -> Listing | None:
@@ -99,7 +127,8 @@ def _rejected(tables: Tables) -> pd.DataFrame | None:
     residuals = filled(tables, "residuals")
     if residuals is None or not residuals["rejected"].any():
         return None
-    return residuals[residuals["rejected"]]
+    out = residuals[residuals["rejected"] & ~_by_person(residuals)]
+    return out if len(out) else None
 
 
 def _points_by_target(tables: Tables) -> Listing | None:
@@ -124,7 +153,7 @@ def _points(tables: Tables) -> Listing | None:
         for r, d in zip(out.itertuples(), distance, strict=True)
     )
     heads = ("pose", "body", "target", "off by", "x, y, z (mm)", "reason")
-    caption = f"{count(len(rows), 'object point')} kept out of the poses"
+    caption = f"{count(len(rows), 'object point')} kept out of the poses by a rule, confirmed by nobody"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "residuals.parquet")
 
 
@@ -138,12 +167,14 @@ def _readings(tables: Tables) -> Listing | None:
     readings = filled(tables, "reading_residuals")
     if readings is None or not readings["rejected"].any():
         return None
-    out = readings[readings["rejected"]]
+    out = readings[readings["rejected"] & ~_by_person(readings)]
+    if not len(out):
+        return None
     rows = tuple(
         (str(r.run), str(r.step), r.channel, _far(r.residual, r.unit), cell(r.reason)) for r in out.itertuples()
     )
     heads = ("run", "step", "channel", "off by", "reason")
-    caption = f"{count(len(rows), 'reading')} kept out of the displacement"
+    caption = f"{count(len(rows), 'reading')} kept out of the displacement by a rule, confirmed by nobody"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
 
 

@@ -8,6 +8,7 @@ from truing.report.calibration.requirement_section import requirements
 from truing.report.calibration.section import calibration
 from truing.report.deformation.section import deformation
 from truing.report.diagnosis.section import diagnosis
+from truing.report.during_section import during
 from truing.report.exclusion_section import excluded
 from truing.report.knowledge.section import knowledge
 from truing.report.load_steps import is_bench
@@ -43,6 +44,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
         knowledge(tables),
         requirements(tables) or _absent("requirements", "Requirements", tables),
         uncertainty(tables),
+        during(tables),
         excluded(tables),
         _provenance(provenance),
     ]

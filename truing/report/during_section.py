@@ -1,0 +1,161 @@
+"""The section of what happened during the campaign: targets surveyed again or called otherwise, and repeats."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, cell, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_AXES = "xyz"
+_OPEN = 24
+_SURE = 0.05  # all subjects of a model together
+_TABLES = ("resurveys", "relabelled", "likely_names", "repeats", "lack_of_fit")
+
+
+def during(tables: Tables) -> Section | None:
+    """Later surveys, changed names and repeats; None where the campaign has none of them."""
+    if all(filled(tables, name) is None for name in _TABLES):
+        return None
+    listings = (
+        *_surveys(filled(tables, "resurveys")),
+        *_names(filled(tables, "relabelled")),
+        *_suggested(filled(tables, "likely_names")),
+        *_repeats(filled(tables, "repeats")),
+        *_fits(filled(tables, "lack_of_fit")),
+    )
+    return Section("during", "During the campaign", _lead(tables), listings=listings, said=tuple(_said(tables)))
+
+
+def _lead(tables: Tables) -> str:
+    words = []
+    surveys, names, repeats = (filled(tables, name) for name in ("resurveys", "relabelled", "repeats"))
+    if surveys is not None:
+        moved = int(surveys["relocated"].sum())
+        number = count(surveys["later_survey"].nunique(), "later survey")
+        words.append(
+            f"{number}, in which {count(moved, 'target')} had moved" if moved else f"{number}: nothing had moved"
+        )
+    if names is not None:
+        words.append(f"{count(len(names), 'rule')} of names, in {count(int(names['rows'].sum()), 'point')}")
+    if repeats is not None:
+        kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
+        words.append(f"repeats of {kinds}, known by {repeats['told_by'].iloc[0]}")
+    return f"{'; '.join(words)}." if words else "Names that no survey knows."
+
+
+def _said(tables: Tables) -> list[tuple[str, str]]:
+    """What to look at."""
+    said = []
+    names = filled(tables, "likely_names")
+    if names is not None:
+        which = ", ".join(f"{r.called} at {r.target}" for r in names.head(8).itertuples())
+        said.append(("warn", f"Unknown names lie where targets are missing: {which}. Nothing was renamed."))
+    surveys = filled(tables, "resurveys")
+    if surveys is not None:
+        lost = surveys[surveys["relocated"] & surveys["holds_as"].isna()]
+        if len(lost):
+            which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
+            said.append(("warn", f"Moved, and no pose said from which the new place holds: {which}."))
+    return said
+
+
+def _surveys(table: pd.DataFrame | None) -> list[Listing]:
+    if table is None:
+        return []
+    heads = ("survey", "body", "target", *(f"shift in {a} (mm)" for a in _AXES), "p", "verdict", "holds as")
+    rows, marks = [], []
+    for r in table.itertuples():
+        shift = [_shift(r, a) for a in _AXES]
+        holds = "" if cell(r.holds_as) == "" else f"{r.holds_as} from pose {cell(r.from_pose)} on"
+        rows.append((r.later_survey, r.body, r.target, *shift, p_value(r.p_value), r.status, holds))
+        marks.append("none" if not r.relocated else "warn" if cell(r.holds_as) == "" else "pass")
+    caption = "Targets surveyed again: place less that before, the common motion of the unmoved taken out, ± one sigma"
+    return [Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > _OPEN, "resurveys.parquet")]
+
+
+def _shift(r: object, axis: str) -> str:
+    shift, sigma = (getattr(r, f"{kind}_{axis}_mm") for kind in ("shift", "sigma"))
+    return "–" if shift is None or shift != shift else with_uncertainty(shift, sigma)
+
+
+def _names(table: pd.DataFrame | None) -> list[Listing]:
+    if table is None:
+        return []
+    rows = tuple((r.body, r.called, r.target, _poses(r), f"{r.rows:,}", cell(r.reason)) for r in table.itertuples())
+    heads = ("body", "called in the files", "taken as", "poses", "points", "by whom, and why")
+    return [Listing(heads, rows, caption="Under other names", folded=len(rows) > _OPEN, held_by="relabelled.parquet")]
+
+
+def _poses(r: object) -> str:
+    start, end = cell(getattr(r, "from_pose", "")), cell(getattr(r, "to_pose", ""))
+    return f"{f'from {start}' if start else ''} {f'to {end}' if end else ''}".strip() or "all"
+
+
+def _suggested(table: pd.DataFrame | None) -> list[Listing]:
+    """Lines to be copied into campaign.toml, once somebody has looked."""
+    if table is None:
+        return []
+    lines = [line for r in table.itertuples() for line in _toml(r)]
+    caption = "For campaign.toml, once you have looked: these names may be those targets"
+    return [Listing(("lines",), tuple((line,) for line in lines), caption=caption, held_by="likely_names.parquet")]
+
+
+def _toml(r: object) -> list[str]:
+    keys = ("body", "target", "called", "from_pose", "to_pose")
+    given = [(key, cell(getattr(r, key, ""))) for key in keys]
+    return ["[[renamed]]", *(f"{key} = {_quoted(value)}" for key, value in given if value)]
+
+
+def _quoted(text: str) -> str:
+    """A TOML string that means this text, whatever it holds."""
+    plain_text = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in plain_text) + '"'
+
+
+def _repeats(table: pd.DataFrame | None) -> list[Listing]:
+    if table is None:
+        return []
+    rows = []
+    for r in table.itertuples():
+        stated = r.declared_sigma if r.declared_sigma == r.declared_sigma else None
+        ratio = plain(r.pure_error / stated) if stated else "–"
+        interval = f"{quantity(r.lower, r.unit)} … {quantity(r.upper, r.unit)}"
+        rows.append(
+            (r.repeated, r.subject, quantity(r.pure_error, r.unit), interval, f"{r.freedom_of_error:.0f}",
+             quantity(stated, r.unit), ratio)
+        )  # fmt: skip
+    heads = (
+        "of",
+        "subject",
+        "pure error (1 sigma)",
+        "95 % interval",
+        "degrees of freedom",
+        "stated (1 sigma)",
+        "ratio",
+    )
+    number = int(table["groups"].max())
+    caption = f"Pure error: the scatter of {number} repeated groups, known by {table['told_by'].iloc[0]}"
+    return [Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, "repeats.parquet")]
+
+
+def _fits(table: pd.DataFrame | None) -> list[Listing]:
+    """A row per model: the subject where it leaves most beside pure error, all its subjects counted."""
+    if table is None:
+        return []
+    rows, marks = [], []
+    for (kind, model), own in table.groupby(["repeated", "contender"], sort=False):
+        worst = own.loc[own["p_value"].idxmin()]
+        p = min(1.0, len(own) * float(worst["p_value"]))
+        leaves = p < _SURE
+        marks.append("warn" if leaves else "pass")
+        freedom = f"{worst['freedom_of_fit']:.1f}, {worst['freedom_of_error']:.0f}"
+        said = "leaves more than pure error" if leaves else "leaves no more than pure error, as far as repeats can tell"
+        rows.append((str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p), said))
+    heads = ("of", "model", "most at", "F", "degrees of freedom", "p, all subjects counted", "verdict")
+    caption = "Lack of fit: what each model leaves of the fitted measurements, against pure error (F test)"
+    return [Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > _OPEN, "lack_of_fit.parquet")]
