@@ -8,6 +8,7 @@ import types
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import date
 from typing import Any, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -50,7 +51,7 @@ _UNITS = {
 }
 _NANOMETRES = ("wavelength_nm",)
 _NUMBERS = {Positive: "number above 0", NotNegative: "number from 0", Finite: "number", Vector: "three numbers"}
-_WORDS = {str: "text", int: "whole number", float: "number", bool: "`true` or `false`"}
+_WORDS = {str: "text", int: "whole number", float: "number", bool: "`true` or `false`", date: "date"}
 _SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le", "to")}
 
 

@@ -80,7 +80,13 @@ _CAMPAIGN_LIFE = (
         minimum=0.0,
         nullable=True,
     ),
-    _real("over_sigma", "", "that over its standard deviation; of bodies: over that of a target", minimum=0.0, nullable=True),
+    _real(
+        "over_sigma",
+        "",
+        "that over its standard deviation; of bodies: over that of a target",
+        minimum=0.0,
+        nullable=True,
+    ),
     Column("relocated", "flag", "whether the target lies elsewhere than before, beyond chance or as was said"),
     Column(
         "holds_as", "text", "the target as which the new place holds; empty where it holds for no pose", nullable=True

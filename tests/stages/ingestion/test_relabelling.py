@@ -74,15 +74,27 @@ def test_no_table_of_names_where_nothing_is_called_otherwise(folder):
 @pytest.mark.parametrize(
     ("entries", "told"),
     [
-        ([{"target": "P1", "called": "T113"}], "renamed.1.called: found 'T113'; .* under this name in these poses; .* T112"),
-        ([{"target": "P9", "called": "T112"}], "renamed.1.target: found 'P9'; expected a target of body platform in the survey"),
+        ([{"target": "P1", "called": "T113"}], "1.called: found 'T113'; .* under this name in these poses; .* T112"),
+        (
+            [{"target": "P9", "called": "T112"}],
+            "1.target: found 'P9'; expected a target of body platform in the survey",
+        ),
         ([{"target": "P1", "called": "T112", "from_pose": 7}], "renamed.1.from_pose: found '7'; expected a pose of"),
-        ([{"target": "P1", "called": "T112"}, {"target": "P2", "called": "T112"}], "one target for T112 .* renamed.1 says P1"),
-        ([{"target": "P1", "called": "T112"}, {"target": "P1", "called": "P2"}], "one name for P1 .* renamed.1 says T112"),
-        ([{"target": "P2", "called": "T112"}], "each pose, body and target once; T112 is P2 there, as renamed.1 has it"),
-        ([{"target": "P1", "called": "P1"}], "renamed.1.called: found 'P1'; expected another name than the target has"),
+        (
+            [{"target": "P1", "called": "T112"}, {"target": "P2", "called": "T112"}],
+            "one target for T112 of body platform in one pose; renamed.1 says P1",
+        ),
+        (
+            [{"target": "P1", "called": "T112"}, {"target": "P1", "called": "P2"}],
+            "one name for P1 of body platform in one pose; renamed.1 says T112",
+        ),
+        (
+            [{"target": "P2", "called": "T112"}],
+            "each pose, body and target once; T112 is P2 there, as renamed.1 has it",
+        ),
+        ([{"target": "P1", "called": "P1"}], "renamed.1.called: found 'P1'; expected another name than the target"),
     ],
-)  # fmt: skip
+)
 def test_what_contradicts_itself_is_a_fault_with_the_names(folder, entries, told):
     called(folder, ("P1", "T112"))
     folder.toml += "".join(renamed(**entry) for entry in entries)
