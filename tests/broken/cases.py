@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.broken import campaign_files, hostile_files, load_tables, no_files, point_tables
+from tests.broken import campaign_files, hostile_files, load_tables, no_files, ordinary_life, point_tables
 from tests.broken.good import CAMPAIGNS
 from tests.broken.spoiling import Broken
 
@@ -14,6 +14,7 @@ CASES: tuple[Broken, ...] = (
     *load_tables.CASES,
     *hostile_files.CASES,
     *no_files.CASES,
+    *ordinary_life.CASES,
 )
 
 

@@ -1,0 +1,75 @@
+"""Faults in what a campaign folder says of the campaign's own life: names, later surveys, repeats, decisions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.problems import ExitCode
+from tests.broken.spoiling import Broken, Spoil, appended, both, whole
+
+_TOML = "campaign.toml"
+
+
+def _renamed(target: str, called: str, **poses: int) -> Spoil:
+    window = "".join(f"{key} = {pose}\n" for key, pose in poses.items())
+    text = f'\n[[renamed]]\nbody = "base"\ntarget = "{target}"\ncalled = "{called}"\n{window}'
+    return appended(_TOML, text)
+
+
+def _resurvey(keys: str) -> Spoil:
+    return appended(_TOML, f"\n[[resurvey]]\n{keys}\n")
+
+
+def _base_again(folder: Path) -> None:
+    """The base once more, as a later survey whose name is end; its first target has moved by 1 mm."""
+    rows = [line.split(",") for line in (folder / "targets.csv").read_text(encoding="utf-8").splitlines()[1:]]
+    base = [["end", *row[:5]] for row in rows if row[0] == "base"]
+    base[0][3] = str(float(base[0][3]) + 1.0)
+    text = "".join(",".join(row) + "\n" for row in [["survey", "body", "target", "x_mm", "y_mm", "z_mm"], *base])
+    (folder / "resurveys.csv").write_text(text, encoding="utf-8")
+
+
+def _repeats(folder: Path) -> None:
+    lines = (folder / "configurations.csv").read_text(encoding="utf-8").splitlines()
+    lines = [f"{lines[0]},repeat_of", *(f"{line}," for line in lines[1:-1]), f"{lines[-1]},1000"]
+    (folder / "configurations.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+_EMPTY_CHECK = '\n[[exclude]]\ntarget = "B01"\nby = "A. Kern"\n'
+
+CASES = (
+    Broken(
+        "renamed-to-two", "telescope", both(_renamed("B01", "B02"), _renamed("B03", "B02")), ("one target for B02",)
+    ),
+    Broken("renamed-onto-another", "telescope", _renamed("B01", "B02"), ("once; B02 is B01 there", "renamed.1")),
+    Broken(
+        "renamed-unknown-target",
+        "telescope",
+        _renamed("Bo1", "B02"),
+        ("renamed.1.target", "Bo1", "did you mean B01"),
+    ),
+    Broken(
+        "renamed-backwards",
+        "telescope",
+        _renamed("B01", "X", from_pose=3, to_pose=1),
+        ("renamed.1.from_pose", "to_pose"),
+    ),
+    Broken(
+        "renamed-on-a-bench",
+        "bench",
+        appended(_TOML, '\n[[renamed]]\nbody = "base"\ntarget = "a"\ncalled = "b"\n'),
+        ("a bench has no targets",),
+    ),
+    Broken("resurvey-without-table", "telescope", _resurvey('survey = "end"'), ("resurveys.csv", "resurvey.1")),
+    Broken("resurvey-empty", "telescope", whole("resurveys.csv", b""), (r"resurveys\.csv",)),
+    Broken("resurvey-unknown", "telescope", both(_base_again, _resurvey('survey = "ende"')), ("did you mean end",)),
+    Broken("resurvey-moved-unnoticed", "telescope", _base_again, ("resurvey",), ExitCode.FAILED_CHECK),
+    Broken("repeat-of-nothing", "telescope", _repeats, ("repeat_of", "1000", "a pose of this table")),
+    Broken("exclusion-without-reason", "telescope", appended(_TOML, _EMPTY_CHECK), ("exclude.1.reason", "present")),
+    Broken(
+        "exclusion-on-no-day",
+        "telescope",
+        appended(_TOML, _EMPTY_CHECK + 'reason = "loose"\non = "yesterday"\n'),
+        ("exclude.1.on", "yesterday"),
+    ),
+)
