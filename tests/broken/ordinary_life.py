@@ -45,8 +45,8 @@ CASES = (
     Broken(
         "renamed-unknown-target",
         "telescope",
-        _renamed("Bo1", "B02"),
-        ("renamed.1.target", "Bo1", "did you mean B01"),
+        _renamed("B01x", "B02"),
+        ("renamed.1.target", "B01x", "did you mean B01"),
     ),
     Broken(
         "renamed-backwards",
