@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
 
     from schemas.campaign import Campaign
+    from schemas.sensor_mechanism import SensorMechanism
 
 DECLARATION = Stage(
     name="report",
@@ -69,7 +71,7 @@ DECLARATION = Stage(
         "uncertainty_budget?",
     ),
     leaves=("report",),
-    settings=("campaign.name",),
+    settings=("campaign.name", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
     summary="one self-contained page with figures, findings and exclusions",
 )
 
@@ -80,7 +82,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.rendering.render import render_page
     from truing.runs.page_parts import page_parts
 
-    head, sections = page_parts(settings.campaign.name, tables)
+    head, sections = page_parts(settings.campaign.name, tables, _joints(settings))
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
@@ -88,3 +90,16 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     return Outcome(
         {"report": page}, read, "nothing", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
     )
+
+
+def _joints(settings: Campaign) -> pd.DataFrame | None:
+    """Columns leg, ax_mm .. az_mm, bx_mm .. bz_mm of a sensor, in its unloaded platform's frame; None of others."""
+    if settings.mechanism.type != "6-upur":
+        return None
+    import pandas
+
+    sensor = cast("SensorMechanism", settings.mechanism)
+    rows = [
+        (k, leg.B_mm[0], leg.B_mm[1], leg.B_mm[2] - sensor.height_mm, *leg.b_mm) for k, leg in enumerate(sensor.legs, 1)
+    ]
+    return pandas.DataFrame(rows, columns=["leg", *(f"{joint}{axis}_mm" for joint in "ab" for axis in "xyz")])

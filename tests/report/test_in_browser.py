@@ -13,10 +13,13 @@ import pytest
 from tests.report.browser import Page
 from tests.report.campaign_tables import campaign_tables
 from tests.report.conftest import Opened
-from tests.report.test_page import ATTACKS, render, sections_of
-from truing.report.figure_style import style
+from tests.report.test_page import ATTACKS, kept, render
+from truing.report.figure_style import label, style
 from truing.report.page import Head, Listing, Section
 from truing.report.rendering.render import render_page
+from truing.report.scene.of_poses import pose_scene
+from truing.report.scene.view import drawn as to_draw
+from truing.report.scene.view import gains
 
 # Sentences of a page keep the name as it is, figures their markup as text; each attack would change the title or a tag.
 HOSTILE = " ".join(("</script><img src=x onerror=document.title='broken'>", "<!-- <script> \u2028", *ATTACKS))
@@ -85,17 +88,53 @@ def test_buttons_of_figures_have_names_and_none_shares(drawn):
     assert drawn.value(inside) == 0  # a picture has nothing inside that can be operated
 
 
-def test_the_slider_shows_another_pose_by_the_keyboard(drawn):
-    shown = "document.getElementById('figure-deformation-0')._fullData.map((trace) => trace.visible)"
-    before = drawn.value(shown)
-    drawn.value("document.querySelector('.steps input').focus()")
+VIEW = "document.getElementById('figure-deformation-0')"
+
+
+def shows(page: Page, traces) -> bool:
+    """Whether the view draws these traces, to the digits that a page holds; what interrupts a line is no point."""
+    held = page.value(f"{VIEW}._fullData.map((trace) => ({{x: [...trace.x], y: [...trace.y], z: [...trace.z]}}))")
+    return all(
+        len(one) == len(other) and np.allclose(one, other, atol=0.01)
+        for one, other in zip(_points(held), _points(traces), strict=True)
+    )
+
+
+def _points(traces) -> list[np.ndarray]:
+    rows = [np.array([trace[axis] for axis in "xyz"], dtype=float).T.reshape(-1, 3) for trace in traces]
+    return [points[np.isfinite(points).all(-1)] for points in rows]
+
+
+def press(page: Page, control: str, key: str, code: int) -> None:
+    page.value(f"document.querySelector({f'#deformation {control}'!r}).focus()")
     for kind in ("rawKeyDown", "keyUp"):
-        drawn.ask("Input.dispatchKeyEvent", type=kind, key="End", code="End", windowsVirtualKeyCode=35)
-    figure = sections_of(campaign_tables(name=HOSTILE))["deformation"].figures[0][0]
-    last = figure.layout.sliders[0].steps[-1]
-    assert drawn.becomes(f"{shown}.at(-1)")
-    assert drawn.value(shown) == list(last.args[0]["visible"]) != before
-    assert drawn.value("document.querySelector('.steps output').textContent") == last.label
+        page.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
+
+
+def test_pose_amplification_and_legs_change_the_view_by_the_keyboard(drawn):
+    tables = campaign_tables(name=HOSTILE)
+    scene = pose_scene(tables, kept(tables), "platform")
+    every = gains(scene.gain)
+    last = len(scene.labels) - 1
+    assert shows(drawn, to_draw(scene, 0, scene.gain))
+    press(drawn, ".step", "End", 35)
+    assert drawn.value("document.querySelector('.steps output').textContent") == scene.labels[-1]
+    assert shows(drawn, to_draw(scene, last, scene.gain))
+    press(drawn, ".gain", "Home", 36)
+    assert every[0] == 1.0
+    assert shows(drawn, to_draw(scene, last, 1.0))
+    assert not shows(drawn, to_draw(scene, last, scene.gain))
+    for leg in (2, 5):
+        press(drawn, f'.legs input[value="{leg}"]', " ", 32)
+    assert shows(drawn, to_draw(scene, last, 1.0, (2, 5)))
+    assert not shows(drawn, to_draw(scene, last, 1.0))
+    told = drawn.value("[...document.querySelectorAll('#deformation .of-legs p')].map((p) => p.textContent)")
+    assert told == [scene.said[-1][leg - 1] for leg in (2, 5)]
+    legs = "[...document.querySelectorAll('.by-leg tbody tr:not([hidden])')].map((row) => row.cells[0].textContent)"
+    assert set(drawn.value(legs)) == {"leg 2", "leg 5"}
+    labels = f"{VIEW}.layout.scene.annotations.map((note) => note.text)"
+    assert drawn.value(labels) == [label(scene.names[k]) for k in np.flatnonzero(np.isin(scene.leg, (2, 5)))]
+    assert not drawn.complaints()
 
 
 def test_the_numbers_of_a_figure_are_a_file(drawn, tmp_path):
@@ -111,12 +150,17 @@ def test_the_numbers_of_a_figure_are_a_file(drawn, tmp_path):
 def test_points_come_with_the_pose_that_shows_them_and_their_names_as_text(drawn, tmp_path):
     rows = rows_of(drawn, "#deformation figure button.csv", tmp_path)
     heads = rows[0]
-    assert heads == ["series", "step", "x: x (mm)", "y: y (mm)", "z: z (mm)", "text"]
+    assert heads == ["step", "point", "leg", *(f"{c} (mm)" for c in "xyz"), *(f"d{c} (µm)" for c in "xyz"), "text"]
     assert {len(row) for row in rows} == {len(heads)}
-    assert len({row[1] for row in rows[1:]}) == 12
-    targets = [row for row in rows[1:] if row[0].startswith("target")]
-    assert all(row[5].startswith(HOSTILE) for row in targets)
-    assert np.isfinite(np.array([row[2:5] for row in targets], dtype=float)).all()
+    assert len({row[0] for row in rows[1:]}) == 12
+    assert all(row[1].startswith(HOSTILE) for row in rows[1:])
+    tables = campaign_tables(name=HOSTILE)
+    residuals = tables["residuals"].set_index(["pose", "body", "target"])
+    for step, point, *_, dx, dy, dz, _ in rows[1:]:
+        if dx:
+            own = residuals.loc[(int(step), "platform", point)]
+            told = 1e3 * own[["dx_mm", "dy_mm", "dz_mm"]].to_numpy(dtype=float)
+            assert np.allclose([float(dx), float(dy), float(dz)], told, atol=6e-4)
 
 
 def test_numbers_of_every_kind_and_cells_that_would_be_formulas(opened, tmp_path):

@@ -17,6 +17,7 @@ from truing.report.head import build_head
 from truing.report.page import MOST_ROWS, all_of
 from truing.report.rendering.embedded import embedded, file_name
 from truing.report.rendering.render import render_page
+from truing.report.scene.of_poses import pose_scene
 from truing.report.sections import build_sections
 
 ATTACKS = (
@@ -108,7 +109,7 @@ def test_only_the_scripts_of_the_page_may_run(page):
     texts = re.findall(
         r"<script(?: type=\"text/plain\" id=\"plotly\")?>(.*?)</script>", page.replace(PLOTLY, "PLOTLY"), re.S
     )
-    assert len(texts) == 3
+    assert len(texts) == 4
     for text in texts:
         digest = hashlib.sha256(text.replace("PLOTLY", PLOTLY, 1 if text == "PLOTLY" else 0).encode()).digest()
         assert f"'sha256-{base64.b64encode(digest).decode()}'" in said
@@ -308,11 +309,24 @@ def test_outlying_poses_turn_an_axis_logarithmic():
 def test_every_step_of_the_slider_shows_one_pose_whole():
     figure = sections_of(campaign_tables())["deformation"].figures[0][0]
     steps = figure.layout.sliders[0].steps
-    shown = np.array([step.args[0]["visible"] for step in steps])
-    assert shown.shape == (12, len(figure.data))
-    assert (shown.sum(axis=0) == 1).all()
-    assert (shown.sum(axis=1) == shown[0].sum()).all()
-    assert [trace.visible for trace in figure.data] == list(shown[0])
+    assert len(steps) == 12
+    assert {len(step.args[0][axis]) for step in steps for axis in "xyz"} == {len(figure.data)}
+    for k, trace in enumerate(figure.data):
+        assert np.array_equal(trace.x, steps[0].args[0]["x"][k], equal_nan=True)
+    tables = campaign_tables()
+    scene = pose_scene(tables, kept(tables), "platform")
+    places = tables["survey"].query("body == 'platform'").set_index("target")[["x_mm", "y_mm", "z_mm"]]
+    assert np.allclose(scene.place[3], places.loc[list(scene.names)])
+
+
+def kept(tables):
+    """Residuals of the platform's targets that are drawn."""
+    residuals = tables["residuals"]
+    gross = tables["deformation"].loc[tables["deformation"]["rejected"], ["pose", "leg"]].assign(gross=True)
+    legs = residuals.merge(tables["shape"][["body", "target", "leg"]], on=["body", "target"], how="left")
+    out = legs.merge(gross, on=["pose", "leg"], how="left")["gross"].notna().to_numpy() | residuals["rejected"]
+    own = residuals[~out & (residuals["body"] == "platform")]
+    return own.dropna(subset=["dx_mm"])
 
 
 def test_the_slider_holds_where_a_pose_lacks_its_attachments():
@@ -322,7 +336,9 @@ def test_the_slider_holds_where_a_pose_lacks_its_attachments():
     tables["residuals"].loc[out, "rejected"] = True
     figure = sections_of(tables)["deformation"].figures[0][0]
     steps = figure.layout.sliders[0].steps
-    assert all(len(step.args[0]["visible"]) == len(figure.data) for step in steps)
+    assert all(len(step.args[0]["x"]) == len(figure.data) for step in steps)
+    bare = next(step for step in steps if step.label == "3")
+    assert len(bare.args[0]["x"][1]) == len(bare.args[0]["x"][4]) == 0  # no attachment, and no ring
 
 
 def test_bodies_keep_their_pose_where_named_poses_are_missing():

@@ -24,6 +24,7 @@ class Listing:
     folded: bool = False
     held_by: str = ""  # the artifact that holds all rows, where the page cannot
     csv: str = ""  # the same for a machine, to be copied as a whole
+    by_leg: bool = False  # its first cells name the leg; legs chosen in the view leave their rows
 
     @property
     def shown(self) -> tuple[tuple[str, ...], ...]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from truing.runs.body_motions import body_motions
 from truing.runs.target_places import target_places
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
 
     from truing.report.page import Head, Section
@@ -21,8 +23,13 @@ def provenance_of(table: pa.Table) -> dict[str, str]:
     return {k[len(_PREFIX) :].decode(): v.decode() for k, v in metadata.items() if k.startswith(_PREFIX)}
 
 
-def page_parts(campaign: str, tables: Mapping[str, pa.Table]) -> tuple[Head, list[Section]]:
-    """Return the head and the sections of the page for tables by artifact name."""
+def page_parts(
+    campaign: str, tables: Mapping[str, pa.Table], legs: pd.DataFrame | None = None
+) -> tuple[Head, list[Section]]:
+    """Return the head and the sections of the page for tables by artifact name.
+
+    ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame, which no table holds.
+    """
     from truing.report.head import build_head
     from truing.report.sections import build_sections
     from truing.report.tables import SAID
@@ -34,4 +41,9 @@ def page_parts(campaign: str, tables: Mapping[str, pa.Table]) -> tuple[Head, lis
     places = target_places(frames)
     if places is not None:
         frames["shape"] = places
+    motions = body_motions(frames)
+    if motions is not None:
+        frames["motions"] = motions
+    if legs is not None:
+        frames["legs"] = legs
     return build_head(campaign, frames), build_sections(frames, provenance)

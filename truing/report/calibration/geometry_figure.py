@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.report.calibration.calibrations import deformation_words, in_order
-from truing.report.deformation.scene import round_gain
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.numbers import quantity
+from truing.report.scene.view import round_gain
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from truing.report.deformation import figures as deformation_figures
-from truing.report.deformation.scene import deformation_picture
+from truing.report.figure_style import label
 from truing.report.numbers import p_value, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_deformation
+from truing.report.scene.by_leg import by_leg
+from truing.report.scene.of_poses import pose_scene
+from truing.report.scene.view import picture
 from truing.report.tables import Tables, cell, filled
 
 if TYPE_CHECKING:
@@ -29,8 +32,14 @@ def deformation(tables: Tables) -> Section | None:
     shown = [*_picture(tables), *_legs(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
-        return Section("deformation", "Deformation", why, tuple(shown), state="models not evaluated")
-    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), (_errors(tables),))
+        return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "models not evaluated")
+    listings = (*_legwise(tables), _errors(tables))
+    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings)
+
+
+def _legwise(tables: Tables) -> tuple[Listing, ...]:
+    told = by_leg(tables)
+    return (told,) if told.rows else ()
 
 
 def _picture(tables: Tables) -> Drawn:
@@ -42,12 +51,17 @@ def _picture(tables: Tables) -> Drawn:
     body = _body_of_picture(part)
     if body is None:
         return []
-    words = f"Targets of {body} in the poses in which they are farthest from their places; noise is amplified as well."
+    words = f"Targets of {body}; the slider begins with the poses in which they are farthest from their places. "
+    words += "Noise is amplified as well."
     if shape.loc[shape["body"] == body, "leg"].notna().any():
         words += (
             " The grey ring joins the attachments where they were surveyed, the orange one where they are measured."
         )
-    return [(deformation_picture(shape, part[part["body"] == body], body), words)]
+    scene = pose_scene(tables, part[part["body"] == body], body)
+    if scene.legs:
+        words += " Legs that are chosen show their joints, their targets and their numbers."
+    subtitle = f"Each line runs from a target's place to where it is measured, at first {scene.gain:g} times as long"
+    return [(picture(scene, f"Displacement of the targets of {label(body)}, amplified", subtitle), words)]
 
 
 def _body_of_picture(residuals: pd.DataFrame) -> str | None:

@@ -85,7 +85,21 @@
     return plain(told?.title?.text);
   };
 
-  const figureRows = ({ data, layout, steps }) => {
+  // Of a 3-D view the numbers that it is drawn from: places, and displacements as they are, not amplified.
+  const sceneRows = ({ steps, scene }) => {
+    const heads = ["step", "point", "leg", "x (mm)", "y (mm)", "z (mm)", "dx (µm)", "dy (µm)", "dz (µm)", "text"];
+    const micrometres = (value) => (value === null ? "" : +(1e3 * value).toPrecision(6));
+    const points = steps.flatMap((label, step) =>
+      scene.names.map((name, k) => {
+        const numbers = [...scene.place[step][k], ...scene.shift[step][k].map(micrometres)];
+        return [label, name, scene.leg[k] || "", ...numbers, scene.words[step][k]];
+      }),
+    );
+    return [heads, ...points.map((row) => row.map((value) => cell(value ?? "")))];
+  };
+
+  const figureRows = ({ data, layout, steps, scene }) => {
+    if (scene) return sceneRows({ steps, scene });
     const titles = data.map((trace) =>
       Object.fromEntries(["x", "y", "z"].map((letter) => [letter, titleOf(layout, trace, letter)])),
     );

@@ -32,7 +32,8 @@ def figure_data(figure: go.Figure, template: object) -> tuple[dict[str, Any], li
     """A figure's traces, layout and steps, and the labels of the steps.
 
     The layout goes without ``template``, which the page holds once, without titles, which do not wrap in a figure, and
-    without plotly's own slider, which no keyboard reaches: its steps are chosen by a control of the page.
+    without plotly's own slider, which no keyboard reaches: its steps are chosen by a control of the page. A 3-D view
+    comes as its scene, of which the page's script draws what a reader chooses.
     """
     whole = figure.to_plotly_json()
     layout = dict(whole["layout"])
@@ -43,8 +44,15 @@ def figure_data(figure: go.Figure, template: object) -> tuple[dict[str, Any], li
         layout["height"] -= _TITLE_PX
     sliders = layout.pop("sliders", ())
     steps = [{"label": text_of(step["label"]), "args": step["args"]} for slider in sliders for step in slider["steps"]]
-    data = {"data": whole["data"], "layout": layout, **({"steps": steps} if steps else {})}
-    return data, [step["label"] for step in steps]
+    labels = [step["label"] for step in steps]
+    scene = layout.pop("meta", {}).get("scene")
+    if scene:  # its script computes what the steps hold
+        return {"data": _without_points(whole["data"]), "layout": layout, "steps": labels, "scene": scene}, labels
+    return {"data": whole["data"], "layout": layout, **({"steps": steps} if steps else {})}, labels
+
+
+def _without_points(traces: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{name: value for name, value in trace.items() if name not in ("x", "y", "z", "text")} for trace in traces]
 
 
 def text_of(marked: str | None) -> str:

@@ -26,11 +26,12 @@
 
   const draw = (plot) => {
     if (!drawn.has(plot)) {
-      const { data, layout, steps } = read(held(plot));
+      const { data, layout, steps, scene } = read(held(plot));
       layout.template ??= read(document.getElementById("template"));
+      if (scene) Object.assign(layout.scene, window.Scene.into(data, scene, chosenIn(plot)));
       drawn.set(plot, library().newPlot(plot, data, layout, config).then(() => name(plot)));
       const chosen = chooser(plot);
-      if (chosen?.value > 0) library().update(plot, ...steps[chosen.value].args);
+      if (!scene && chosen?.value > 0) library().update(plot, ...steps[chosen.value].args);
     }
     return drawn.get(plot);
   };
@@ -47,17 +48,48 @@
 
   const chooser = (plot) => plot.closest("figure").querySelector(".steps input");
 
+  const told = (input, label) => {
+    input.setAttribute("aria-valuetext", label);
+    input.closest(".steps").querySelector("output").textContent = label;
+  };
+
   const choose = (plot) => {
     const input = chooser(plot);
-    const { steps } = read(held(plot));
+    const { steps, scene } = read(held(plot));
+    if (scene) return chooseIn(plot, steps, scene);
     const show = () => {
       const { label, args } = steps[input.value];
-      input.setAttribute("aria-valuetext", label);
-      plot.closest("figure").querySelector(".steps output").textContent = label;
+      told(input, label);
       if (drawn.has(plot)) library().update(plot, ...args);
     };
     input.addEventListener("input", show);
     show(); // a page that is loaded again may keep where the slider stood
+  };
+
+  // What a reader has chosen of a 3-D view: step, amplification, legs.
+  const controls = (plot) => [...plot.closest("figure").querySelectorAll("input")];
+  const chosenIn = (plot) => {
+    const inputs = controls(plot);
+    const value = (kind) => +inputs.find((input) => input.classList.contains(kind)).value;
+    const legs = inputs.filter((input) => input.type === "checkbox" && input.checked).map((input) => +input.value);
+    return { step: value("step"), gain: value("gain"), legs };
+  };
+
+  const chooseIn = (plot, steps, scene) => {
+    const figure = plot.closest("figure");
+    const show = () => {
+      const chosen = chosenIn(plot);
+      told(figure.querySelector(".step"), steps[chosen.step]);
+      told(figure.querySelector(".gain"), window.Scene.scale(scene, chosen));
+      window.Scene.tell(figure, scene, chosen);
+      if (!drawn.has(plot)) return;
+      const { data } = read(held(plot));
+      const axes = window.Scene.into(data, scene, chosen);
+      const { camera } = plot.layout.scene; // where the reader has turned it
+      library().react(plot, data, { ...plot.layout, scene: { ...plot.layout.scene, ...axes, camera } });
+    };
+    controls(plot).forEach((input) => input.addEventListener("input", show));
+    show();
   };
 
   // What is too large for the paper is made smaller, not cut.

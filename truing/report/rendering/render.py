@@ -30,6 +30,9 @@ class _Figure:
     data: str  # JSON, safe in a script element
     step_of: str  # what is chosen by its slider: "pose"
     steps: tuple[str, ...]
+    gains: tuple[str, ...]  # amplifications of a 3-D view to choose from
+    gain: int  # place of the one that it begins with
+    legs: tuple[int, ...]
     file: str
 
 
@@ -57,7 +60,7 @@ def render_page(head: Head, sections: Sequence[Section]) -> str:
     """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
-    scripts = [_beside("figures.js"), _beside("csv.js")]
+    scripts = [_beside("scene.js"), _beside("figures.js"), _beside("csv.js")]
     return _template().render(
         head=head,
         sections=[_drawn(section, head.campaign) for section in sections],
@@ -82,7 +85,15 @@ def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figur
     height = int(data["layout"]["height"])
     spoken = ". ".join(words.rstrip(".") for words in (title, subtitle, caption) if words)
     file = file_name(campaign, name)
-    return _Figure(name, caption, title, subtitle, f"{spoken}.", height, embedded(data), step_of, tuple(steps), file)
+    scene = data.get("scene", {"gains": [], "gain": None, "legs": []})
+    gains = tuple(f"{gain:g} times" for gain in scene["gains"])
+    first = scene["gains"].index(scene["gain"]) if gains else 0
+    held = embedded(data)
+    return _Figure(
+        *(name, caption, title, subtitle, f"{spoken}.", height, held, step_of, tuple(steps), gains, first),
+        legs=tuple(scene["legs"]),
+        file=file,
+    )
 
 
 def _tables(section: Section, campaign: str) -> Iterator[_Table]:

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 from truing.report.deformation.figures import compliance_map
 from truing.report.numbers import p_value, printed, quantity, with_uncertainty
 from truing.report.page import Listing, Section
+from truing.report.scene.by_leg import by_leg_of_sensor
+from truing.report.scene.of_loads import load_scene
+from truing.report.scene.view import picture
 from truing.report.sensor.axes import CHANNELS, LOADS, per_kilo
 from truing.report.sensor.compliance_figure import comparison_map
 from truing.report.sensor.curve_figures import differences, own_axes
@@ -27,9 +30,20 @@ def load_deformation(tables: Tables) -> Section | None:
     if compliance is None:
         why = reason(tables, "compliance") or "The campaign holds no readings of a platform under load."
         return Section("deformation", "Deformation under load", why, state="not evaluated")
-    shown = [*_curves(tables), *_maps(compliance)]
-    listings = [_entries(compliance), _errors(tables["deformation_errors"])]
-    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), tuple(listings))
+    shown = [*_view(tables), *_curves(tables), *_maps(compliance)]
+    listings = [by_leg_of_sensor(tables), _entries(compliance), _errors(tables["deformation_errors"])]
+    told = tuple(listing for listing in listings if listing.rows)
+    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told)
+
+
+def _view(tables: Tables) -> Drawn:
+    scene = load_scene(tables)
+    if scene is None:
+        return []
+    words = "Upper joints where they are without load (grey) and where the measured displacement puts them (orange). "
+    words += "Blue: the load, a torque along the axis that it turns about. Legs that are chosen show their numbers."
+    subtitle = f"Each line runs from a joint's place to where the load moves it, at first {scene.gain:g} times as long"
+    return [(picture(scene, "Displacement of the platform under load, amplified", subtitle), words)]
 
 
 def _curves(tables: Tables) -> Drawn:

@@ -1,0 +1,80 @@
+"""Leg by leg what was measured of it and what its numbers are, beside the 3-D view."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.report.calibration.calibrations import called, rows_of, shown_calibration
+from truing.report.numbers import count, plain, with_uncertainty
+from truing.report.page import Listing
+from truing.report.parameter_names import kind_of, shown_in
+from truing.report.sensor.axes import load_unit
+from truing.report.tables import Tables, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_HEADS = ("leg", "quantity", "value", "less nominal", "pull")
+_BENT = ("K", "kappa")
+
+
+def by_leg(tables: Tables) -> Listing:
+    """Per leg the shift of its attachment over all poses, and its numbers by the calibration that is shown."""
+    shifts, fitted = filled(tables, "deformation"), filled(tables, "calibration")
+    rows = [] if shifts is None or "leg" not in shifts else _shifts(shifts)
+    caption = "Leg by leg: shifts of the attachment"
+    if fitted is not None:
+        key = shown_calibration(tables, fitted)
+        rows += _numbers(rows_of(fitted, key).dropna(subset=["leg"]))
+        caption += f", and the numbers by {called(key)}. ±: one standard uncertainty"
+    rows.sort(key=lambda row: row[0])
+    return Listing(_HEADS, tuple((f"leg {leg}", *cells) for leg, *cells in rows), (), caption, True, by_leg=True)
+
+
+def _shifts(shifts: pd.DataFrame) -> list[tuple]:
+    kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
+    rows: list[tuple] = []
+    for leg, own in kept.groupby("leg"):
+        shift, sigma = own["delta_bz_um"].to_numpy(dtype=float), own["sigma_um"].to_numpy(dtype=float)
+        rms = float(np.sqrt(np.mean(shift**2)))
+        # What the noise of the points does to the root mean square of these shifts, to first order.
+        noise = float(np.sqrt(np.sum((shift * sigma) ** 2))) / (len(shift) * rms) if rms > 0.0 else float(sigma.max())
+        most = int(np.argmax(np.abs(shift)))
+        where = f"largest shift of the attachment along z, pose {own['pose'].iloc[most]}"
+        told = f"rms shift of the attachment along z over {count(len(own), 'pose')}"
+        rows.append((int(leg), told, with_uncertainty(rms, noise, "µm"), "–", "–"))
+        rows.append((int(leg), where, with_uncertainty(float(shift[most]), float(sigma[most]), "µm"), "–", "–"))
+    return rows
+
+
+def _numbers(own: pd.DataFrame) -> list[tuple]:
+    rows: list[tuple] = []
+    for r in own.itertuples():
+        factor, unit = shown_in(r.parameter, r.unit)
+        named = kind_of(r.parameter, r.leg)
+        value = with_uncertainty(factor * r.identified, factor * r.sigma, unit)
+        bent = r.parameter.startswith(_BENT) or r.nominal != r.nominal
+        less = "–" if bent else with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma, unit)
+        pull = getattr(r, "pull", float("nan"))
+        rows.append((int(r.leg), named, value, less, "–" if pull != pull else f"{pull + 0.0:.1f}"))
+    return rows
+
+
+def by_leg_of_sensor(tables: Tables) -> Listing:
+    """Per leg of a sensor the column of G_B of its signal, and how far its parts are from the drawing."""
+    matrices, pulls = filled(tables, "sensor_matrix"), filled(tables, "pulls")
+    rows: list[tuple] = []
+    if matrices is not None:
+        own = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
+        for r in own[own["column_name"].str.fullmatch(r"v\d+")].itertuples():
+            sigma = float(np.nanmax([r.sigma, getattr(r, "sigma_by_case", np.nan)]))
+            value = with_uncertainty(r.value, sigma, f"{load_unit(r.row)}/mV")
+            rows.append((int(r.column_name[1:]), f"{r.row} per {r.column_name} in G_B", value, "–", "–"))
+    if pulls is not None and "leg" in pulls:
+        for r in pulls.dropna(subset=["leg", "pull_after"]).itertuples():
+            rows.append((int(r.leg), kind_of(r.parameter, r.leg), "–", "–", plain(r.pull_after)))
+    rows.sort(key=lambda row: row[0])
+    caption = "Leg by leg: the column of G_B of its signal, and the pulls of its parts with the causes modelled"
+    return Listing(_HEADS, tuple((f"leg {leg}", *cells) for leg, *cells in rows), (), caption, True, by_leg=True)

@@ -1,0 +1,245 @@
+"""The 3-D view of one body: places, amplified displacements, and the legs that a reader chooses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+# Points times steps that a page holds; of more steps those that are farthest from nothing are kept.
+MOST_POINTS = 6000
+# Gains that a reader chooses from go so many decades beyond the one that suits the view.
+_BEYOND = 10.0
+_TALLEST = 0.95  # of a scene beside the view's height, that its top is not cut
+_PLACES = ("target", "target at an attachment")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn of S steps (poses, or loads), N points and L legs, all in the body's frame, mm.
+
+    ``place`` (S, N, 3) and ``shift`` (S, N, 3), NaN where a point was not measured; ``leg`` (N,) from 1, 0 for none;
+    ``attached`` (N,): drawn in the ring; ``own`` (N,): shown only with its leg; ``words`` (S, N) of each displacement;
+    ``lower`` and ``upper`` (S, L, 3) the joints of ``legs`` (L,); ``arrow`` (S, 2, 3): the load; ``said`` per step and
+    leg, what was measured of it.
+    """
+
+    step: str
+    labels: tuple[str, ...]
+    names: tuple[str, ...]
+    place: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    leg: NDArray[np.intp]
+    attached: NDArray[np.bool_]
+    own: NDArray[np.bool_]
+    words: tuple[tuple[str, ...], ...]
+    legs: tuple[int, ...] = ()
+    lower: NDArray[np.float64] | None = None
+    upper: NDArray[np.float64] | None = None
+    arrow: NDArray[np.float64] | None = None
+    said: tuple[tuple[str, ...], ...] = ()
+    all_legs: bool = False  # legs are drawn also where none is chosen
+
+    @property
+    def gain(self) -> float:
+        """The amplification that suits the view: the largest displacement of the first step covers a sixth of it."""
+        size = np.linalg.norm(self.shift[0, ~self.own], axis=-1)
+        large = float(np.nanmax(size, initial=0.0))
+        return round_gain(0.16 * self.extent / max(large, 1e-9))
+
+    @property
+    def extent(self) -> float:
+        """The largest side of the body, mm."""
+        return float(np.nanmax(np.nanmax(self.place[:, ~self.own], axis=(0, 1)) - self.low))
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """The corner (3,) of the body nearest to minus infinity, mm."""
+        return np.asarray(np.nanmin(self.place[:, ~self.own], axis=(0, 1)))
+
+    @property
+    def ring(self) -> NDArray[np.intp]:
+        """The points at attachments in the order in which they lie round their middle, closed: the buckled wheel."""
+        attached = np.flatnonzero(self.attached)
+        if not len(attached):
+            return attached
+        places = np.nanmean(self.place[:, attached], axis=0)
+        x, y, _ = (places - places.mean(axis=0)).T
+        order = attached[np.argsort(np.arctan2(y, x), kind="stable")]
+        return np.append(order, order[0])
+
+
+def round_gain(gain: float) -> float:
+    """The largest of 1, 2, 5, 10, 20... that is not above ``gain``."""
+    power = 10.0 ** np.floor(np.log10(max(gain, 1.0)))
+    return float(power * max(d for d in (1, 2, 5) if d * power <= max(gain, 1.0)))
+
+
+def gains(chosen: float) -> list[float]:
+    """The amplifications that a reader chooses from: 1, 2, 5, 10, ... beyond the one chosen for them."""
+    steps = np.arange(np.floor(np.log10(_BEYOND * chosen)) + 1.0)
+    every = np.multiply.outer(10.0**steps, (1.0, 2.0, 5.0)).ravel()
+    return [float(gain) for gain in every if gain <= _BEYOND * chosen]
+
+
+def picture(scene: Scene, title: str, subtitle: str) -> go.Figure:
+    """The scene as a figure whose slider chooses the step; the page adds amplification and legs."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure(_traces(scene))
+    for trace, own in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
+        trace.update(own)
+    style(figure, title, subtitle, 640)
+    low, high = _box(scene)
+    figure.update_layout(
+        meta={"scene": held(scene)},
+        sliders=[_slider(scene)],
+        scene=_axes(low, high),
+        legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
+        margin={"l": 0, "r": 0, "t": 90, "b": 40},
+    )
+    return figure
+
+
+def drawn(scene: Scene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, Any]]:
+    """Coordinates and texts of every trace with these legs chosen, as the script of the page computes them too."""
+    start, end = scene.place[step], scene.place[step] + gain * scene.shift[step]
+    there = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
+    there &= ~scene.own | np.isin(scene.leg, chosen)
+    lit = there & (np.isin(scene.leg, chosen) if chosen else True)
+    ring = scene.ring[there[scene.ring]]
+    legs = [k for k, leg in enumerate(scene.legs) if leg in chosen or (scene.all_legs and not chosen)]
+    legs = legs if scene.lower is not None else []
+    gap = np.full((1, 3), np.nan)
+    lines = np.stack([start, end, np.broadcast_to(gap, start.shape)], axis=1)[lit].reshape(-1, 3)
+    joints = _joints(scene, step)[legs]
+    rods = np.concatenate([joints, np.broadcast_to(gap, (len(legs), 1, 3))], axis=1).reshape(-1, 3)
+    arrow = scene.arrow[step] if scene.arrow is not None else np.zeros((0, 3))
+    words = np.array([label(word) for word in scene.words[step]], dtype=object)
+    plain, attached = there & ~scene.attached, there & scene.attached
+    shown = [
+        (start[plain], words[plain]),
+        (start[attached], words[attached]),
+        (lines, None),
+        (start[ring], None),
+        (end[ring], None),
+        (rods, None),
+        (joints.reshape(-1, 3), [f"leg {scene.legs[k]}, {end} joint" for k in legs for end in ("lower", "upper")]),
+        (arrow, None),
+    ]
+    return [
+        {**dict(zip("xyz", np.round(points, 4).T, strict=True)), **({} if text is None else {"text": list(text)})}
+        for points, text in shown
+    ]
+
+
+def _joints(scene: Scene, step: int) -> NDArray[np.float64]:
+    """Lower and upper joints (L, 2, 3) of a step."""
+    if scene.lower is None or scene.upper is None:
+        return np.zeros((0, 2, 3))
+    return np.stack([scene.lower[step], scene.upper[step]], axis=1)
+
+
+def held(scene: Scene) -> dict[str, Any]:
+    """The scene as the page's script reads it: numbers in mm, points by step."""
+    return {
+        "gain": scene.gain,
+        "gains": gains(scene.gain),
+        "names": [label(name) for name in scene.names],
+        "place": _listed(scene.place),
+        "shift": _listed(scene.shift, 6),
+        "leg": scene.leg.tolist(),
+        "attached": scene.attached.tolist(),
+        "own": scene.own.tolist(),
+        "words": [[label(word) for word in words] for words in scene.words],
+        "ring": scene.ring.tolist(),
+        "legs": list(scene.legs),
+        "joints": [_listed(_joints(scene, step)) for step in range(len(scene.labels))],
+        "arrow": [] if scene.arrow is None else _listed(scene.arrow),
+        "said": [list(said) for said in scene.said],
+        "allLegs": scene.all_legs,
+        "scale": round_gain(scene.extent / 10.0),
+        "colours": {"chosen": RED, "other": "rgba(122,122,122,0.5)"},
+    }
+
+
+def _listed(values: NDArray[np.float64], places: int = 4) -> Any:
+    """Nested lists with null for what is not known."""
+    rounded = np.round(values, places)
+    return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
+
+
+def _traces(scene: Scene) -> list[go.Scatter3d]:
+    """The traces without coordinates, in the order of ``drawn``."""
+    import plotly.graph_objects as go
+
+    def dots(name: str, colour: str, size: float = 4.0, **more: Any) -> go.Scatter3d:
+        marker = {"size": size, "color": colour}
+        return go.Scatter3d(mode="markers", name=name, marker=marker, hoverinfo="text", **more)
+
+    def line(name: str, colour: str, width: float, **more: Any) -> go.Scatter3d:
+        look = {"color": colour, "width": width}
+        return go.Scatter3d(mode="lines", name=name, line=look, hoverinfo="skip", connectgaps=False, **more)
+
+    ringed, legged = bool(scene.attached.any()), bool(scene.legs)
+    return [
+        dots(_PLACES[0], BLUE, showlegend=bool((~scene.attached).any())),
+        dots(_PLACES[1], ORANGE, showlegend=ringed),
+        line("displacement", RED, 6.0),
+        line("ring of attachments", GREY, 2.0, showlegend=ringed),
+        line("the ring, displaced", ORANGE, 5.0, showlegend=ringed),
+        line("leg", GREEN, 7.0, showlegend=legged and scene.all_legs),
+        dots("joint", GREEN, 5.0, showlegend=False),
+        line("load", BLUE, 8.0, showlegend=scene.arrow is not None),
+    ]
+
+
+def _slider(scene: Scene) -> dict[str, Any]:
+    steps = []
+    for step, name in enumerate(scene.labels):
+        own = drawn(scene, step, scene.gain)
+        args = {axis: [trace[axis] for trace in own] for axis in "xyz"}
+        args["text"] = [trace.get("text") for trace in own]
+        steps.append({"label": label(name), "method": "restyle", "args": [args]})
+    return {"steps": steps, "currentvalue": {"prefix": f"{scene.step} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}
+
+
+def _box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners (3,) of what is shown over all steps where no leg is chosen."""
+    place = scene.place[:, ~scene.own].reshape(-1, 3)
+    parts = [place, (scene.place + scene.gain * scene.shift)[:, ~scene.own].reshape(-1, 3)]
+    if scene.all_legs and scene.lower is not None and scene.upper is not None:
+        parts += [scene.lower.reshape(-1, 3), scene.upper.reshape(-1, 3)]
+    if scene.arrow is not None:
+        parts.append(scene.arrow.reshape(-1, 3))
+    points = np.concatenate(parts)
+    return np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+
+
+def _axes(low: NDArray[np.float64], high: NDArray[np.float64]) -> dict[str, Any]:
+    """Axes that hold body and amplified displacement; a flat body gets a third of its width as height, to be seen."""
+    margin = 0.02 * float((high - low).max()) + 1e-6
+    low, high = low - margin, high + margin
+    ratio = np.maximum((high - low) / (high - low).max(), 0.35)
+    ratio *= min(1.75 / np.linalg.norm(ratio), _TALLEST / ratio[2])
+    away = 0.98 + 0.25 * float(ratio[2])
+    axes = {
+        f"{a}axis": {"title": {"text": f"{a} (mm)"}, "range": [float(low[k]), float(high[k])], "nticks": 6}
+        for k, a in enumerate("xyz")
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": {a: float(ratio[k]) for k, a in enumerate("xyz")},
+        "camera": {
+            "eye": {"x": 0.8 * away, "y": -1.15 * away, "z": 0.75 * away},
+            "center": {"x": 0, "y": 0, "z": -0.12},
+        },
+    }
