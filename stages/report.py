@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from stages.declaration import Outcome, Progress, Stage
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from schemas.sensor_mechanism import SensorMechanism
 
 DECLARATION = Stage(
     name="report",
@@ -71,7 +70,7 @@ DECLARATION = Stage(
         "uncertainty_budget?",
     ),
     leaves=("report",),
-    settings=("campaign.name", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
+    settings=("campaign.name", "mechanism.legs", "mechanism.height_mm"),
     summary="one self-contained page with figures, findings and exclusions",
 )
 
@@ -94,12 +93,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 def _joints(settings: Campaign) -> pd.DataFrame | None:
     """Columns leg, ax_mm .. az_mm, bx_mm .. bz_mm of a sensor, in its unloaded platform's frame; None of others."""
-    if settings.mechanism.type != "6-upur":
+    legs, height_mm = (getattr(settings.mechanism, name, None) for name in ("legs", "height_mm"))
+    if legs is None or height_mm is None:
         return None
     import pandas
 
-    sensor = cast("SensorMechanism", settings.mechanism)
-    rows = [
-        (k, leg.B_mm[0], leg.B_mm[1], leg.B_mm[2] - sensor.height_mm, *leg.b_mm) for k, leg in enumerate(sensor.legs, 1)
-    ]
+    rows = [(k, leg.B_mm[0], leg.B_mm[1], leg.B_mm[2] - height_mm, *leg.b_mm) for k, leg in enumerate(legs, 1)]
     return pandas.DataFrame(rows, columns=["leg", *(f"{joint}{axis}_mm" for joint in "ab" for axis in "xyz")])
