@@ -116,6 +116,9 @@ class Interferometer(Section):
     )
     compensated: bool = Field(True, description="whether readings are compensated for the refractive index of air")
     passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
+    average_samples: bool = Field(
+        False, description="readings: several of a step and channel are samples of it, and their mean counts"
+    )
     signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")
     beams: Beams = Field(Beams(), description="where a beam is askew, or meets the platform off its origin")
     material: Material = Field(Material(), description="what the material between mirror and platform grows")

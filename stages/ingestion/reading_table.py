@@ -14,6 +14,7 @@ from stages.ingestion.gathered_columns import declared_missing, numbered, number
 from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
 from stages.ingestion.quadrature_table import lengths
+from stages.ingestion.step_samples import averaged
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -73,6 +74,8 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
         if made is None:
             return None
         own, found, channels = raw, made.readings, made.channels
+    elif own and settings.interferometer.average_samples and not log:
+        found = averaged(found)
     table = reading_table(found, settings, log, by_channel=bool(own))
     if table is None:
         return None

@@ -1,0 +1,56 @@
+"""Samples of a load step: their mean where it is meant, a fault where it is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.in_memory import stage_line
+from schemas.faults import CampaignFaults
+from tests.tolerance import assert_close
+
+HEAD = '[campaign]\nname = "s"\nkind = "interferometer"\n[noise]\nlinear_um = 0.1\n'
+
+
+def campaign(folder: Path, text: str, *, averaged: bool) -> Path:
+    more = "[interferometer]\naverage_samples = true\n" if averaged else ""
+    (folder / "campaign.toml").write_text(f'{HEAD}{more}[files.interferometer]\npath = "log.csv"\nmissing = ["x"]\n')
+    (folder / "log.csv").write_text(f"run,step,time_s,load_axis,load,channel,reading,room\n{text}")
+    return folder
+
+
+def logged(rng, samples=5):
+    """Three steps of two channels, sample by sample: rows, and the means of each step and channel."""
+    rows, means = [], {}
+    for step, load in enumerate((0.0, 100.0, 0.0)):
+        at = 10.0 * step + np.arange(samples)
+        read = {name: rng.normal(load, 1.0, samples) for name in ("dx", "dz")}
+        room = rng.normal(20.0, 0.1, samples)
+        for k in range(samples):
+            rows += [f"1,{step},{at[k]},fz,{load},{name},{read[name][k]!r},{room[k]!r}" for name in read]
+        means |= {(step, name): (at.mean(), values.mean(), room.mean()) for name, values in read.items()}
+    return "\n".join(rows).replace("np.float64(", "").replace(")", "") + "\n", means
+
+
+def test_the_mean_of_the_samples_is_the_reading(tmp_path):
+    text, means = logged(np.random.default_rng(4))
+    line = stage_line(campaign(tmp_path, text, averaged=True)).call("ingest")
+    found = {(row["step"], row["channel"]): row for row in line.tables["readings"].to_pylist()}
+    assert found.keys() == means.keys()
+    for key, (time, reading, room) in means.items():
+        assert_close(found[key]["time_s"], time, atol=1e-9)
+        assert_close([found[key]["reading"], found[key]["room"]], [reading, room], atol=1e-9)
+
+
+def test_without_being_meant_they_are_a_fault(tmp_path):
+    text, _ = logged(np.random.default_rng(4))
+    with pytest.raises(CampaignFaults, match="every run, step, channel once"):
+        stage_line(campaign(tmp_path, text, averaged=False)).call("ingest")
+
+
+def test_a_sample_that_is_missing_is_no_sample(tmp_path):
+    text = "1,0,0,fz,0,dz,1.0,20\n1,0,1,fz,0,dz,x,20\n1,0,2,fz,0,dz,3.0,20\n1,1,9,fz,5,dz,x,20\n1,2,12,fz,0,dz,4.0,20\n"
+    line = stage_line(campaign(tmp_path, text, averaged=True)).call("ingest")
+    assert [(row["step"], row["reading"]) for row in line.tables["readings"].to_pylist()] == [(0, 2.0), (2, 4.0)]
