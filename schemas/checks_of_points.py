@@ -109,7 +109,8 @@ OF_POINTS: Checks = {
         "Does the reference body walk in the frame of the measurement?",
         "A tripod or foundation that gives way moves everything, where that frame is one for the campaign.",
         Rule(warns="beyond 3 sigma and beyond chance"),
-        "See poses in the frame of the base (`[bodies] reference`); fix the instrument's stand before going on.",
+        "See poses in the frame of the base (`[bodies] reference`); fix the instrument's stand before going on. "
+        "Not evaluated: no body is the reference.",
     ),
     "overruled": QualityCheck(
         "What does each [[exclude]] and [[keep]] name, and how many points is that?",

@@ -211,7 +211,9 @@ def _figure(table: pa.Table, diagnosis: Diagnosis, channels: Channels | None) ->
     if not found:
         return f"nothing found: {left}"
     before = shown.rms(diagnosis.plain.error) or 0.0
-    return f"found {', '.join(row['cause'] for row in found)}: {before:.2f} -> {left}"
+    # What is found of the noise has no name of its own among the causes.
+    names = ["noise not as declared" if '"noise_ratio"' in row["parameters"] else row["cause"] for row in found]
+    return f"found {', '.join(dict.fromkeys(names))}: {before:.2f} -> {left}"
 
 
 def _not_evaluated(why: str) -> Outcome:

@@ -67,7 +67,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.quality.of_surveys import later_surveys
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
-    bodies = _reference_first(body_views(tables, around), settings)
+    bodies, reference = _reference_first(body_views(tables, around), settings)
     attachments = _attachments(settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     observations, resurveys, settled = (
@@ -77,7 +77,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     )
     likely = likely_names(observations, bodies, around, settled)
     found = chain(
-        all_checks(bodies, around, attachments, settings, limits, tables),
+        all_checks(bodies, reference, around, attachments, settings, limits, tables),
         names_known(observations, bodies, likely, settled),
         later_surveys(resurveys, settings.exclude, limits),
         overruled_points(observations, settings),
@@ -140,10 +140,12 @@ def _attachments(settings: Campaign) -> NDArray[np.float64]:
     return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
 
 
-def _reference_first(bodies: list[BodyView], settings: Campaign) -> list[BodyView]:
+def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[BodyView], BodyView | None]:
+    """The bodies, the one that the others are seen from first, and that one where the campaign has it."""
     legged = settings.mechanism.is_legged
     reference = settings.bodies.reference or ("base" if legged else None)
-    return sorted(bodies, key=lambda body: body.name != reference)
+    ordered = sorted(bodies, key=lambda body: body.name != reference)
+    return ordered, ordered[0] if ordered and ordered[0].name == reference else None
 
 
 def _acceptance(check: Check, accept: tuple[Acceptance, ...]) -> str | None:

@@ -40,6 +40,7 @@ _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing
 
 def all_checks(
     bodies: Sequence[BodyView],
+    reference: BodyView | None,
     around: Surroundings,
     attachments: NDArray[np.float64],
     settings: Campaign,
@@ -59,7 +60,7 @@ def all_checks(
         yield from moved_targets(body, around, 10.0 * share / len(bodies))
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
-    yield from base_drift(bodies[0], 10.0 * share)
+    yield from base_drift(reference, 10.0 * share)
     yield from repeatability(bodies, around, *_repeats(tables.get("configurations"), around, settings), share)
     yield time_gaps(around, limits)
     yield temperature_span(around, limits)

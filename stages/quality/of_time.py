@@ -12,9 +12,12 @@ from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import find_drift
 
 
-def base_drift(body: BodyView, share: float) -> Iterator[Check]:
+def base_drift(body: BodyView | None, share: float) -> Iterator[Check]:
     """A reference body that walks in the frame of the measurement; without meaning where that frame changes by
-    pose."""
+    pose, and not evaluated where no body is known to be one."""
+    if body is None:
+        yield without("drift of the base", "base-drift", "", "[bodies] reference names no body that stands still")
+        return
     drift = find_drift(body.points.points, body.good)
     size = float(drift.span.max(initial=0.0)) * 1e3
     sigma = float(np.median(body.sigma)) * 1e3

@@ -135,3 +135,5 @@ def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: Cause
         assert isinstance(candidate.needs(6), tuple)
         assert candidate.says
         assert candidate.confirm
+        assert "another value of time" not in candidate.confirm
+        assert "value of the order" not in candidate.confirm

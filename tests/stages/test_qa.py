@@ -127,6 +127,23 @@ def test_a_base_that_stands_still_in_a_fixed_frame_is_not_said_to_drift(tmp_path
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "pass"
 
 
+def test_a_body_that_nobody_said_to_stand_still_does_not_drift(tmp_path):
+    rng = np.random.default_rng(0)
+    shape = rng.uniform(-100.0, 100.0, (5, 3))
+    lines = [
+        f"{pose},mirror,T{k},{','.join(f'{x:.4f}' for x in shape[k] + 50.0 * pose + 0.003 * rng.standard_normal(3))}"
+        for pose in range(12)
+        for k in range(5)
+    ]
+    (tmp_path / "points.csv").write_text("\n".join(["pose,body,target,x_mm,y_mm,z_mm", *lines]) + "\n")
+    plain = '[campaign]\nname = "m"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.003\n'
+    for more, verdict in (("", "not evaluated"), ('[bodies]\nreference = "mirror"\n', "warn")):
+        (tmp_path / "campaign.toml").write_text(plain + more)
+        drift = run_line(tmp_path, "ingest", "qa")[0]["qa"].to_pandas().set_index("check").loc["base-drift"]
+        assert drift["verdict"] == verdict
+    assert drift["value"] == pytest.approx(np.sqrt(3.0) * 50.0 * 11, rel=0.5)
+
+
 def test_a_base_that_walks_in_a_fixed_frame_is_told_with_its_size(tmp_path):
     folder = _folder(tmp_path, FIXED)
     head, *lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()

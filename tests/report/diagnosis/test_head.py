@@ -146,6 +146,11 @@ def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
     lines = build_head("c", diagnosis_tables(rows(gain, rival, *rejected()))).verdicts
     assert lines[1][0] == "warn"
     assert lines[1][1].startswith("It could as well be that the platform deforms at leg 3")
+    own = row(
+        "own", "indistinguishable", parameters={"k": size(0.2)}, explanation="It may be that a body bends: k = 0.2"
+    )
+    said = build_head("c", diagnosis_tables(rows(gain, own, *rejected()))).verdicts[1][1]
+    assert said.startswith("It could as well be that a body bends: k")
     part = part_of("evidence", diagnosis_tables(rows(gain, rival, *rejected())))
     assert "1 candidate within a factor 20 of what was found" in part.lead
     names = {trace.name: trace for trace in part.figures[0][0].data}

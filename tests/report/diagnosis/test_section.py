@@ -89,6 +89,30 @@ def test_without_held_out_poses_nothing_is_called_predicted():
     assert [trace.name for trace in part.figures[0][0].data] == ["calibration poses"]
 
 
+def test_errors_far_below_what_noise_should_leave_are_not_called_at_its_floor():
+    found = row("actuator-gain", parameters=GAIN_3, noise_floor=19.0)
+    part = part_of("gain", diagnosis_tables(rows(found)))
+    assert part.state == "pass"
+    assert "at the noise floor" not in part.lead
+    assert "noise as large as told would leave 19" in part.lead
+
+
+def test_what_was_found_is_not_called_impossible_to_show():
+    found = row("thermal-expansion", parameters={"alpha": size(1e-5, 1e-6, "1/K")})
+    part = part_of("hidden", diagnosis_tables(rows(found, *rejected())))
+    assert "cannot show" not in part.lead
+    assert "only beyond plausible sizes" in text_of(part)
+    assert "cannot show thermal expansion" in part_of("hidden", diagnosis_tables()).lead
+
+
+def test_of_a_coordinate_per_target_the_first_are_named():
+    table = made.detectable()
+    table.loc[table["cause"] == "thermal-expansion", "parameter"] = " ".join(f"CODE{k}_x" for k in range(300))
+    part = part_of("hidden", diagnosis_tables() | {"detectable": table})
+    (named,) = [row[2] for row in part.listings[1].rows if row[0] == "thermal expansion"]
+    assert named == "CODE0_x CODE1_x CODE2_x CODE3_x CODE4_x CODE5_x and 294 more"
+
+
 def test_nothing_found_tells_how_far_the_simulation_misses_as_it_is():
     part = part_of("gain", diagnosis_tables(rows(*rejected())))
     assert "instead of" not in part.lead

@@ -127,7 +127,8 @@ def _sentence(tables: Tables) -> str:
         words.append(f"The matrix model {verb} its parameters over the linear one (p {_equals(p)}).")
     elif ("linear", "p_value_over_none") in facts:
         p = float(facts.xs(("linear", "p_value_over_none")).min())
-        words.append(f"The linear model {'explains' if p < 0.01 else 'does not explain'} the shifts (p {_equals(p)}).")
+        earns = "earns" if p < 0.01 else "does not earn"
+        words.append(f"The linear model {earns} its parameters over none (p {_equals(p)}).")
     if ("matrix", "rank") in facts:
         words.append(f"K has {int(facts[('matrix', 'rank')])} independent shapes above noise.")
     if ("none", "share_buckle") in facts:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Drawn = list[tuple[object, str]]
 _NOT_FITTED = "which nothing was fitted to"
 _ERROR = "position_error_um"
+# Errors so many times below what noise should leave are called neither at its floor nor better than it.
+_FAR_BELOW = 1.5
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,9 @@ def _of_role(one: _Missed) -> str:
         return f"{said}."
     share = share_removed(one.before, one.after, one.floor) if one.modelled else None
     gone = f", so {_per_cent(share)} of what is not noise is gone" if share is not None and share > 0.0 else ""
+    if one.after * _FAR_BELOW < one.floor:
+        less = "what has a large sigma errs less than that"
+        return f"{said}; noise as large as told would leave {rough(one.floor)}: {less}."
     verdict = "at" if one.after <= AT_THE_FLOOR * one.floor else f"{rough(one.after / one.floor)} times"
     return f"{said}; that is {verdict} the noise floor of {rough(one.floor)} {one.unit}{gone}."
 

@@ -182,7 +182,7 @@ def _of_sensor(said: Callable[[Judged], str], row: Judged, tables: Tables) -> st
 
 def _in_own_words(row: Judged, tables: Tables) -> str:
     """The first clause of the explanation, and how large it is: its parameters, or where these are many, its reach."""
-    said = row.explanation.partition(": ")[0].removeprefix("The data show that ").rstrip(".")
+    said = re.sub("^(The data show|It may be) that ", "", row.explanation.partition(": ")[0]).rstrip(".")
     if len(row.sizes) > _TOLD and moves(row):
         return f"{said or row.name}{moves(row)}"
     sizes = ", ".join(f"{size.name} {told(size)}" for size in row.sizes[:_TOLD])

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _TITLE = "What could have stayed hidden"
 _COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"
 _NEVER, _HELD = "not at any plausible size", "part of what was found"
+_BEYOND = "only beyond plausible sizes"
+_NAMED = 6
 
 
 def hidden(rows: list[Judged], tables: Tables) -> Section:
@@ -30,6 +32,8 @@ def hidden(rows: list[Judged], tables: Tables) -> Section:
     table = table.assign(subject=table["subject"].map(cell), told=_told(table))
     held = {row.cause for row in rows if CONTAINED in row.explanation}
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
+    found = {row.cause for row in rows if row.verdict == "found"}
+    table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
     return Section("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
 
 
@@ -97,11 +101,18 @@ def _from_to(own: pd.DataFrame) -> tuple[str, str]:
 
 def _all(table: pd.DataFrame) -> Listing:
     rows = tuple(
-        (cause_words(r.cause), subject_words(r.subject), r.parameter, r.told, f"{100 * r.power:.0f} %")
+        (cause_words(r.cause), subject_words(r.subject), _few(str(r.parameter)), r.told, f"{100 * r.power:.0f} %")
         for r in table.itertuples()
     )
     heads = ("cause", "subject", "parameter", "found from", "with probability")
     return Listing(heads, rows, (), "Every cause and subject", True, "detectable.parquet")
+
+
+def _few(parameters: str) -> str:
+    """The parameters of a cause by name, the first of them where a body has as many as its targets have coordinates."""
+    names = parameters.split()
+    more = f" and {len(names) - _NAMED} more" if len(names) > 2 * _NAMED else ""
+    return f"{' '.join(names[:_NAMED])}{more}" if more else parameters
 
 
 def _in_words(rows: list[Judged]) -> Listing:

@@ -120,6 +120,8 @@ class Unexplained(Cause):
     @property
     def confirm(self) -> str:
         """Return what to measure next."""
+        if self.columns in ((ORDER,), (TIME,)):
+            return "Repeat some poses in another order: does it go with the time, or with the pose?"
         return f"Repeat some poses with another value of {self.following.in_words}, everything else unchanged."
 
     @property

@@ -101,6 +101,8 @@ class UnexplainedReadings(ReadingCause):
     @property
     def confirm(self) -> str:
         """Return what to measure next."""
+        if set(self.columns) <= {TIME, ORDER, IN_RUN}:
+            return "Repeat some load steps in another order: does it go with the time, or with the load?"
         return f"Repeat some load steps with another value of {self._followed}, everything else unchanged."
 
     @property
