@@ -69,6 +69,23 @@ Scheduler = Annotated[
 ]
 
 
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from truing import __version__
+
+        typer.echo(f"truing {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def truing(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and end.")
+    ] = False,
+) -> None:
+    """Diagnose where a mechanism and its simulation part ways, from measured points and readings."""
+
+
 @app.command()
 def run(
     campaigns: Campaigns,

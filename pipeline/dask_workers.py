@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
@@ -98,13 +99,23 @@ def _client(workforce: Workforce) -> Iterator[Client]:
 
 @contextmanager
 def _local_cluster(workers: int | None) -> Iterator[str]:
+    import dask
     from distributed import LocalCluster
 
-    cluster = LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
-    )
-    try:
-        yield cluster.scheduler_address
-    finally:
-        with suppress(Exception):  # it stumbles over a worker that vanished a moment ago and is being replaced
-            cluster.close()
+    with ExitStack() as stack:
+        # Dask's scratch folder would stay behind where everybody's temporary files are.
+        scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="truing-", ignore_cleanup_errors=True))
+        stack.enter_context(dask.config.set({"temporary-directory": scratch}))
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
+            local_directory=scratch,
+        )
+        try:
+            yield cluster.scheduler_address
+        finally:
+            with suppress(Exception):  # it stumbles over a worker that vanished a moment ago and is being replaced
+                cluster.close()

@@ -1,14 +1,47 @@
-"""What the rooms need beside Python files goes into the wheel."""
+"""The wheel and the source archive hold what they must and no more, and the wheel works without the checkout."""
 
 from __future__ import annotations
 
+import email
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
 import tomllib
+import zipfile
 from fnmatch import fnmatch
+from pathlib import Path
 
+import pytest
+
+import truing
 from tests.packaging.source_tree import PROJECT, ROOMS, modules
 
 SETUPTOOLS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
 PATTERNS = SETUPTOOLS["package-data"]["*"]
+_BUILD = "import sys; from setuptools import build_meta as b; to = sys.argv[1]; b.build_wheel(to); b.build_sdist(to)"
+_WHEEL = f"truing-{truing.__version__}-py3-none-any.whl"
+_CALL = "import truing; assert 'installed' in truing.__file__; from pipeline.command_line import main; main()"
+
+
+def _kept(room: Path) -> list[Path]:
+    return [path for path in room.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel and the source archive, made from a copy of what they are made of."""
+    place = tmp_path_factory.mktemp("built")
+    for room in ROOMS:
+        shutil.copytree(PROJECT / room, place / "source" / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in PROJECT.iterdir():
+        if file.suffix in (".md", ".toml", ".cff", ".in") or file.name == "LICENSE":
+            shutil.copy(file, place / "source")
+    words = [sys.executable, "-c", _BUILD, str(place)]
+    done = subprocess.run(words, cwd=place / "source", capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return place
 
 
 def test_every_folder_of_a_room_is_a_package() -> None:
@@ -17,7 +50,58 @@ def test_every_folder_of_a_room_is_a_package() -> None:
 
 
 def test_every_data_file_is_named_by_a_pattern() -> None:
-    files = {path for room in ROOMS for path in (PROJECT / room).rglob("*") if path.is_file()}
-    data = [path for path in files if path.suffix != ".py" and "__pycache__" not in path.parts]
+    data = [path for room in ROOMS for path in _kept(PROJECT / room) if path.suffix != ".py"]
     assert data
     assert [path for path in data if not any(fnmatch(path.name, pattern) for pattern in PATTERNS)] == []
+
+
+def test_the_wheel_holds_the_rooms_and_nothing_else(built: Path) -> None:
+    with zipfile.ZipFile(built / _WHEEL) as wheel:
+        names = wheel.namelist()
+    rooms = {path.relative_to(PROJECT).as_posix() for room in ROOMS for path in _kept(PROJECT / room)}
+    about = {name for name in names if name.startswith(f"truing-{truing.__version__}.dist-info/")}
+    assert set(names) - about == rooms
+    assert "truing/py.typed" in names
+    assert any(name.endswith("licenses/LICENSE") for name in about)
+
+
+def test_the_wheel_tells_what_the_project_tells(built: Path) -> None:
+    with zipfile.ZipFile(built / _WHEEL) as wheel:
+        told = email.message_from_bytes(wheel.read(f"truing-{truing.__version__}.dist-info/METADATA"))
+        commands = wheel.read(f"truing-{truing.__version__}.dist-info/entry_points.txt").decode()
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert (told["Name"], told["Version"]) == ("truing", truing.__version__)
+    assert (told["License-Expression"], told["Requires-Python"]) == (project["license"], project["requires-python"])
+    assert f"\nlicense: {project['license']}\n" in (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
+    assert told.get_payload() == (PROJECT / "README.md").read_text(encoding="utf-8")
+    assert "truing = pipeline.command_line:main" in commands
+
+
+def test_the_source_archive_builds_and_tells_of_its_changes(built: Path) -> None:
+    with tarfile.open(built / f"truing-{truing.__version__}.tar.gz") as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert {"pyproject.toml", "LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "truing/py.typed"} <= names
+    assert not {name.split("/")[0] for name in names} & {"tests", "benchmarks", "docs"}
+
+
+def test_the_wheel_runs_without_the_checkout(built: Path) -> None:
+    """Unpacked where nothing else is; the libraries are those of this environment."""
+    with zipfile.ZipFile(built / _WHEEL) as wheel:
+        wheel.extractall(built / "installed")
+    shutil.copytree(PROJECT / "sample_data" / "telescope", built / "away" / "telescope")
+    environment = {**os.environ, "PYTHONPATH": str(built / "installed"), "PYTHONWARNINGS": "error"}
+    for words, said in (
+        (["--version"], f"truing {truing.__version__}\n"),
+        (["run", "telescope", "--only", "ingest", "--quiet"], ""),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", _CALL, *words],
+            cwd=built / "away",
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.startswith(said)
+    assert (built / "away" / "runs" / "telescope" / "observations.parquet").is_file()

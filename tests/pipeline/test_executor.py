@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -58,9 +59,14 @@ def test_an_exception_of_the_work_ends_everything(workforce: Workforce) -> None:
         list(results(work.fail_at_two, range(4), workforce, lost))
 
 
-def test_a_local_cluster_is_started_for_the_call_and_works_elsewhere() -> None:
+def test_a_local_cluster_is_started_for_the_call_works_elsewhere_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     places = set(results(work.where, range(4), Workforce(2, LOCAL), lost))
     assert os.getpid() not in places
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("place", ["processes", "dask"])

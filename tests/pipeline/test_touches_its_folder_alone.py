@@ -1,13 +1,18 @@
-"""A whole run writes into its folder and the system's place for temporary files, and nowhere else."""
+"""A run writes into its folder and the system's place for temporary files, every command where it says; nothing else.
+
+What is compiled (by Python and by numba) is kept beside its source, and is no result of a run.
+"""
 
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
@@ -39,24 +44,91 @@ class _Watch:
         self.touched.update(Path(os.path.abspath(os.fsdecode(path))) for path in paths)
 
 
-def test_every_path_that_is_written_lies_in_the_run_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign = cut_telescope(tmp_path / "campaign")
-    table = campaign / "configurations.csv"
-    table.write_text(table.read_text().replace("calibration", "verification"))  # all stages, and little to search for
-    for name in ("here", "temporary"):
+def _foreign(watch: _Watch, *allowed: Path) -> list[Path]:
+    """What was touched that lies in no allowed place."""
+    foreign = [path for path in watch.touched if not any(map(path.is_relative_to, allowed))]
+    return [path for path in foreign if "__pycache__" not in path.parts and path != Path(os.devnull)]
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with ``here``, where a person stands, ``temporary`` and ``home``, all empty."""
+    for name in ("here", "temporary", "home"):
         (tmp_path / name).mkdir()
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    return tmp_path
+
+
+def _called(*words: object) -> _Watch:
     watch = _Watch()
     try:
-        done = CliRunner().invoke(app, ["run", str(campaign), "--out", str(tmp_path / "run"), "--quiet"])
+        done = CliRunner().invoke(app, [str(word) for word in words])
     finally:
         watch.is_on = False
     assert done.exit_code in (0, 3), done.output
-    assert tmp_path / "run" / "report.html" in watch.touched  # the watch works
-    allowed = (tmp_path / "run", tmp_path / "temporary")
-    # what is compiled (by Python and by numba) is kept beside its source, and is no result of a run
-    foreign = [path for path in watch.touched if not any(map(path.is_relative_to, allowed))]
-    assert [path for path in foreign if "__pycache__" not in path.parts and path != Path(os.devnull)] == []
-    assert {path.name for path in tmp_path.iterdir()} == {"campaign", "here", "temporary", "run"}
-    assert not [*(tmp_path / "here").iterdir(), *(tmp_path / "temporary").iterdir()]
+    return watch
+
+
+def _left(places: Path) -> set[str]:
+    """What lies there besides three folders that nothing was left in."""
+    for name in ("here", "temporary", "home"):
+        assert list((places / name).iterdir()) == []
+    return {path.name for path in places.iterdir()} - {"here", "temporary", "home"}
+
+
+def test_every_path_that_is_written_lies_in_the_run_folder(places: Path) -> None:
+    campaign = cut_telescope(places / "campaign")
+    table = campaign / "configurations.csv"
+    table.write_text(table.read_text().replace("calibration", "verification"))  # all stages, and little to search for
+    watch = _called("run", campaign, "--out", places / "run", "--quiet")
+    assert places / "run" / "report.html" in watch.touched  # the watch works
+    assert _foreign(watch, places / "run", places / "temporary") == []
+    assert _left(places) == {"campaign", "run"}
+
+
+def _of_other_points(run: Path, copy: Path) -> Path:
+    """A copy of a run's tables that says that other points were measured."""
+    shutil.copytree(run, copy, ignore=shutil.ignore_patterns(".truing", "exports", "report.html"))
+    table = pq.read_table(copy / "observations.parquet")
+    metadata = {**table.schema.metadata, b"truing.digest": b"0" * 64}
+    pq.write_table(table.replace_schema_metadata(metadata), copy / "observations.parquet")
+    return copy
+
+
+def test_every_other_command_writes_where_it_says(places: Path, workplace: Path) -> None:
+    run = Path(shutil.copytree(workplace / "runs" / "telescope", places / "run"))
+    campaign = Path(shutil.copytree(workplace / "sample_data" / "telescope", places / "campaign"))
+    other, raw = _of_other_points(run, places / "other"), places / "raw"
+    raw.mkdir()
+    (raw / "points.csv").write_bytes((campaign / "points.csv").read_bytes())
+    readings = campaign / "configurations.csv"
+    calls: tuple[tuple[tuple[object, ...], str | None], ...] = (
+        (("check", campaign), None),
+        (("stages", campaign, "--out", run), None),
+        (("init", raw), "raw/campaign.toml"),
+        (("export", run, "--to", "csv,controller"), "run/exports"),
+        (("compare", run, other), "comparison"),
+        (("predict", run / "model.toml", readings, "--out", places / "poses.parquet"), "poses.parquet"),
+    )
+    for words, place in calls:
+        watch = _called(*words)
+        parts = () if place is None else (places / place, (places / place).with_name(f".{Path(place).name}.part"))
+        assert _foreign(watch, places / "temporary", *parts) == [], words
+        assert place is None or (places / place).exists()
+    assert _left(places) == {"campaign", "run", "other", "raw", "comparison", "poses.parquet"}
+    assert not list(places.rglob("*.part"))
+
+
+def test_compiled_code_is_kept_beside_its_source_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not in the home of whoever runs what an administrator has installed."""
+    from truing.estimation.lane_arithmetic import compiled
+
+    def same(value: float) -> float:
+        return value
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    assert compiled(__file__)(same)._cache.cache_path is not None  # type: ignore[attr-defined]
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert compiled(__file__)(same)._cache.cache_path is None  # type: ignore[attr-defined]

@@ -7,6 +7,7 @@ becomes vector instructions. 3x3 matrices are tuples of rows. Importing this mod
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ inner = njit(**_MODE, **_BARE)  # for what compiled code alone calls
 
 
 def compiled(*made_of: str) -> Callable[[Callable], Callable]:
-    """Return a decorator that compiles at the first call, and keeps the code on disk where there is a place for it.
+    """Return a decorator that compiles at the first call, and keeps the code beside its source where that may be.
 
     made_of: the source files it comes from. numba notices changes of the function's own file only, so a digest of all
     of them goes into the function's name, and with it into that of the file that keeps it.
@@ -35,12 +36,20 @@ def compiled(*made_of: str) -> Callable[[Callable], Callable]:
 
     def decorate(function: Callable) -> Callable:
         function.__qualname__ += "_" + digest
+        if not _may_keep(Path(made_of[0]).parent):
+            return njit(**_MODE)(function)
         try:
             return njit(**_MODE, cache=True)(function)
-        except RuntimeError:  # neither the package's folder nor the user's cache can be written
+        except RuntimeError:  # numba found no place after all
             return njit(**_MODE)(function)
 
     return decorate
+
+
+def _may_keep(folder: Path) -> bool:
+    """Whether there is a place beside the source, or one that the user has named; numba would turn to his home else."""
+    beside = folder / "__pycache__"
+    return "NUMBA_CACHE_DIR" in os.environ or os.access(beside if beside.is_dir() else folder, os.W_OK)
 
 
 @inner
