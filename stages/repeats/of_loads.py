@@ -88,8 +88,9 @@ def _of_diagnosis(
     }
     keys = zip(errors.column("run").to_pylist(), errors.column("step").to_pylist(), strict=True)
     row = np.array([place.get(key, -1) for key in keys])
-    channel = np.array([CHANNELS.index(name) for name in errors.column("channel").to_pylist()])
-    own = (row >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")
+    place_of = {name: n for n, name in enumerate(CHANNELS)}  # signals are told by the linear model above
+    channel = np.array([place_of.get(name, -1) for name in errors.column("channel").to_pylist()])
+    own = (row >= 0) & (channel >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")
     for model, column, spent in (
         ("simulation", "missed_before", 0.0),
         ("extended model", "missed_after", _numbers_found(tables.get("diagnosis"))),
@@ -97,7 +98,7 @@ def _of_diagnosis(
         left = np.full_like(steps.reading, np.nan)
         left[row[own], channel[own]] = number_column(errors, column)[own]
         whole = _from_own_zero(left, steps.run, len(steps.runs))
-        freedom = whole.freedom - spent / max(len(set(channel.tolist())), 1)
+        freedom = whole.freedom - spent / max(len(set(errors.column("channel").to_pylist())), 1)
         kind.add_fit(fits, model, lack_of_fit(Squares(whole.square, freedom), within_runs(left, groups)))
 
 
