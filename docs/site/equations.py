@@ -10,6 +10,7 @@ import ziamath
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
+from sphinx.writers.html5 import HTML5Translator
 
 _SIZE = 16.0  # of what is drawn, in units that CSS then counts as em
 # A matrix that carries an index or a mark has to stand in braces for the library.
@@ -50,15 +51,16 @@ def _prepared(latex: str) -> str:
     return _SUMMED.sub(r"\\\1\\limits", latex) if r"\left" in latex else latex
 
 
-def _write(self, node: nodes.math | nodes.math_block) -> None:
+def _write(page: HTML5Translator, node: nodes.math | nodes.math_block) -> None:
+    """Put an equation into a page; what cannot be drawn is a fault of the page."""
     block = isinstance(node, nodes.math_block)
     latex = node.astext()
     try:
         picture = drawn(latex, not block)
-    except Exception as fault:  # whatever the library stumbles over is a fault of the page
+    except Exception as fault:  # whatever the library stumbles over
         _log.warning("equation %r: %r", latex, fault, location=node)
         picture = html.escape(latex)
-    self.body.append(f'<div class="equation">{picture}</div>' if block else f'<span class="equation">{picture}</span>')
+    page.body.append(f'<div class="equation">{picture}</div>' if block else f'<span class="equation">{picture}</span>')
     raise nodes.SkipNode
 
 
