@@ -285,21 +285,26 @@ def power(
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, as runs/telescope.")],
     to: Annotated[
-        str, typer.Option("--to", metavar="FORMS", help="Of csv, xlsx, json, controller, by commas; default: all.")
+        str,
+        typer.Option("--to", metavar="FORMS", help="Of csv, xlsx, json, controller (default: these), dcc; by commas."),
     ] = "",
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where to; default: RUN/exports.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option("--campaign", metavar="CAMPAIGN", help="For dcc: the folder with campaign.toml.")
+    ] = None,
 ) -> None:
     """Write a run's results in the forms that others read.
 
     csv: every table. xlsx: every table as a sheet of one workbook. json: a summary for a database. controller: the
-    extended model's numbers with their sigmas, as TOML and as a plain table.
+    extended model's numbers with their sigmas, as TOML and as a plain table. dcc: a digital calibration certificate
+    of the results that qualify, with what [certificate] of campaign.toml tells.
 
     Example: truing export runs/telescope --to xlsx,controller
     """
     from pipeline.export_command import export_run
 
     forms = tuple(form.strip() for form in to.split(",") if form.strip())
-    _end(lambda: export_run(run, forms, out))
+    _end(lambda: export_run(run, forms, out, campaign))
 
 
 @app.command()

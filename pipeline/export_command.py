@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.certificate_export import NoCertificate, certificate_files
 from pipeline.problems import ExitCode, environment
 from pipeline.recorded import broken_run, opened_run
 from pipeline.voice import Voice
@@ -16,31 +17,43 @@ if TYPE_CHECKING:
     from truing.runs.recorded_run import Run
 
 FORMS = ("csv", "xlsx", "json", "controller")
+CERTIFICATE = "dcc"  # by itself alone: it needs more than a run
 FOLDER = "exports"
 
 
-def export_run(folder: Path, forms: tuple[str, ...], out: Path | None) -> ExitCode:
-    """Write the forms into a folder, one file after the other, each whole; raises CampaignFaults."""
-    unknown = [form for form in forms if form not in FORMS]
+def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign: Path | None = None) -> ExitCode:
+    """Write the forms into a folder, one file after the other, each whole; raises CampaignFaults.
+
+    A certificate takes what no measurement tells from the campaign's folder, and is refused where a check failed.
+    """
+    known = (*FORMS, CERTIFICATE)
+    unknown = [form for form in forms if form not in known]
     if unknown:
-        raise CampaignFaults(Fault("--to", f"one of {', '.join(FORMS)}", value=form) for form in unknown)
+        raise CampaignFaults(Fault("--to", f"one of {', '.join(known)}", value=form) for form in unknown)
     run, place = opened_run(folder), out or folder / FOLDER
     with environment(f"the folder {place} cannot be made"):
         place.mkdir(parents=True, exist_ok=True)
     voice = Voice(quiet=False)
     for form in forms or FORMS:
-        written = [_write(place, name, content) for name, content in _files(form, run)]
+        try:
+            written = [_write(place, name, content) for name, content in _files(form, run, campaign)]
+        except NoCertificate as why:
+            voice.warn(str(why))
+            return ExitCode.FAILED_CHECK
         voice.say(f"{form}: {_said(place, written)}")
     return ExitCode.DONE
 
 
-def _files(form: str, run: Run) -> Iterable[tuple[str, bytes]]:
+def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, bytes]]:
     from truing.runs.exports.controller import controller
     from truing.runs.exports.summary import summary
     from truing.runs.exports.text_tables import text_tables
     from truing.runs.exports.workbook import workbook
 
-    makers = {"csv": text_tables, "xlsx": workbook, "json": summary, "controller": controller}
+    def of_campaign(run: Run) -> Iterable[tuple[str, bytes]]:
+        return certificate_files(run, campaign)
+
+    makers = {CERTIFICATE: of_campaign, "csv": text_tables, "xlsx": workbook, "json": summary, "controller": controller}
     try:
         yield from makers[form](run)
     except ValueError as broken:  # a file of the run is not what its schema says

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
+from schemas.certificate import Certificate
 from schemas.faults import CampaignFaults, Fault
 from schemas.interferometer import Interferometer
 from schemas.mapping import FileMapping
@@ -72,6 +73,7 @@ class Campaign(Section):
     accept: tuple[Acceptance, ...] = ()
     renamed: tuple[Renamed, ...] = ()
     resurvey: tuple[Resurvey, ...] = ()
+    certificate: Certificate = Certificate()
     files: dict[str, Annotated[tuple[FileMapping, ...], BeforeValidator(_listed)]] = Field(default_factory=dict)
 
     @model_validator(mode="after")

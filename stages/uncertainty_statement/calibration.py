@@ -13,9 +13,10 @@ from stages.calibration.data import Gathered, gather
 from stages.calibration.fits import answer
 from stages.calibration.question import Question, cases, is_deformation, question, survey_rows, with_targets
 from stages.calibration.run import screened_poses
+from stages.uncertainty_statement.found_causes import DEFORMATION, found_causes
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
-from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate
 from truing.simulation.parameters import SHARED, Parameter
 from truing.simulation.structures import structures
 
@@ -70,6 +71,9 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
     for i in np.flatnonzero(~np.array(told, bool)):
         statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)
     statement.omitted("calibration", "the choice of the model", "each budget holds for the model that was chosen")
+    for name, cause in found_causes(tables).items():
+        if not (cause.startswith(DEFORMATION) and key[1] != "none"):
+            statement.omitted("calibration", name, NOT_HELD)
 
 
 def _chosen(tables: Mapping[str, pa.Table]) -> tuple[str, str] | None:

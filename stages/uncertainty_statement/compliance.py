@@ -12,8 +12,9 @@ from stages.responses.load_deformation import Loaded, fitted_compliance, loaded_
 from stages.responses.tables import birge
 from stages.sensor.reading_arrays import CHANNELS, LOADS
 from stages.sensor.simulated_compliance import simulated_compliance
+from stages.uncertainty_statement.found_causes import found_causes
 from stages.uncertainty_statement.statement import Statement
-from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -115,9 +116,5 @@ def _omit(statement: Statement, tables: Mapping[str, pa.Table], settings: Campai
     if "reading_corrections" not in tables or not tables["reading_corrections"].num_rows:
         why = "readings came corrected, and [interferometer] declares nothing of what that leaves open"
         statement.omitted("compliance", "wavelength, air and material", why)
-    diagnosis = tables.get("diagnosis")
-    for row in diagnosis.to_pylist() if diagnosis is not None else ():
-        if row["verdict"] == "found":
-            name = f"{row['cause']} {row['subject'] or ''}".strip()
-            why = "the diagnosis found it; these entries are of the loads as written down, without it"
-            statement.omitted("compliance", name, why)
+    for name in found_causes(tables):
+        statement.omitted("compliance", name, NOT_HELD)

@@ -19,10 +19,11 @@ from stages.point_arrays import (
     survey_points,
     used_targets,
 )
+from stages.uncertainty_statement.found_causes import found_causes, of_instrument
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.covariance import relative, survey_frame_covariance
 from truing.estimation.rotation import left_jacobian_so3, log_so3
-from truing.estimation.uncertainty_budget import Budget, Source
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,6 +51,9 @@ def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: 
         _state(statement, tables, body, parents[body], poses)
     if bodies:
         statement.omitted("pose", "scale of the measurement", "no scale bar or certified length tells it from here")
+        for name, cause in found_causes(tables).items():
+            if of_instrument(cause):
+                statement.omitted("pose", name, NOT_HELD)
 
 
 def _state(

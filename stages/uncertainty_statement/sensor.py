@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from stages.sensor_calibration.contenders import by_cases, contenders
 from stages.sensor_calibration.recorded import Recorded, recorded
 from stages.sensor_calibration.run import ranges_of
+from stages.uncertainty_statement.found_causes import found_causes
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate, calibration_matrix, wrenches
 from truing.estimation.sensor.held_out_loads import covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable
-from truing.estimation.uncertainty_budget import Budget, Source, budget, linear_estimate
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, linear_estimate
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -77,6 +78,10 @@ def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings:
             statement.omitted(result, "applied loads", "[noise] declares neither load_n nor load_nm")
     if made.found.covariate_names == ():
         statement.omitted("G_B", "temperature of the sensor", "it was not recorded, or did not change")
+    for name in found_causes(tables):
+        if " signal " in f"{name} ":
+            for result in ("G_B", "load"):
+                statement.omitted(result, name, NOT_HELD)
     for cause in made.found.causes:
         statement.omitted("G_B", f"size of {cause}", "loads are taken as the diagnosis has them, its size as exact")
 

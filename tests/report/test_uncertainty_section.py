@@ -38,7 +38,7 @@ def test_the_sentence_is_that_of_the_guide() -> None:
     )
     few = statement(_tables((11.0, 11.0))["uncertainty"].iloc[:1])
     assert "k = 2.20, which for a t-distribution with ν_eff = 11 corresponds" in few
-    assert "k of its row, which for a t-distribution" in statement(_tables((11.0, None))["uncertainty"])
+    assert "k beside it, which for a t-distribution" in statement(_tables((11.0, None))["uncertainty"])
 
 
 def test_results_budgets_and_what_is_in_none_stand_side_by_side() -> None:

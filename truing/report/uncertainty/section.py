@@ -59,7 +59,7 @@ def statement(stated: pd.DataFrame) -> str:
     elif len(own) == 1:
         law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
-        law = "of its row, which for a t-distribution with the ν_eff of that row (∞: a normal distribution)"
+        law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
     return f"{said} {law} corresponds to a coverage probability of approximately 95 %."
 
 

@@ -1,0 +1,220 @@
+"""Certificates hold what was stated and told, never more; they are refused where they would promise too much."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import tomllib
+from collections import Counter
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import truing
+from pipeline import export_command
+from pipeline.certificate_export import certificate_files
+from pipeline.command_line import app
+from pipeline.problems import ExitCode
+from schemas.certificate import Certificate
+from schemas.faults import CampaignFaults
+from truing.estimation.uncertainty_budget import NOT_HELD
+from truing.runs.exports.certificate.document import certificate
+from truing.runs.exports.certificate.elements import one_line, one_word, rounded
+from truing.runs.exports.certificate.units import si_unit
+
+_NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+_TOML = (Path(__file__).parent / "certificate.toml").read_text()
+TOLD = Certificate.model_validate(tomllib.loads(_TOML)["certificate"])
+# Folder of PTB's dcc.xsd 3.3.0 with all that it imports where it says: docs/how-to/certificate.md.
+SCHEMA = "TRUING_DCC_SCHEMA"
+
+
+@pytest.fixture(scope="module")
+def run(workplace: Path) -> truing.Run:
+    return truing.load(workplace / "runs" / "telescope")
+
+
+@pytest.fixture
+def campaign(workplace: Path, tmp_path: Path) -> Path:
+    folder = shutil.copytree(workplace / "sample_data" / "telescope", tmp_path / "campaign")
+    file = folder / "campaign.toml"
+    file.write_text(f"{file.read_text()}\n{_TOML}")
+    return folder
+
+
+def _with(run: truing.Run, name: str, change: Any) -> truing.Run:
+    """The run with one of its tables changed."""
+    table = run.table(name)
+    changed = pa.Table.from_pandas(change(table.to_pandas()), schema=table.schema, preserve_index=False)
+    return replace(run, _read={**run._read, name: changed.replace_schema_metadata(table.schema.metadata)})
+
+
+def _read(run: truing.Run, told: Certificate = TOLD) -> ElementTree.Element:
+    ((name, content),) = certificate(run, told)
+    assert name == "certificate.xml"
+    return ElementTree.fromstring(content)
+
+
+def _call(*words: object) -> Any:
+    return CliRunner().invoke(app, ["export", *map(str, words)])
+
+
+def test_every_stated_result_stands_in_si_units_and_rounded(run: truing.Run) -> None:
+    tree, stated = _read(run), run["uncertainty"]
+    stated = stated[stated["stated"]]
+    values = [v for one in tree.iterfind(".//si:valueXMLList", _NAMES) for v in (one.text or "").split()]
+    single = tree.findall(".//dcc:measurementResult//si:real", _NAMES)
+    assert len(values) + len(single) == len(stated)
+    lists = tree.findall(".//si:realListXMLList", _NAMES)
+    px = stated[(stated["result"] == "pose") & (stated["quantity"] == "px")]
+    told = [float(v) for v in (lists[0].findtext("si:valueXMLList", "", _NAMES)).split()]
+    assert lists[0].findtext("si:unitXMLList", "", _NAMES) == r"\metre"
+    half = (lists[0].findtext(".//si:valueExpandedMUXMLList", "", _NAMES)).split()
+    assert told == pytest.approx((1e-3 * px["estimate"]).tolist(), abs=0.006 * 1e-3 * px["expanded_uncertainty"].max())
+    assert [float(u) for u in half] == pytest.approx((1e-3 * px["expanded_uncertainty"]).tolist(), rel=0.051)
+    assert all(len(u.partition("E")[0].replace(".", "").lstrip("0")) == 2 for u in half)
+    for factor in tree.iterfind(".//si:coverageFactorXMLList", _NAMES):
+        assert all(float(k) >= 1.0 for k in (factor.text or "").split())
+
+
+def test_what_was_told_stands_where_readers_look_for_it(run: truing.Run) -> None:
+    tree = _read(run)
+    core = tree.find("dcc:administrativeData/dcc:coreData", _NAMES)
+    assert core is not None
+    assert [child.tag.partition("}")[2] for child in core] == [
+        *("countryCodeISO3166_1", "usedLangCodeISO639_1", "mandatoryLangCodeISO639_1", "uniqueIdentifier"),
+        *("identifications", "receiptDate", "beginPerformanceDate", "endPerformanceDate", "performanceLocation"),
+    ]
+    assert core.findtext("dcc:endPerformanceDate", "", _NAMES) == "2026-11-05"
+    customer = tree.find("dcc:administrativeData/dcc:customer", _NAMES)
+    assert customer is not None
+    assert "".join(customer.itertext()).split() == ["Customer", "&", "Sons", "Oslo", "NO"]
+    signers = [one.text for one in tree.iterfind(".//dcc:mainSigner", _NAMES)]
+    assert signers == ["true", "false"]
+    interval = tree.find(".//dcc:influenceCondition//si:coverageIntervalMU", _NAMES)
+    assert interval is not None
+    recorded = run["configurations"]["temperature_c"]
+    assert [interval[k].text for k in (1, 2)] == [f"{recorded.min():.3f}", f"{recorded.max():.3f}"]
+
+
+def test_a_temperature_that_nobody_recorded_is_told_by_the_laboratory(run: truing.Run) -> None:
+    unknown = _with(run, "configurations", lambda rows: rows.assign(temperature_c=float("nan")))
+    interval = _read(unknown).find(".//dcc:influenceCondition//si:coverageIntervalMU", _NAMES)
+    assert interval is not None
+    assert [child.text for child in interval] == ["0.173", "19.800", "20.400", "1", "uniform"]
+
+
+def test_equal_runs_give_equal_certificates(run: truing.Run) -> None:
+    assert dict(certificate(run, TOLD)) == dict(certificate(run, TOLD))
+
+
+@pytest.mark.skipif(SCHEMA not in os.environ, reason=f"{SCHEMA} names no folder with dcc.xsd of PTB, version 3.3.0")
+def test_it_is_valid_by_the_schema_of_ptb(run: truing.Run) -> None:
+    etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
+    schema = etree.XMLSchema(etree.parse(str(Path(os.environ[SCHEMA]) / "dcc.xsd")))
+    hostile = TOLD.model_copy(update={"number": "a\x00\x0b ]]> <b>\t&amp;\ud800"})
+    for told in (TOLD, hostile):
+        ((_, content),) = certificate(run, told)
+        schema.assertValid(etree.fromstring(content))
+
+
+def test_the_command_writes_it_and_says_everything_that_is_missing_at_once(workplace: Path, campaign: Path) -> None:
+    place = workplace / "runs" / "telescope"
+    done = _call(place, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
+    assert done.exit_code == ExitCode.DONE, done.output
+    assert ElementTree.parse(campaign / "out" / "certificate.xml").getroot().get("schemaVersion") == "3.3.0"
+    file = campaign / "campaign.toml"
+    text = file.read_text().replace('number = "K', '# number = "K').replace('city = "Oslo"', "")
+    file.write_text(text.replace("end = 2026-11-05", "end = 2026-11-01"))
+    done = _call(place, "--to", "dcc", "--campaign", campaign, "--out", campaign / "none")
+    assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN
+    for key in ("certificate.number", "certificate.customer.city", "certificate.end"):
+        assert key in done.output
+    assert not list((campaign / "none").iterdir())
+    assert "--campaign: expected" in _call(place, "--to", "dcc").output
+
+
+def test_other_campaigns_and_failed_checks_are_refused(
+    run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = _with(run, "qa", lambda qa: qa.assign(verdict=["fail", *qa["verdict"][1:]]))
+    monkeypatch.setattr(export_command, "opened_run", lambda folder: failed)
+    done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
+    assert done.exit_code == ExitCode.FAILED_CHECK
+    assert str(run["qa"]["check"][0]) in done.output
+    none = _with(run, "uncertainty", lambda told: told.assign(stated=False))
+    with pytest.raises(CampaignFaults, match="results with an uncertainty"):
+        certificate_files(none, campaign)
+    file = campaign / "campaign.toml"
+    file.write_text(file.read_text().replace('name = "telescope"', 'name = "another"'))
+    with pytest.raises(CampaignFaults, match="the campaign telescope"):
+        certificate_files(run, campaign)
+
+
+def test_results_that_are_off_by_a_cause_they_do_not_hold_are_not_certified(run: truing.Run) -> None:
+    def off(parts: pd.DataFrame) -> pd.DataFrame:
+        row = {**dict.fromkeys(parts, None), "result": "pose", "quantity": "all", "evaluation": "not evaluated"}
+        return pd.concat([parts, pd.DataFrame([{**row, "input_source": "measurement-scale", "reason": NOT_HELD}])])
+
+    said = "".join(_read(_with(run, "uncertainty_budget", off)).itertext())
+    assert "Poses: measurement-scale" in said
+    assert "platform in base" not in said
+    assert "platform in base" in "".join(_read(run).itertext())
+
+
+@settings(max_examples=40)
+@given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
+def test_no_text_breaks_the_document_and_words_survive(name: str, label: str) -> None:
+    element = ElementTree.Element("a")
+    element.text = one_line(name)
+    again = ElementTree.fromstring(ElementTree.tostring(element, encoding="utf-8"))
+    assert (again.text or "") == one_line(name)
+    plain = "".join(c for c in name if c.isalnum() and c.isascii())
+    assert Counter(plain) <= Counter(element.text)
+    assert len(one_word(label).split()) == 1
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "written"),
+    [
+        ("mm", 1e-3, r"\metre"),
+        ("m/(N m)", 1.0, r"\metre\newton\tothe{-1}\metre\tothe{-1}"),
+        ("N m/mV", 1e3, r"\newton\metre\volt\tothe{-1}"),
+        ("um/h", 1e-6 / 3600.0, r"\metre\second\tothe{-1}"),
+        ("1/K", 1.0, r"\kelvin\tothe{-1}"),
+        ("um/mm2", 1.0, r"\metre\metre\tothe{-2}"),
+        ("arcsec", math.pi / 648000.0, r"\radian"),
+        ("1", 1.0, r"\one"),
+    ],
+)
+def test_units_are_those_of_the_si(unit: str, factor: float, written: str) -> None:
+    assert si_unit(unit) == (pytest.approx(factor), written)
+
+
+def test_a_unit_without_a_name_in_the_si_is_none() -> None:
+    assert si_unit("furlong/N") is None
+
+
+@settings(max_examples=50)
+@given(st.floats(-1e6, 1e6), st.floats(1e-12, 1e3))
+def test_estimate_and_uncertainty_end_at_the_same_place(value: float, uncertainty: float) -> None:
+    told, half = rounded(value, uncertainty)
+    assert abs(float(told) - value) <= 0.0501 * uncertainty + 1e-15 * abs(value)
+    assert float(half) == pytest.approx(uncertainty, rel=0.0501)
+
+
+def test_a_certificate_tells_what_it_needs() -> None:
+    assert not list(TOLD.missing(temperature_known=False))
+    assert len(list(Certificate().missing(temperature_known=True))) == 14
+    assert len(list(Certificate().missing(temperature_known=False))) == 16
+    assert TOLD.begin == date(2026, 11, 2)
