@@ -196,13 +196,19 @@ def test_numbers_of_every_kind_and_cells_that_would_be_formulas(opened, tmp_path
     page.close()
 
 
-def test_nothing_is_wider_than_a_phone(drawn):
+def test_nothing_is_wider_than_a_phone_and_figures_are_laid_out_for_it(drawn):
     drawn.resize(360, 740)
     assert drawn.value("document.documentElement.scrollWidth") == 360
+    plots = "[...document.querySelectorAll('.plot')]"
+    laid_out = "(plot) => plot.dataset.narrow === 'true' && plot._fullLayout.width === plot.clientWidth"
+    assert drawn.becomes(f"{plots}.every({laid_out})")
+    left = "({_fullLayout: whole}) => whole._subplots.xaxis.map((x) => whole[x.replace('x', 'xaxis')].domain[0])"
+    assert drawn.value(f"[...new Set({plots}.flatMap({left}))]") == [0]  # no panel stands beside another
     wide = "[...document.querySelectorAll('.scroll')].filter((a) => a.scrollWidth > a.clientWidth)"
     assert drawn.value(f"{wide}.length") > 0
     assert drawn.becomes(f"{wide}.every((area) => area.tabIndex === 0 && area.ariaLabel)")
     drawn.resize(1200, 900)
+    assert drawn.becomes(f"{plots}.every((plot) => plot.dataset.narrow === 'false' && plot._fullLayout.width > 560)")
 
 
 def test_figures_that_nobody_saw_are_on_paper_and_none_is_cut(opened):

@@ -96,7 +96,8 @@ def test_the_page_is_well_formed_and_loads_nothing(page):
 
 def test_no_figure_offers_to_upload_itself(page):
     page = page.replace(PLOTLY, "")
-    assert page.count("newPlot(") == page.count("showSendToCloud: false") == 1
+    assert page.count("library()[how](plot, data, layout, config)") == page.count("showSendToCloud: false") == 1
+    assert not re.findall(r"(newPlot|react)\(", page)  # no figure is made elsewhere
     assert page.count('class="figure-data"') == 8
 
 
@@ -109,7 +110,7 @@ def test_only_the_scripts_of_the_page_may_run(page):
     texts = re.findall(
         r"<script(?: type=\"text/plain\" id=\"plotly\")?>(.*?)</script>", page.replace(PLOTLY, "PLOTLY"), re.S
     )
-    assert len(texts) == 4
+    assert len(texts) == 5
     for text in texts:
         digest = hashlib.sha256(text.replace("PLOTLY", PLOTLY, 1 if text == "PLOTLY" else 0).encode()).digest()
         assert f"'sha256-{base64.b64encode(digest).decode()}'" in said

@@ -23,6 +23,7 @@ _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 _TELLING, _PANELS, _FEWEST_PANELS = 1.5, 6, 2
 _BAND = 1.96
 _RUNS_NAMED = 14
+_CHANNELS = 6  # of a figure that is read on a page of A4
 # White at the noise, dark at a hundred times it.
 _COLOURS = ((0.0, "#FFFFFF"), (0.15, "#FFF3DC"), (0.5, "#F2B84B"), (1.0, "#B8480F"))
 _DARKEST = 100.0
@@ -105,12 +106,20 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     return figure
 
 
-def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
-    """Measured minus predicted in the order taken, a panel per channel, its runs apart."""
+def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
+    """Measured minus predicted in the order taken: as many figures as fit a page of paper each, a panel per channel."""
+    channels = channels_of(misses)
+    kinds = [[c for c in channels if c.startswith("v") is signal] for signal in (False, True)]
+    parts = [kind[k : k + _CHANNELS] for kind in kinds for k in range(0, len(kind), _CHANNELS)]
+    told = [f": {label(part[0])} to {label(part[-1])}" if len(parts) > 1 else "" for part in parts]
+    return [_in_order(misses, modelled, part, words) for part, words in zip(parts, told, strict=True)]
+
+
+def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: str) -> go.Figure:
+    """A panel per channel, its runs apart."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    channels = channels_of(misses)
     figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
     shapes: list[dict[str, Any]] = []
     scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
@@ -137,7 +146,7 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> go.Figure:
         figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
         figure.update_xaxes(**_run_axis(own), row=row, col=1)
     words = "Measured − predicted, runs one after the other; grey: where 95 % of the noise lies"
-    style(figure, "How far predictions miss, in the order taken", words, 140 + 130 * len(channels))
+    style(figure, f"How far predictions miss, in the order taken{which}", words, 140 + 130 * len(channels))
     figure.update_layout(legend=_LEGEND, margin={"t": 110}, shapes=shapes)
     return figure
 

@@ -38,7 +38,7 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     if axes_of(misses):
         found.append((reading_figures.against_load(misses, modelled), straight))
     walk = "Under each block stands its run and the axis that it loads; one zero per run and channel is taken away."
-    return [*found, (reading_figures.in_order(misses, modelled), walk)]
+    return [*found, *((figure, walk) for figure in reading_figures.in_order(misses, modelled))]
 
 
 def by_channel(misses: pd.DataFrame) -> Listing:

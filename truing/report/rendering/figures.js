@@ -24,16 +24,37 @@
     return window.Plotly;
   };
 
+  // A figure as it is to be drawn at a width: what a reader has chosen of it, and on a phone for a phone.
+  const laidOut = (plot, width) => {
+    const { data, layout, steps, scene } = read(held(plot));
+    layout.template ??= read(document.getElementById("template"));
+    if (scene) Object.assign(layout.scene, window.Scene.into(data, scene, chosenIn(plot)));
+    window.Narrow.into(data, layout, width);
+    const chosen = chooser(plot);
+    const restyled = !scene && chosen?.value > 0 ? steps[chosen.value].args : null;
+    return { data, layout, restyled };
+  };
+
+  const isNarrow = (width) => width < window.Narrow.WIDEST;
+
+  const put = (plot, width, how) => {
+    const { data, layout, restyled } = laidOut(plot, width);
+    const camera = plot.layout?.scene?.camera; // where the reader has turned it
+    if (camera) layout.scene.camera = camera;
+    plot.style.height = `${layout.height}px`;
+    plot.dataset.narrow = isNarrow(width);
+    const done = library()[how](plot, data, layout, config);
+    if (restyled) library().update(plot, ...restyled);
+    return done;
+  };
+
   const draw = (plot) => {
-    if (!drawn.has(plot)) {
-      const { data, layout, steps, scene } = read(held(plot));
-      layout.template ??= read(document.getElementById("template"));
-      if (scene) Object.assign(layout.scene, window.Scene.into(data, scene, chosenIn(plot)));
-      drawn.set(plot, library().newPlot(plot, data, layout, config).then(() => name(plot)));
-      const chosen = chooser(plot);
-      if (!scene && chosen?.value > 0) library().update(plot, ...steps[chosen.value].args);
-    }
+    if (!drawn.has(plot)) drawn.set(plot, put(plot, plot.clientWidth, "newPlot").then(() => name(plot)));
     return drawn.get(plot);
+  };
+
+  const redraw = (plot, width = plot.clientWidth) => {
+    if (drawn.has(plot)) put(plot, width, "react");
   };
 
   // A picture has nothing inside that is operated: it is the drawing, and its buttons stand beside it.
@@ -82,11 +103,7 @@
       told(figure.querySelector(".step"), steps[chosen.step]);
       told(figure.querySelector(".gain"), window.Scene.scale(scene, chosen));
       window.Scene.tell(figure, scene, chosen);
-      if (!drawn.has(plot)) return;
-      const { data } = read(held(plot));
-      const axes = window.Scene.into(data, scene, chosen);
-      const { camera } = plot.layout.scene; // where the reader has turned it
-      library().react(plot, data, { ...plot.layout, scene: { ...plot.layout.scene, ...axes, camera } });
+      redraw(plot);
     };
     controls(plot).forEach((input) => input.addEventListener("input", show));
     show();
@@ -104,8 +121,9 @@
   const toPaper = () => {
     document.querySelectorAll("table").forEach(fit);
     for (const plot of plots) {
-      draw(plot);
-      plot.dataset.height ??= plot.layout.height;
+      if (!drawn.has(plot)) draw(plot);
+      if (plot.dataset.narrow === "true") redraw(plot, PAPER.width);
+      plot.dataset.height = plot.layout.height;
       const share = Math.min(1, PAPER.height / plot.dataset.height);
       plot.style.setProperty("--fit", share);
       library().relayout(plot, { width: PAPER.width / share, height: +plot.dataset.height });
@@ -113,7 +131,10 @@
   };
 
   const toScreen = () => {
-    for (const plot of plots) library().relayout(plot, { width: null, height: +plot.dataset.height, autosize: true });
+    for (const plot of plots) {
+      library().relayout(plot, { width: null, height: +plot.dataset.height, autosize: true });
+      if (isNarrow(plot.clientWidth)) redraw(plot);
+    }
   };
 
   // What scrolls can be reached by the keyboard; what does not is no stop on its way.
@@ -123,6 +144,15 @@
   };
   const resized = new ResizeObserver(reach);
   scrolls.forEach((area) => resized.observe(area));
+
+  // A phone that is turned, or a window drawn wider, changes how figures are laid out.
+  const turned = new ResizeObserver((seen) => {
+    for (const { target } of seen) {
+      const changed = target.dataset.narrow !== `${isNarrow(target.clientWidth)}`;
+      if (drawn.has(target) && target.clientWidth && changed && !matchMedia("print").matches) redraw(target);
+    }
+  });
+  plots.forEach((plot) => turned.observe(plot));
 
   plots.filter(chooser).forEach(choose);
   const near = new IntersectionObserver(

@@ -60,7 +60,7 @@ def render_page(head: Head, sections: Sequence[Section]) -> str:
     """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
-    scripts = [_beside("scene.js"), _beside("figures.js"), _beside("csv.js")]
+    scripts = [_beside(f"{name}.js") for name in ("scene", "narrow", "figures", "csv")]
     return _template().render(
         head=head,
         sections=[_drawn(section, head.campaign) for section in sections],

@@ -1,0 +1,117 @@
+// Lays a figure out for a screen as narrow as a phone's: panels below each other, legend and scale below the axes.
+"use strict";
+window.Narrow = (() => {
+  const WIDEST = 560; // px from which on a figure stays as it was made
+  const AXES = { left: 52, right: 10, row: 18, letter: 6, panel: 190, gap: 62, widest: 44 };
+
+  const axes = (layout, letter) => Object.keys(layout).filter((name) => name.startsWith(`${letter}axis`));
+  const domain = (axis) => axis.domain ?? [0, 1];
+  const same = (one, other) => one.every((value, k) => Math.abs(value - other[k]) < 1e-3);
+
+  // Pairs of axes, from the top left on; axes that lie over others belong to their pair.
+  const panels = (data, layout) => {
+    const found = new Map();
+    for (const trace of data) {
+      if (trace.type === "scatter3d") continue;
+      const [x, y] = ["x", "y"].map((letter) => `${letter}axis${(trace[`${letter}axis`] ?? letter).slice(1)}`);
+      found.set(`${x} ${y}`, { x, y, across: domain(layout[x] ?? {}), up: domain(layout[y] ?? {}) });
+    }
+    return [...found.values()].sort((a, b) => b.up[1] - a.up[1] || a.across[0] - b.across[0]);
+  };
+
+  const titled = (layout, { across, up }) =>
+    (layout.annotations ?? []).filter(
+      (note) =>
+        note.xref === "paper" && note.yref === "paper" &&
+        Math.abs(note.x - (across[0] + across[1]) / 2) < 1e-3 && Math.abs(note.y - up[1]) < 0.03,
+    );
+
+  // Panels that stand beside each other come below each other.
+  const stack = (data, layout) => {
+    const all = panels(data, layout);
+    const beside = all.some((one) => all.some((other) => same(one.up, other.up) && !same(one.across, other.across)));
+    if (!beside) return;
+    // A title above a column of panels is that of each of them.
+    const titles = all.map((panel) => {
+      const own = titled(layout, panel);
+      const above = own.length ? null : all.find(({ across, up }) => same(across, panel.across) && up[1] > 1 - 1e-3);
+      const copies = above ? titled(layout, above).map((note) => ({ ...note })) : [];
+      layout.annotations?.push(...copies);
+      return [...own, ...copies];
+    });
+    const inner = all.length * AXES.panel + (all.length - 1) * AXES.gap;
+    const x = new Map(all.map((panel) => [panel.x, layout[panel.x] ?? {}]));
+    const lowest = Math.min(...all.map(({ up }) => up[0]));
+    const below = all.find(({ up }) => up[0] === lowest);
+    all.forEach((panel, k) => {
+      const top = 1 - (k * (AXES.panel + AXES.gap)) / inner;
+      const title = x.get(panel.x).title?.text ? x.get(panel.x).title : layout[below.x]?.title;
+      layout[panel.x] = { ...layout[panel.x], domain: [0, 1], showticklabels: true, title: title && { ...title, standoff: 4 } };
+      const own = all.find(({ up, across }) => same(up, panel.up) && across[0] < 1e-3);
+      const side = layout[panel.y]?.title?.text ? layout[panel.y].title : layout[own?.y]?.title;
+      layout[panel.y] = { ...layout[panel.y], domain: [top - AXES.panel / inner, top], showticklabels: true, title: side };
+      for (const note of titles[k]) Object.assign(note, { x: 0.5, y: top });
+    });
+    layout.height = inner + layout.margin.t + layout.margin.b;
+  };
+
+  // The scale of colours lies below; where the cells say their numbers it is not needed.
+  const scales = (data, layout) => {
+    let moved = 0;
+    const lay = (bar) => {
+      moved = 46;
+      return { ...bar, orientation: "h", thickness: 10, len: 1, x: 0.5, xanchor: "center", yref: "container", y: 0, yanchor: "bottom" };
+    };
+    for (const trace of data) {
+      if (!trace.colorbar || trace.showscale === false) continue;
+      if (trace.texttemplate) trace.showscale = false;
+      else trace.colorbar = lay(trace.colorbar);
+    }
+    for (const name of Object.keys(layout).filter((key) => key.startsWith("coloraxis")))
+      if (layout[name].colorbar) layout[name].colorbar = lay(layout[name].colorbar);
+    layout.margin.b += moved;
+    layout.height += moved;
+    return moved;
+  };
+
+  const legend = (data, layout, width, above) => {
+    const named = new Set(data.filter((trace) => trace.showlegend !== false && trace.name).map((trace) => trace.name));
+    if (!layout.legend || layout.showlegend === false || named.size < 1) return;
+    const lines = [...named].flatMap((name) => name.split("<br>"));
+    const widest = Math.max(...lines.map((line) => line.length)) * AXES.letter + 46;
+    const rows = Math.ceil(named.size / Math.max(1, Math.floor((width - 10) / widest)));
+    const room = Math.max(0, Math.min(34, layout.margin.t - 30)); // where the legend was
+    layout.margin.t -= room;
+    layout.height -= room;
+    const high = rows * AXES.row * (lines.length > named.size ? 1.6 : 1) + 14;
+    layout.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", yref: "container", yanchor: "bottom", y: above / (layout.height + high) };
+    layout.margin.b += high;
+    layout.height += high;
+  };
+
+  // Words that are wider than the screen go on in a second line.
+  const wrapped = (words) => {
+    if (!words || words.length <= AXES.widest || /[<&]/.test(words)) return words;
+    const spaces = [...words.matchAll(/ /g)].map(({ index }) => index);
+    const middle = spaces.toSorted((a, b) => Math.abs(a - words.length / 2) - Math.abs(b - words.length / 2))[0];
+    return middle ? `${words.slice(0, middle)}<br>${words.slice(middle + 1)}` : words;
+  };
+
+  const into = (data, layout, width) => {
+    if (width >= WIDEST) return;
+    for (const trace of data) if (trace.name) trace.name = wrapped(trace.name);
+    for (const note of layout.annotations ?? []) note.text = wrapped(note.text);
+    layout.margin = { ...layout.margin, l: Math.min(layout.margin.l, AXES.left), r: AXES.right };
+    layout.font = { ...layout.font, size: 10 };
+    if (layout.scene) {
+      layout.height = 430;
+      layout.margin.t = 0;
+    }
+    if (!layout.scene) stack(data, layout);
+    for (const note of layout.annotations ?? []) if (note.font?.size > 11) note.font = { ...note.font, size: 11 };
+    for (const trace of data) if (trace.textfont?.size > 10) trace.textfont = { ...trace.textfont, size: 9 };
+    legend(data, layout, width, scales(data, layout));
+  };
+
+  return { into, WIDEST };
+})();
