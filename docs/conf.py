@@ -43,6 +43,7 @@ html_static_path = ["site/static"]
 html_css_files = ["pages.css"]
 html_copy_source = False
 html_show_sphinx = False
+html_show_search_summary = False  # a page opened from a file may not fetch others
 pygments_style = "friendly"
 pygments_dark_style = "monokai"
 
