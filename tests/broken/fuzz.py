@@ -18,6 +18,7 @@ from pathlib import Path
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
+from tests.broken.more_subjects import MORE, more_files
 from tests.broken.oracle import contents, lay_out, misbehaviour
 from tests.broken.subjects import SUBJECTS, Subject
 
@@ -32,24 +33,25 @@ def main() -> int:
     words.add_argument("--minutes", type=float, default=1.0)
     words.add_argument("--seed", type=int, default=1)
     words.add_argument("--only", default="", help="part of a subject's name: telescope/points.csv")
+    words.add_argument("--each", type=int, default=_AT_A_TIME, help="campaigns of a subject, one after the other")
     words.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "truing-fuzz")
     given_words = words.parse_args()
     warnings.simplefilter("error")
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    subjects = [subject for subject in SUBJECTS if given_words.only in subject.name]
+    subjects = [subject for subject in (*SUBJECTS, *MORE) if given_words.only in subject.name]
     seen: dict[str, str] = {}
     tried, number = 0, given_words.seed
     while time.process_time() < 60.0 * given_words.minutes:
         for subject in subjects:
-            tried += _rounds(subject, number, given_words.keep, seen)
+            tried += _rounds(subject, number, given_words, seen)
         number += 1
     sys.stdout.write(f"{tried} campaigns, {len(seen)} kinds of misbehaviour, {_peak_mb()} MB at most\n")
     return len(seen)
 
 
-def _rounds(subject: Subject, number: int, keep: Path, seen: dict[str, str]) -> int:
+def _rounds(subject: Subject, number: int, wish: argparse.Namespace, seen: dict[str, str]) -> int:
     profile = settings(
-        max_examples=_AT_A_TIME,
+        max_examples=wish.each,
         phases=[Phase.generate],
         database=None,
         derandomize=False,
@@ -59,23 +61,25 @@ def _rounds(subject: Subject, number: int, keep: Path, seen: dict[str, str]) -> 
 
     @seed(number)
     @profile
-    @given(content=contents(subject) | st.binary(max_size=300))
+    @given(content=contents(subject, more_files) | st.binary(max_size=300))
     def one(content: bytes) -> None:
         nonlocal tried
         tried += 1
         with tempfile.TemporaryDirectory() as place:
-            lay_out(subject, Path(place), content)
+            folder = Path(place) / "c"
+            folder.mkdir()
+            lay_out(subject, folder, content, more_files)
             faulthandler.dump_traceback_later(_HANGS, exit=True)
             before = _peak_mb()
-            wrong = misbehaviour(Path(place))
+            wrong = misbehaviour(folder, subject.command)
             faulthandler.cancel_dump_traceback_later()
             if _peak_mb() > before + 500:
                 wrong = wrong or f"memory grew to {_peak_mb()} MB"
         if wrong and (kind := _kind(wrong)) not in seen:
             seen[kind] = wrong
-            kept = keep / f"{len(seen)}-{subject.name.replace('/', '-')}"
+            kept = wish.keep / f"{len(seen)}-{re.sub('[/ ]', '-', subject.name)}"
             kept.mkdir(parents=True, exist_ok=True)
-            lay_out(subject, kept, content)
+            lay_out(subject, kept, content, more_files)
             sys.stdout.write(f"== {kept}\n{_end(wrong)}\n")
             sys.stdout.flush()
 

@@ -6,6 +6,8 @@ import hashlib
 import io
 import re
 import time
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
@@ -24,9 +26,12 @@ _LONGEST = 1500  # characters of a line: a message, not the file
 _FAULT = re.compile(r".+: (found .*; )?expected .+", re.DOTALL)
 
 
-def contents(subject: Subject) -> st.SearchStrategy[bytes]:
+Files = Callable[[str], dict[str, bytes]]  # by campaign
+
+
+def contents(subject: Subject, files: Files = good_files) -> st.SearchStrategy[bytes]:
     """The subject's file, damaged."""
-    good = good_files(subject.campaign)[subject.file]
+    good = files(subject.campaign)[subject.file]
     if subject.form != "parquet":
         return damages(subject.form).map(lambda those: damaged(good, those))
     table = pq.read_table(io.BytesIO(good))
@@ -44,17 +49,27 @@ def _written(table: pa.Table, those: tuple) -> bytes:
     return out.getvalue()
 
 
-def lay_out(subject: Subject, folder: Path, content: bytes) -> None:
+def lay_out(subject: Subject, folder: Path, content: bytes, files: Files = good_files) -> None:
     """The campaign in an existing folder, the subject's file with this content."""
-    for name, good in good_files(subject.campaign).items():
+    for name, good in files(subject.campaign).items():
         (folder / name).write_bytes(content if name == subject.file else good)
+    if subject.command == "init":
+        (folder / "campaign.toml").unlink()
 
 
-def misbehaviour(folder: Path) -> str | None:
-    """What is wrong with how `truing check` ends on a campaign; None where nothing is. Warnings must be errors."""
+def _words(command: str, folder: Path) -> list[str]:
+    if command == "predict":
+        inputs = "configurations.csv" if (folder / "configurations.csv").exists() else "interferometer.csv"
+        return [command, str(folder / "model.toml"), str(folder / inputs)]
+    more = ["--to", "json,controller", "--out", str(folder) + "-exports"] if command == "export" else []
+    return [command, str(folder), *more]
+
+
+def misbehaviour(folder: Path, command: str = "check") -> str | None:
+    """What is wrong with how a command ends on a campaign or a run; None where nothing is. Warnings must be errors."""
     before = _state(folder)
     started = time.process_time()
-    done = CliRunner().invoke(app, ["check", str(folder)])
+    done = CliRunner().invoke(app, _words(command, folder))
     took = time.process_time() - started
     if done.exit_code not in _MAY_END:
         return f"exit code {done.exit_code}: {done.output[-3000:]}"
@@ -62,6 +77,9 @@ def misbehaviour(folder: Path) -> str | None:
         return f"says {done.output[:3000]}"
     if took > _SECONDS:
         return f"took {took:.1f} s"
+    if command == "init" and not done.exit_code:
+        tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
+        (folder / "campaign.toml").unlink()
     if _state(folder) != before:
         return "changed the campaign's folder"
     return _unclear(done.stderr) if done.exit_code else None

@@ -40,16 +40,17 @@ ignore = "filler.*"
 
 @dataclass(frozen=True)
 class Subject:
-    """One file of a good campaign, and the form in which it is damaged: csv, toml, parquet or bytes."""
+    """One file of a good campaign, the form in which it is damaged (csv, toml, parquet or bytes), and who reads it."""
 
     campaign: str
     file: str
     form: str
+    command: str = "check"
 
     @property
     def name(self) -> str:
         """For messages."""
-        return f"{self.campaign}/{self.file}"
+        return f"{self.campaign}/{self.file}" + ("" if self.command == "check" else f" {self.command}")
 
 
 def _mapped(files: dict[str, bytes]) -> dict[str, bytes]:

@@ -35,11 +35,13 @@ def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 def _check_announced(path: Path) -> None:
     """A few bytes may announce any number of points, and memory would have to hold them."""
-    size = path.stat().st_size
+    size, ending = path.stat().st_size, path.suffix.removeprefix(".").upper()
     with path.open("rb") as file:
-        announced = [int(digits[:_DIGITS]) for digits in _ANNOUNCED.findall(file.read(_HEADER))]
+        head = file.read(_HEADER)
+    if ending == "PLY" and not head.startswith(b"ply"):  # of which its reader would complain to the terminal
+        raise Unusable("a whole PLY file with points")
+    announced = [int(digits[:_DIGITS]) for digits in _ANNOUNCED.findall(head)]
     if max(announced, default=0) > _POINTS_PER_BYTE[path.suffix.lower()] * size:
-        ending = path.suffix.removeprefix(".").upper()
         raise Unusable(f"a whole {ending} file; this one announces more points than its size can hold")
 
 
