@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import glob
 import json
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.campaign_folder import FILE, is_safe_name
+from pipeline.file_names import bodies_and_targets, common_glob, told_apart
 from pipeline.problems import ExitCode, environment
 from pipeline.run_folder import PRIVATE
 from pipeline.voice import Voice
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
 _LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning"}
+_APART = ("targets", "configurations", "scans", "surfaces")  # what words in their names tell apart is not one table
+_AXES, _LONGER = 3, 4
 _MOST_FILES = 5000
 _SHOWN_COLUMNS = 40
 _NOT_RAW = {".toml", ".md", ".html", ".pdf"}
@@ -42,11 +46,12 @@ _SCAN_WORDS = {
 
 @dataclass(frozen=True)
 class RawGroup:
-    """Raw files whose names differ in numbers alone: the glob that finds them, one of them, and how many."""
+    """Raw files that are read alike: the glob that finds them, one of them, how many, and all their names."""
 
     glob: str
     example: Path
     count: int
+    names: tuple[str, ...] = ()
 
 
 def init_campaign(folder: Path) -> ExitCode:
@@ -54,7 +59,7 @@ def init_campaign(folder: Path) -> ExitCode:
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = _with_surfaces([(group, _guess(group)) for group in raw_groups(folder)])
+    guesses = _with_surfaces(_together([(group, _guess(group)) for group in raw_groups(folder)]))
     text = campaign_text(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
@@ -87,10 +92,12 @@ def raw_groups(folder: Path) -> list[RawGroup]:
         name = re.sub(r"\d+", "*", glob.escape(relative.name))
         pattern = (Path(glob.escape(str(relative.parent))) / name).as_posix()
         groups.setdefault(pattern, []).append(path)
-    return [
-        RawGroup(pattern if len(paths) > 1 else paths[0].relative_to(folder).as_posix(), paths[0], len(paths))
-        for pattern, paths in sorted(groups.items())
-    ]
+    return [_group(folder, pattern, paths) for pattern, paths in sorted(groups.items())]
+
+
+def _group(folder: Path, pattern: str, paths: list[Path]) -> RawGroup:
+    found = pattern if len(paths) > 1 else paths[0].relative_to(folder).as_posix()
+    return RawGroup(found, paths[0], len(paths), tuple(path.name for path in paths))
 
 
 def _files(folder: Path) -> Iterator[Path]:
@@ -114,6 +121,28 @@ def _guess(group: RawGroup) -> Guess:
     guess = sniff_file(group.example)
     # A survey is one file: many of them, told apart by a number, are poses.
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
+
+
+def _together(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """Groups whose files are read by the same keys as one, where a glob finds these files and no other."""
+    everything = [str(Path(group.glob).parent / name) for group, _ in guesses for name in group.names]
+    alike: dict[str, list[tuple[RawGroup, Guess]]] = {}
+    for group, guess in guesses:
+        where = (Path(group.glob).parent, Path(group.example).suffixes[-1:])
+        single = not guess.columns or guess.table in _APART
+        alike.setdefault(group.glob if single else repr((where, guess)), []).append((group, guess))
+    return [one for own in alike.values() for one in _joined(own, everything)]
+
+
+def _joined(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tuple[RawGroup, Guess]]:
+    if len(own) == 1:
+        return own
+    parent, guess = Path(own[0][0].glob).parent, own[0][1]
+    names = tuple(name for group, _ in own for name in group.names)
+    pattern = str(parent / common_glob(names))
+    if sorted(fnmatch.filter(everything, pattern)) != sorted(str(parent / name) for name in names):
+        return own
+    return [(RawGroup(pattern, own[0][0].example, len(names), names), guess)]
 
 
 def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
@@ -187,8 +216,8 @@ def _quality_limits(kind: str) -> Iterator[str]:
 def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
     """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
     yield from ("", f"# {_shown(group.glob)}: columns {_shown(_listed(guess.columns))}")
-    yield from (f"# {_shown(note)}" for note in guess.notes)
-    mapping = {**guess.mapping, **_pose_from_name(group, guess), **_body_from_name(group, guess)}
+    mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
+    yield from (f"# {_shown(note)}" for note in (*guess.notes, *_of_names(mapping)))
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
     mark = "" if guess.table else "# "
@@ -198,18 +227,41 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
         yield f"{mark}{key} = {_shown(_toml(value)) if mark else _toml(value)}"
 
 
-def _pose_from_name(group: RawGroup, guess: Guess) -> dict[str, str]:
-    """Many files of points that name no pose have a pose each, which their names tell by a number."""
-    named = {*guess.columns, *guess.mapping.get("columns", {})}
-    if guess.table not in ("points", "scans") or group.count == 1 or "pose" in named or group.glob.count("*") != 1:
-        return {}
-    before, after = _unescaped(Path(group.glob).name).split("*")
-    return {"from_name": rf"{re.escape(before)}(?P<pose>\d+){re.escape(after)}"}
+def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[str, Any]:
+    """The keys for a group's files, with what their names tell: which pose each is, or which target."""
+    named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
+    style = mapping.get("format")
+    if guess.table in _LOADING_TABLES and group.count > 1 and "run" in mapping.get("constants", {}):
+        others = {key: value for key, value in mapping["constants"].items() if key != "run"}
+        rest = {key: value for key, value in mapping.items() if key != "constants"}
+        return {**rest, **({"constants": others} if others else {}), **told_apart(group.names, "run")}
+    if guess.table not in ("points", "scans") or group.count == 1:
+        return mapping
+    if group.example.suffix.lower() in (".c3d", ".trc"):
+        return {**mapping, **told_apart(group.names, "trial"), "join": {"pose": "{trial}-{frame}"}}
+    if style == "tracker" or (style is None and _rows_are_poses(group, guess)):
+        found = bodies_and_targets(group.names)
+        if "(?P<body>" in found.get("from_name", ""):
+            mapping = {key: value for key, value in mapping.items() if key != "constants"}
+        return {**mapping, **found, **({} if style else {"number_rows": {"pose": 1}})}
+    return mapping if "pose" in named else {**mapping, **told_apart(group.names, "pose")}
 
 
-def _unescaped(pattern: str) -> str:
-    """A glob without the brackets in which a name's own brackets stand."""
-    return pattern.replace("[[]", "[")
+def _of_names(mapping: dict[str, Any]) -> Iterator[str]:
+    """What is taken from the files' names, to be looked at again."""
+    if told := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
+        yield f"taken from the files' names: {' and '.join(told)}"
+
+
+def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:
+    """Whether a few long files of bare coordinates hold a target each, and their rows are the poses."""
+    from truing.formats.compression import open_plain
+
+    if set(guess.mapping.get("columns", {})) != {"x_mm", "y_mm", "z_mm"} or len(guess.columns) != _AXES:
+        return False
+    with open_plain(group.example) as stream:
+        rows = stream.read(1 << 16).count(b"\n")
+    return rows >= _LONGER * group.count
 
 
 def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:

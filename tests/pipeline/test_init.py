@@ -192,3 +192,91 @@ def test_points_alone_need_the_noise_alone(small: Path, tmp_path: Path) -> None:
     shutil.copy(small / "points.csv", tmp_path)
     (tmp_path / "campaign.toml").touch()
     assert faultless_once_the_noise_is_told(tmp_path)
+
+
+BUNDLES = ("20250221_Bundle5.csv", "20250221_Bundle6.csv", "20250221_Set03.csv")
+TRACKER = ("M2_Lower_Left_step_start40.txt", "M2_Lower_Right_step_start40.txt", "M2_Upper_Left_step_start_40deg.txt")
+ROBOT = tuple(f"measured_{body}_{k}.txt" for body in ("SMR", "base") for k in (1, 2, 3))
+VSTARS = "CODE1,1.5,2.5,3.5,0.04,0.03,0.02,0.000\nCODE2,4.5,2.5,7.5,0.1,0.1,0.1,0.0\n"
+HEAD = "Enabled\tFeature\tID\tx\ty\tz\nChecked\t{name}\t1\t-5,231.6\t-2,701.0\t1,263.7\n"
+
+
+def proposed(folder: Path, names: tuple[str, ...], text: str) -> Any:
+    """The entry for files with these names and a text each, several where they are not read alike."""
+    folder.mkdir(exist_ok=True)
+    for k, name in enumerate(names):
+        (folder / name).write_text(text.format(name=name, k=k))
+    assert init(folder).exit_code == 0
+    return next(iter(written(folder)["files"].values()))
+
+
+def told(entry: dict[str, Any], names: tuple[str, ...]) -> list[dict[str, str]]:
+    return [match.groupdict() for name in names if (match := re.search(entry["from_name"], name))]
+
+
+@pytest.mark.parametrize(
+    ("names", "poses"),
+    [
+        (BUNDLES, ["Bundle5", "Bundle6", "Set03"]),
+        (("20250401_Set_06.csv", "20250402_Set_09.csv"), ["06", "09"]),
+        (("20250401_Set_01.csv", "20250402_Set_01.csv"), ["20250401", "20250402"]),
+        (("20250820_Set35_Bundle4.csv", "20250615_Set_34.csv"), ["20250820_Set35_Bundle4", "20250615_Set_34"]),
+        (("run.csv", "run_2.csv"), ["run", "run_2"]),
+    ],
+)
+def test_files_that_are_read_alike_are_one_entry_and_their_names_the_poses(
+    tmp_path: Path, names: tuple[str, ...], poses: list[str]
+) -> None:
+    entry = proposed(tmp_path / "raw", names, VSTARS)
+    assert [one["pose"] for one in told(entry, names)] == poses
+    assert sorted(path.name for path in (tmp_path / "raw").glob(entry["path"])) == sorted(names)
+
+
+def test_a_trackers_lists_of_one_target_each_tell_body_and_target_by_their_names(tmp_path: Path) -> None:
+    entry = proposed(tmp_path / "raw", TRACKER, HEAD)
+    assert [(one["body"], one["target"]) for one in told(entry, TRACKER)] == [
+        ("M2", "Lower_Left"),
+        ("M2", "Lower_Right"),
+        ("M2", "Upper_Left"),
+    ]
+    both = (*TRACKER, "LATR_1_step_5deg.txt", "LATR_2_step_5deg.txt")
+    entry = proposed(tmp_path / "both", both, HEAD)
+    assert [(one["body"], one["target"]) for one in told(entry, both)[3:]] == [("LATR", "1"), ("LATR", "2")]
+
+
+def test_a_few_long_files_of_bare_coordinates_are_targets_and_their_rows_poses(tmp_path: Path) -> None:
+    rows = "".join(f"{2641.5 + k} {162.2 - k} {-7.8 * k}\n" for k in range(60))
+    entry = proposed(tmp_path / "raw", ROBOT, rows)
+    assert entry["number_rows"] == {"pose": 1}
+    assert [(one["body"], one["target"]) for one in told(entry, ROBOT)[2:4]] == [("SMR", "3"), ("base", "1")]
+    text = (tmp_path / "raw" / "campaign.toml").read_text()
+    (tmp_path / "raw" / "campaign.toml").write_text(text.replace("# point_mm", "point_mm"))
+    done = CliRunner().invoke(app, ["check", str(tmp_path / "raw")])
+    assert done.exit_code == 0, done.output
+    assert "360 points of 60 poses from 6 files" in done.stdout
+
+
+def test_files_beside_those_that_a_glob_would_find_are_not_taken_along(tmp_path: Path) -> None:
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / "20250221_notes.csv").write_text("who,when\nAnn,today\n")
+    entries = proposed(tmp_path / "raw", BUNDLES, VSTARS)
+    assert [entry["path"] for entry in entries] == ["*_Bundle*.csv", "20250221_Set03.csv"]
+
+
+@pytest.mark.parametrize(
+    ("header", "table", "columns"),
+    [
+        ("Fx,Fy,Fz,known_Fx,known_Fy,known_Fz", "signals", {"v1_mv": "Fx", "fx_n": "known_Fx"}),
+        ("t,x_displacement,x_force,y_moment", "displacement", {"dx_mm": "x_displacement", "my_nm": "y_moment"}),
+        ("Time (s),Fx (N),Fy (N),Mz (Nmm)", "signals", {"time_s": "Time (s)", "shown_mz_nm": "Mz (Nmm)"}),
+    ],
+)
+def test_forces_are_no_coordinates(tmp_path: Path, header: str, table: str, columns: dict[str, str]) -> None:
+    text = f"{header}\n" + f"{','.join('0.5' for _ in header.split(','))}\n" * 3
+    (tmp_path / "raw").mkdir()
+    entry = proposed(tmp_path / "raw", ("log.csv",), text)
+    document = written(tmp_path / "raw")
+    assert list(document["files"]) == [table]
+    assert document["campaign"]["kind"] == "interferometer"
+    assert columns.items() <= entry["columns"].items()
+    assert entry.get("units", {}).get("shown_mz_nm") == ("N mm" if "Nmm" in header else None)

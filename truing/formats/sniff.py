@@ -12,10 +12,12 @@ from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.known_exports import Known, adjusted_points, is_id, metashape, tracker, wide_template
+from truing.formats.load_columns import load_columns
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
 from truing.formats.source import RawFile
 
+_INDEXED = re.compile(r"\w+\[\d+, ?\d+\] ?= ?[-+\d.]+")
 _LOOK = 1 << 16
 _LINES = 60
 _COMMENTS = ("#", "%", "//")
@@ -30,6 +32,7 @@ _NOTATIONS = (
 _SIGNS = (
     ("interferometer", {"channel", "reading"}),
     ("quadrature", {"signal_x", "signal_y"}),
+    ("quadrature", {"phase_deg", "radius"}),
     ("positioning", {"target_mm", "position_mm"}),
     ("displacement", {"dx_mm", "dy_mm", "dz_mm"}),
     ("signals", {"v1_mv"}),
@@ -53,6 +56,8 @@ _KNOWN = {
     "time_s": r"t|time|zeit|temps|timestamp",
     "temperature_c": r"temp(erature?|eratur)?",
     "leg": r"leg|bein|jambe",
+    "phase_deg": r"phase",
+    "radius": r"radius",
     "signal_x": r"signal[ _]?x|cos(ine|inus)?",
     "signal_y": r"signal[ _]?y|sin(e|us)?",
 }
@@ -124,6 +129,9 @@ def _sniff_text(path: Path) -> Guess:
     lines = [line for line in text.splitlines() if line.strip()]
     if (known := metashape(lines)) is not None:
         return _known_export(known, encoding)
+    if sum(_INDEXED.match(line) is not None for line in lines) > len(lines) // 2:
+        note = 'lines of name[i,j]=number: docs/own-files.md has such a file under "Positioning runs of an axis"'
+        return Guess(notes=(note,))
     comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
     lines = [line for line in lines if comment is None or not line.lstrip().startswith(comment)][:_LINES]
     if not lines:
@@ -166,6 +174,10 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     mapping |= {"thousands": notation.thousands} if notation.thousands else {}
     found, notes = _columns(names) if has_header else _positions(records, notation)
     table = _table({*names, *found.get("columns", {})})
+    if has_header and table in (None, "configurations") and (loads := load_columns(names)) is not None:
+        table, keys, note = loads
+        time = {key: name for key, name in found.get("columns", {}).items() if key == "time_s"}
+        return Guess({**mapping, **keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
     if has_header and table in (None, "configurations") and (template := wide_template(names)) is not None:
         return _side_by_side(template, names, mapping | found)
     return Guess(mapping | found, names, table, tuple(notes))
@@ -236,7 +248,9 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, 
     columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(("x_mm", "y_mm", "z_mm"))}
     if first > 0:
         columns = {"target": first, **columns}
-    return {"columns": columns}, [f"columns {first + 1} to {first + 3} are taken for x, y, z in mm"]
+    return {"columns": columns}, [
+        f"columns {first + 1} to {first + 3} are taken for x, y, z in mm; take this entry out where they are not"
+    ]
 
 
 def _table(names: set[str]) -> str | None:

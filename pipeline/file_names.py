@@ -1,0 +1,98 @@
+"""What the names of raw files tell: a glob that finds them, and which part of a name is pose, body or target."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+_TOKEN = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
+_WORD = re.compile(r"[^\W_]+")
+
+
+def common_glob(names: Sequence[str]) -> str:
+    """The glob of names: what is the same in all of them at both ends, or token by token where they are built alike."""
+    first, *others = tokens = [_TOKEN.findall(name) for name in names]
+    if alike(tokens):
+        same = [all(own[i] == token for own in others) for i, token in enumerate(first)]
+        parts = (glob.escape(token) if kept else "*" for token, kept in zip(first, same, strict=True))
+        return re.sub(r"\*+", "*", "".join(parts))
+    before, after = _ends(tokens)
+    return glob.escape("".join(first[:before])) + "*" + glob.escape("".join(first[len(first) - after :]))
+
+
+def alike(tokens: Sequence[Sequence[str]]) -> bool:
+    """Whether names are built alike: as many tokens, numbers, words and marks in the same order."""
+    return len({tuple(_kind(token) for token in own) for own in tokens}) == 1
+
+
+def _kind(token: str) -> str:
+    return "number" if token.isdecimal() else "word" if token[0].isalpha() else token
+
+
+def _ends(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
+    """How many tokens are the same in all names from the beginning, and from the end."""
+    least = min(map(len, tokens))
+    before = next((i for i in range(least) if len({own[i] for own in tokens}) > 1), least)
+    least -= before
+    after = next((i for i in range(least) if len({own[-1 - i] for own in tokens}) > 1), least)
+    return before, after
+
+
+def told_apart(names: Sequence[str], column: str) -> dict[str, Any]:
+    """A ``from_name`` that gives every file its own value of a column: a number if one does, else all that varies."""
+    tokens = [_TOKEN.findall(name) for name in names]
+    if alike(tokens):
+        varying = [i for i, column_of in enumerate(zip(*tokens, strict=True)) if len(set(column_of)) > 1]
+        numbers = [i for i in varying if all(own[i].isdecimal() for own in tokens)]
+        own_number = [i for i in numbers if len({int(own[i]) for own in tokens}) == len(names)]
+        if own_number and numbers == varying:
+            parts = [r"\d+" if i in varying else re.escape(token) for i, token in enumerate(tokens[0])]
+            parts[own_number[-1]] = rf"(?P<{column}>\d+)"
+            return {"from_name": "".join(parts)}
+    before, after = _ends(tokens)
+    if before and any(len(own) == before + after for own in tokens):
+        before -= 1  # what one name lacks is no value: the token before it is in all of them
+    first = tokens[0]
+    head, tail = "".join(first[:before]), "".join(first[len(first) - after :])
+    return {"from_name": f"{re.escape(head)}(?P<{column}>.+){re.escape(tail)}"}
+
+
+def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
+    """The ``from_name`` of files with one target each: the body is the word before it; nothing where none fits."""
+    found = _one_body(names) or _several_bodies(names)
+    if found is None:
+        return {}
+    told = [match.groupdict() for name in names if (match := re.search(found, name))]
+    single = len(told) == len(names) and len({tuple(one.items()) for one in told}) == len(names)
+    return {"from_name": found} if single else {}
+
+
+def _one_body(names: Sequence[str]) -> str | None:
+    """Names that begin with the same word: it is the body, and what varies behind it the target."""
+    words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
+    before, _ = _ends(words)
+    if not before or any(len(own) == before for own in words):
+        return None
+    follows = _follows([own[before:] for own in words])
+    left = [own[before:] for own in words]
+    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in left):  # SMR_1 SMR_2 base_1 base_2
+        return rf"{re.escape(words[0][before - 1])}_(?P<body>[^\W\d_]+)_(?P<target>\d+)"
+    return rf"(?P<body>{re.escape(words[0][before - 1])})[\W_]+(?P<target>.+?){follows}"
+
+
+def _several_bodies(names: Sequence[str]) -> str | None:
+    """Names whose first word is the body, with several targets each."""
+    words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
+    if any(len(own) < 2 for own in words) or len({own[0] for own in words}) == len(names):
+        return None
+    bodies = "|".join(re.escape(body) for body in dict.fromkeys(own[0] for own in words))
+    return rf"(?P<body>{bodies})[\W_]+(?P<target>.+?){_follows([own[1:] for own in words])}"
+
+
+def _follows(words: Sequence[Sequence[str]]) -> str:
+    """What stands behind the target: the first word that is in all names, or their ending."""
+    common = next((word for word in words[0][1:] if all(word in own[1:] for own in words)), None)
+    return r"\." if common is None else rf"_{re.escape(common)}"
