@@ -67,15 +67,22 @@ def _said(tables: Tables) -> list[tuple[str, str]]:
 def _surveys(table: pd.DataFrame | None) -> list[Listing]:
     if table is None:
         return []
-    heads = ("survey", "body", "target", *(f"shift in {a} (mm)" for a in _AXES), "p", "verdict", "holds as")
+    heads = ("verdict", "survey", "body", "target", *(f"shift in {a} (mm)" for a in _AXES), "p", "holds as")
     rows, marks = [], []
     for r in table.itertuples():
         shift = [_shift(r, a) for a in _AXES]
         holds = "" if cell(r.holds_as) == "" else f"{r.holds_as} from pose {cell(r.from_pose)} on"
-        rows.append((r.later_survey, r.body, r.target, *shift, p_value(r.p_value), r.status, holds))
+        rows.append((r.status, r.later_survey, r.body, r.target, *shift, p_value(r.p_value), holds))
         marks.append("none" if not r.relocated else "warn" if cell(r.holds_as) == "" else "pass")
-    caption = "Targets surveyed again: place less that before, the common motion of the unmoved taken out, ± one sigma"
-    return [Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > _OPEN, "resurveys.parquet")]
+    caption = "place less that before, the common motion of the unmoved taken out, ± one sigma"
+    moved = [at for at, there in enumerate(table["relocated"]) if there]
+    own = Listing(
+        heads, tuple(rows[k] for k in moved), tuple(marks[k] for k in moved), f"Targets that moved: {caption}"
+    )
+    whole = Listing(
+        heads, tuple(rows), tuple(marks), f"All targets surveyed again: {caption}", True, "resurveys.parquet"
+    )
+    return [own, whole] if moved else [whole]
 
 
 def _shift(r: object, axis: str) -> str:
@@ -154,8 +161,10 @@ def _fits(table: pd.DataFrame | None) -> list[Listing]:
         leaves = p < _SURE
         marks.append("warn" if leaves else "pass")
         freedom = f"{worst['freedom_of_fit']:.1f}, {worst['freedom_of_error']:.0f}"
-        said = "leaves more than pure error" if leaves else "leaves no more than pure error, as far as repeats can tell"
-        rows.append((str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p), said))
-    heads = ("of", "model", "most at", "F", "degrees of freedom", "p, all subjects counted", "verdict")
-    caption = "Lack of fit: what each model leaves of the fitted measurements, against pure error (F test)"
+        said = "more than pure error" if leaves else "no more than pure error"
+        rows.append((said, str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p)))
+    heads = ("verdict", "of", "model", "most at", "F", "degrees of freedom", "p, all subjects counted")
+    caption = (
+        "Lack of fit: what each model leaves of the fitted measurements, against pure error, as far as repeats can tell"
+    )
     return [Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > _OPEN, "lack_of_fit.parquet")]

@@ -71,7 +71,8 @@ def _bodies(points: pd.DataFrame, survey: pd.DataFrame | None, known: pd.Series)
 
 def _ranges(configurations: pd.DataFrame) -> Listing:
     """From where to where readings and covariates went."""
-    columns = [c for c in configurations.columns if c not in ("pose", "role", "time_s")]
+    numeric = configurations.select_dtypes("number").columns
+    columns = [c for c in numeric if c not in ("pose", "time_s")]
     rows = tuple(
         (
             c,
@@ -80,7 +81,6 @@ def _ranges(configurations: pd.DataFrame) -> Listing:
             str(int(configurations[c].notna().sum())),
         )
         for c in columns
-        if np.issubdtype(configurations[c].dtype, np.number)
     )
     return Listing(("column", "from", "to", "poses"), rows, caption="Readings and surroundings", folded=len(rows) > 12)
 

@@ -20,8 +20,14 @@ PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
 @pytest.fixture
 def folder(tmp_path):
     rng = np.random.default_rng(3)
-    campaign = draw_campaign(PLAIN, random_moves(24, 2, rng), [], rng)
-    return write_campaign(campaign, tmp_path / "campaign", 3)
+    moves = random_moves(16, 2, rng)
+    again = [(101 + k, "calibration", moves[k][2]) for k in range(3)]
+    made = write_campaign(draw_campaign(PLAIN, [*moves, *again], [], rng), tmp_path / "campaign", 3)
+    for name, at in (("points", 2), ("targets", 1)):  # no target at an attachment
+        lines = (made / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+        kept = [line for line in lines if not line.split(",")[at].startswith("A")]
+        (made / f"{name}.csv").write_text("\n".join(kept) + "\n", encoding="utf-8")
+    return made
 
 
 def rewritten(folder, change):
@@ -52,13 +58,13 @@ def toml_of(row):
 
 
 def test_a_target_that_vanishes_and_an_unknown_at_its_place_are_suggested_to_be_one(folder):
-    late = set(poses_of(folder)[14:])
+    late = set(poses_of(folder)[12:])
     rewritten(folder, lambda line: re.sub("^(.*?),platform,P03,", lambda m: f"{m[1]},platform,X77,"
               if m[1] in late else m[0], line))  # fmt: skip
     tables, qa, said = quality(folder)
     row = tables["likely_names"].to_pylist()
     assert [(one["called"], one["target"], one["from_pose"], one["rows"]) for one in row] == [
-        ("X77", "P03", poses_of(folder)[14], (folder / "points.csv").read_text(encoding="utf-8").count(",X77,"))
+        ("X77", "P03", poses_of(folder)[12], (folder / "points.csv").read_text(encoding="utf-8").count(",X77,"))
     ]
     assert qa.loc[("names-known", "target X77"), "verdict"] == "warn"
     assert "X77" in tables["observations"].column("target").to_pylist()  # nothing is renamed by itself
@@ -68,6 +74,16 @@ def test_a_target_that_vanishes_and_an_unknown_at_its_place_are_suggested_to_be_
     assert "X77" not in tables["observations"].column("target").to_pylist()
     assert qa.loc[("names-known", "platform"), "verdict"] == "pass"
     assert "likely_names" not in tables
+
+
+def test_declared_repeats_are_judged_though_actuators_stood_elsewhere(folder):
+    lines = (folder / "configurations.csv").read_text(encoding="utf-8").splitlines()
+    of = [str(int(pose) - 100) if int(pose) > 100 else "" for pose in (line.split(",")[0] for line in lines[1:])]
+    told = [f"{lines[0]},repeat_of", *(f"{line},{name}" for line, name in zip(lines[1:], of, strict=True))]
+    (folder / "configurations.csv").write_text("\n".join(told) + "\n", encoding="utf-8")
+    row = quality(folder)[1].loc[("repeatability", "platform")]
+    assert row["verdict"] == "pass"
+    assert "(3 repeats, known by repeat_of)" in row["message"]
 
 
 def test_a_further_target_of_its_own_is_no_other_name(folder):
@@ -104,8 +120,10 @@ def test_a_survey_at_the_end_is_not_evaluated_passes_or_fails(folder):
     row = qa.loc[("resurvey", "target P03 survey end")]
     assert row["verdict"] == "fail"
     assert row["limit"] == 10.0
-    assert "lies 0.36" in row["message"]
+    assert re.search(r"lies 0\.3[56]\d mm elsewhere", row["message"])
     assert said.failed_checks == ("resurvey target P03 survey end",)
+    added(folder, "\n[qa.limits.resurvey]\nfail = 1000.0\n")
+    assert quality(folder)[1].loc[("resurvey", "target P03 survey end"), "verdict"] == "warn"
 
 
 @pytest.mark.parametrize(
@@ -117,15 +135,9 @@ def test_a_survey_at_the_end_is_not_evaluated_passes_or_fails(folder):
 )
 def test_what_is_taken_into_account_passes(folder, entry, words):
     surveyed_again(folder, "P03", np.array([0.3, 0.0, -0.2]))
-    added(folder, "\n" + entry.format(pose=poses_of(folder)[14]))
+    added(folder, "\n" + entry.format(pose=poses_of(folder)[12]))
     _, qa, said = quality(folder)
     row = qa.loc[("resurvey", "target P03 survey end")]
     assert (row["verdict"], words in row["message"]) == ("pass", True)
     assert qa.loc[("completeness", "platform"), "verdict"] == "pass"
     assert not [name for name in said.failed_checks if "resurvey" in name]
-
-
-def test_the_limit_of_a_later_survey_may_be_set(folder):
-    surveyed_again(folder, "P03", np.array([0.06, 0.0, 0.0]))
-    added(folder, "\n[qa.limits.resurvey]\nfail = 1000.0\n")
-    assert quality(folder)[1].loc[("resurvey", "target P03 survey end"), "verdict"] == "warn"
