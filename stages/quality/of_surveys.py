@@ -11,6 +11,7 @@ import numpy as np
 from schemas.sections import Overrule
 from stages.quality.check import FAIL, Check, without
 from stages.quality.limits import CampaignLimits
+from truing.estimation.rigid_poses.rigid import FitStatus
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,9 +52,11 @@ def _of_body(
 
 
 def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
-    status = rows[0]["status"]
-    if status == "too-few-points":
-        return without("a later survey", "resurvey", subject, "fewer than three of its targets were surveyed before")
+    """Of a body whose targets could not be compared one by one: something moved, or too little is there to tell."""
+    status = FitStatus(rows[0]["status"])
+    if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
+        why = f"its targets of both surveys, but those known to have moved, fix no frame ({status})"
+        return without("a later survey", "resurvey", subject, why)
     said = f"{subject}: targets lie otherwise than before, but which of them moved cannot be told ({status}); "
     said += "the first survey holds for all poses."
     return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, said)

@@ -27,6 +27,7 @@ from truing.report.measured_section import measured
 REPEATED = 6
 # Chance that a right ratio of scatters falls outside, with the degrees of freedom that each test has.
 RARE = 1e-4
+RULE = '\n[[exclude]]\n{keys}\nby = "M. Keller"\non = 2026-11-20\nreason = "loose"\n'
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +107,20 @@ def test_runs_of_a_bench_tell_theirs(tmp_path):
     assert (bent.drop(index="v2")["p_value"] > RARE).all()
 
 
+def test_a_bench_tells_what_exclusions_change(tmp_path):
+    readings, _ = sensor_campaign.measured(np.random.default_rng(4), own_channel=True)
+    own = (readings["run"] == 3) & (readings["channel"] == "dz")
+    readings.loc[own & (readings["step"] == 4), "reading"] += 40.0  # far off, and so no part of the result anyway
+    toml = sensor_campaign.campaign_toml() + "".join(RULE.format(keys=f"run = 3\nstep = {step}") for step in (4, 5))
+    sensor_campaign.write_campaign(tmp_path / "bench", readings, None, toml)
+    effects = run_line(tmp_path / "bench", "ingest", "pose")[0]["exclusion_effects"].to_pandas()
+    assert list(effects["subject"]) == ["channel dz"] * 2
+    assert list(effects["gross_anyway"]) == [1, 0]
+    assert list(effects["rows"]) == [1, 1]
+    assert (effects["over_sigma"] > 0.0).all()
+    assert (effects["over_sigma"] < 4.0).all()  # of a good reading more
+
+
 def test_a_repeat_of_nothing_is_a_fault(folder, tmp_path):
     bad = tmp_path / "bad"
     bad.mkdir()
@@ -119,9 +134,6 @@ def test_a_repeat_of_nothing_is_a_fault(folder, tmp_path):
     said = "\n".join(map(str, caught.value.faults))
     assert "column repeat_of: found '999'; expected a pose of this table, or nothing" in said
     assert "expected another pose than this one, or nothing" in said
-
-
-RULE = '\n[[exclude]]\n{keys}\nby = "M. Keller"\non = 2026-11-20\nreason = "loose"\n'
 
 
 def test_the_page_tells_who_left_out_what_when_and_what_it_would_be_without(folder, tmp_path):
