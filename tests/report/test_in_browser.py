@@ -209,6 +209,7 @@ def test_nothing_is_wider_than_a_phone_and_figures_are_laid_out_for_it(drawn):
     assert drawn.becomes(f"{wide}.every((area) => area.tabIndex === 0 && area.ariaLabel)")
     drawn.resize(1200, 900)
     assert drawn.becomes(f"{plots}.every((plot) => plot.dataset.narrow === 'false' && plot._fullLayout.width > 560)")
+    assert not drawn.complaints()
 
 
 def test_figures_that_nobody_saw_are_on_paper_and_none_is_cut(opened):

@@ -37,31 +37,36 @@
 
   const isNarrow = (width) => width < window.Narrow.WIDEST;
 
-  const put = (plot, width, how) => {
+  const put = (plot, width) => {
     const { data, layout, restyled } = laidOut(plot, width);
     const camera = plot.layout?.scene?.camera; // where the reader has turned it
     if (camera) layout.scene.camera = camera;
+    const narrow = `${isNarrow(width)}`;
+    // Drawn over one that was laid out for another width, plotly starts from that one's margins, and fails.
+    const how = plot.dataset.narrow === narrow ? "react" : "newPlot";
+    if (how === "newPlot" && drawn.has(plot)) library().purge(plot);
     plot.style.height = `${layout.height}px`;
-    plot.dataset.narrow = isNarrow(width);
+    plot.dataset.narrow = narrow;
     const done = library()[how](plot, data, layout, config);
     if (restyled) library().update(plot, ...restyled);
-    return done;
+    return done.then(() => name(plot));
   };
 
   const draw = (plot) => {
-    if (!drawn.has(plot)) drawn.set(plot, put(plot, plot.clientWidth, "newPlot").then(() => name(plot)));
+    if (!drawn.has(plot)) drawn.set(plot, put(plot, plot.clientWidth));
     return drawn.get(plot);
   };
 
   const redraw = (plot, width = plot.clientWidth) => {
-    if (drawn.has(plot)) put(plot, width, "react");
+    if (drawn.has(plot)) drawn.set(plot, put(plot, width));
   };
 
   // A picture has nothing inside that is operated: it is the drawing, and its buttons stand beside it.
   const name = (plot) => {
     const [picture, ...others] = plot.querySelectorAll(".main-svg");
     picture.setAttribute("role", "img");
-    picture.setAttribute("aria-label", plot.getAttribute("aria-label"));
+    plot.dataset.spoken ??= plot.getAttribute("aria-label");
+    picture.setAttribute("aria-label", plot.dataset.spoken);
     others.forEach((other) => other.setAttribute("aria-hidden", "true"));
     plot.setAttribute("role", "group");
     plot.setAttribute("aria-label", "figure and its buttons");
