@@ -11,6 +11,16 @@ import traceback
 from pathlib import Path
 
 AVAILABLE = hasattr(os, "fork")
+# What most calls import sooner or later, by names that themselves import the rest late.
+_THIRD_PARTY = (
+    "pandas",
+    "pyarrow.compute",
+    "pyarrow.dataset",
+    "pyarrow.parquet",
+    "pydantic.plugin._loader",
+    "typer.rich_utils",
+    "typer.testing",
+)
 
 
 class WarmPython:
@@ -36,7 +46,7 @@ class WarmPython:
 
 
 def _serve(out: str, err: str) -> None:
-    for module in ("pyarrow.compute", "pyarrow.parquet", "pydantic", "typer.testing"):
+    for module in _THIRD_PARTY:
         importlib.import_module(module)
     for line in sys.stdin:
         words, cwd, environment = json.loads(line)

@@ -31,33 +31,26 @@ def alike_log_evidence(
     scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``, ``freedom`` and
     ``stretch`` as in `evidence.log_evidence`.
     """
-    sizes = stretch * np.array(_SIZES)
-    logs = np.array([_of_spread(scores, gram, alike, total, freedom, sizes, spread) for spread in _SPREADS])
-    largest = logs.max()
-    return float(largest + np.log(np.mean(np.exp(logs - largest))))
-
-
-def _of_spread(
-    scores: NDArray, gram: NDArray, alike: Sequence[int], total: float, freedom: float, sizes: NDArray, spread: float
-) -> float:
-    """Return the same for one spread of the parameters of like size, all sizes (S,) equally likely."""
+    sizes, places = stretch * np.array(_SIZES), list(alike)
     signs, weights = _patterns(len(alike))
-    patterns = np.zeros((len(signs), len(scores)))
-    patterns[:, alike] = signs
-    spreads = np.ones(len(scores))
-    spreads[list(alike)] = spread
-    values, vectors = np.linalg.eigh(spreads[:, None] * gram * spreads)
-    power = np.multiply.outer(sizes**2, np.maximum(values, 0.0))  # (S, P)
+    spreads = np.ones((len(_SPREADS), len(scores)))
+    spreads[:, places] = np.array(_SPREADS)[:, None]
+    values, vectors = np.linalg.eigh(spreads[:, :, None] * gram * spreads[:, None])
+    power = np.multiply.outer(sizes**2, np.maximum(values, 0.0))  # (S, 2, P), for both spreads
     # Squares gained by a mean, size times a pattern: 2 g.m - m'Am; then by what is left along the spread.
-    linear, square = patterns @ scores, np.einsum("ni,ij,nj->n", patterns, gram, patterns)
-    along = ((scores * spreads) @ vectors, (patterns @ gram * spreads) @ vectors)
-    left = sizes[:, None, None] * (along[0] - sizes[:, None, None] * along[1])  # (S, N, P)
-    gained = 2 * np.outer(sizes, linear) - np.outer(sizes**2, square)
-    gained += np.sum(left**2 / (1 + power)[:, None], -1)
+    pulled = signs @ gram[places]  # (N, P)
+    linear, square = signs @ scores[places], np.sum(pulled[:, places] * signs, 1)
+    of_scores = np.einsum("p,zp,zpq->zq", scores, spreads, vectors)
+    of_patterns = (pulled * spreads[:, None]) @ vectors  # (2, N, P)
+    held = (sizes[:, None, None] ** 2 / (1 + power)).transpose(1, 2, 0)  # (2, P, S)
+    gained = of_scores[:, None] ** 2 @ held + of_patterns**2 @ (held * sizes**2)
+    gained -= 2 * ((of_scores[:, None] * of_patterns) @ (held * sizes))
+    gained += 2 * np.outer(linear, sizes) - np.outer(square, sizes**2)  # (2, N, S)
     after = np.maximum(total - gained, 1e-9 * total)
-    logs = -0.5 * np.sum(np.log1p(power), -1)[:, None] - freedom / 2 * np.log(after / total) + np.log(weights)
+    logs = -0.5 * np.sum(np.log1p(power), -1).T[:, None] - freedom / 2 * np.log(after / total)
+    logs += np.log(weights / (len(sizes) * len(_SPREADS)))[:, None]
     largest = logs.max()
-    return float(largest + np.log(np.sum(np.exp(logs - largest)) / len(sizes)))
+    return float(largest + np.log(np.sum(np.exp(logs - largest))))
 
 
 @lru_cache(maxsize=64)

@@ -83,10 +83,15 @@ class Channels:
         """Return what concerns the channels that an index names."""
         key = index.tobytes()
         if key not in self._parts:
-            shared = np.ascontiguousarray(np.swapaxes(self.shared[:, :, index], 1, 2))
+            shared = self._shared_by_channel[:, index]
             grams = (self._products(gram, index) for gram in (self.gram, self.reading_gram))
             self._parts[key] = _Part(shared, *grams)
         return self._parts[key]
+
+    @cached_property
+    def _shared_by_channel(self) -> NDArray:
+        """Return what the shared unknowns explain, (B, C, G): channels are picked by the thousand."""
+        return np.ascontiguousarray(np.swapaxes(self.shared, 1, 2))
 
     def _products(self, gram: NDArray, index: NDArray) -> NDArray:
         """Return the rows and columns (B, n, n) of products that an index names: a copy unless they are neighbours."""
