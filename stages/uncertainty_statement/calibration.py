@@ -48,6 +48,8 @@ class _Answered:
 def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
     """State every identified number of the chosen calibration."""
     key = _chosen(tables)
+    if not settings.mechanism.is_legged:
+        return
     if key is None:
         statement.not_evaluated("calibration", "all", "no calibration was made, or none could be chosen")
         return

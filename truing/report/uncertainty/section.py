@@ -9,7 +9,7 @@ from truing.report.page import Listing, Section
 from truing.report.reasons import why_absent
 from truing.report.tables import Tables, cell, filled, reason
 from truing.report.uncertainty.grouped import Grouped, grouped
-from truing.report.uncertainty.share_bars import share_bars
+from truing.report.uncertainty.share_bars import share_bars, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +73,7 @@ def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None)
     listings, figures = [], []
     if budget is not None and len(told):
         groups = grouped(told, budget[budget["evaluation"] != "not evaluated"])
-        if len(groups.sources) > 1:
+        if len(visible(groups)) > 1:
             figures.append((share_bars(groups, title), _reading(groups)))
         listings.append(_budget(groups))
     if len(told):

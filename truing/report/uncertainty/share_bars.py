@@ -12,6 +12,12 @@ if TYPE_CHECKING:
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")
 _REST = "all others"
+_SEEN = 5e-3  # of a bar: what is narrower cannot be seen
+
+
+def visible(groups: Grouped) -> list[str]:
+    """The sources that can be seen in any of the bars."""
+    return [s for s in groups.sources if max(groups.share[name, s] for name in groups.names) >= _SEEN]
 
 
 def share_bars(groups: Grouped, title: str) -> go.Figure:
@@ -20,7 +26,8 @@ def share_bars(groups: Grouped, title: str) -> go.Figure:
 
     figure = go.Figure()
     names = [label(name) for name in groups.names]
-    drawn, rest = groups.sources[: len(_COLOURS)], groups.sources[len(_COLOURS) :]
+    drawn = visible(groups)[: len(_COLOURS)]
+    rest = [source for source in groups.sources if source not in drawn]
     for source, colour in zip(drawn, _COLOURS, strict=False):
         shares = [100.0 * groups.share[name, source] for name in groups.names]
         figure.add_trace(_bar(shares, names, f"{label(source)} ({groups.evaluation[source]})", colour))
@@ -32,7 +39,8 @@ def share_bars(groups: Grouped, title: str) -> go.Figure:
     height = 150 + 26 * len(names) + 22 * len(figure.data)
     style(figure, f"{title}: where the uncertainty comes from", "Share of the variance by source", height)
     figure.update_layout(barmode="stack", showlegend=True)
-    figure.update_layout(legend={"orientation": "v", "x": 0.0, "y": -70 / (26 * len(names) + 30), "yanchor": "top"})
+    legend = {"orientation": "v", "traceorder": "normal", "x": 0.0, "yanchor": "top"}
+    figure.update_layout(legend={**legend, "y": -70 / (26 * len(names) + 30)})
     figure.update_xaxes(title_text="share of the variance, %", range=[0, 100])
     figure.update_yaxes(type="category", categoryorder="array", categoryarray=names[::-1], automargin=True)
     return figure
