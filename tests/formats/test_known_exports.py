@@ -107,3 +107,15 @@ def test_positioning_runs_and_quadrature_signals_are_recognised(tmp_path):
     guess = sniff_file(written(tmp_path, "s.csv", "time,cos,sin\n0.0,1.0,0.0\n0.1,0.9,0.1\n"))
     assert guess.table == "quadrature"
     assert guess.mapping["columns"] == {"time_s": "time", "signal_x": "cos", "signal_y": "sin"}
+
+
+def test_phase_and_radius_are_quadrature_signals(tmp_path):
+    guess = sniff_file(written(tmp_path, "q.csv", "Phase (deg), Radius, Roundness deviation\n 0.1, 501.0, 1.6\n"))
+    assert guess.table == "quadrature"
+    assert guess.mapping["columns"] == {"phase_deg": "Phase (deg)", "radius": "Radius"}
+
+
+def test_a_workbook_is_to_be_saved_as_csv(tmp_path):
+    (tmp_path / "a.xls").write_bytes(b"\xd0\xcf\x11\xe0" + bytes(200))
+    (fault,) = read(tmp_path, entries={"path": "a.xls"}).faults
+    assert (fault.value, fault.expected) == ("a workbook", "a sheet that was saved as CSV (UTF-8)")

@@ -30,6 +30,9 @@ DAMAGED = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile, zipfile.BadZi
 
 _MAGIC: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
 _ZIP = (b"PK\x03\x04", b"PK\x05\x06")  # the second: an archive without members
+_OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
+_OF_WORKBOOKS = {"[Content_Types].xml", "content.xml"}  # of Excel, and of OpenDocument
+_AS_CSV = "a sheet that was saved as CSV (UTF-8)"
 # Measured numbers shrink to a half or a tenth, logs that stand still to a hundredth.
 LARGEST_RATIO = 250
 FREE = 64 << 20  # bytes that any file may unpack to
@@ -45,6 +48,8 @@ def open_plain(path: Path) -> Iterator[IO[bytes]]:
     """
     with path.open("rb") as file:
         magic = file.read(6)
+    if magic.startswith(_OLD_WORKBOOK):
+        raise Refused(_AS_CSV, "a workbook")
     opener = next((opener for start, opener in _MAGIC.items() if magic.startswith(start)), None)
     if magic.startswith(_ZIP):
         with zipfile.ZipFile(path) as archive, _member(archive) as stream:
@@ -60,6 +65,8 @@ def open_plain(path: Path) -> Iterator[IO[bytes]]:
 def _member(archive: zipfile.ZipFile) -> IO[bytes]:
     """The only file inside, whatever its name: it names no place to write to. What macOS adds for itself is none."""
     members = [name for name in archive.namelist() if not name.endswith("/") and not name.startswith("__MACOSX/")]
+    if len(members) > 1 and not _OF_WORKBOOKS.isdisjoint(members):
+        raise Refused(_AS_CSV, "a workbook")
     if len(members) != 1:
         raise Refused("an archive with a single file inside", f"{len(members)} files")
     try:
