@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_BENCH = "tolerances of the drawing"
+_BENCH, _AXES = "tolerances of the drawing", 6
 _TOLERANCES = {
     "a": "tolerance of the lower joints",
     "b": "tolerance of the upper joints",
@@ -44,6 +44,7 @@ class _Effect:
     cause: Cause
     values: Array
     parts: Mapping[Source, Array]
+    legs: int
 
 
 def state_causes(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
@@ -101,7 +102,7 @@ def _budget(effect: _Effect | None, names: list[str], whole: Array) -> Budget:
 def _told(effect: _Effect, names: list[str], covariance: Array) -> list[float]:
     """The standard uncertainties of the named parameters by a part of the covariance, in their units."""
     with np.errstate(all="ignore"):
-        told = {one.name: one.sigma for one in effect.cause.told(effect.values, covariance, 6)}
+        told = {one.name: one.sigma for one in effect.cause.told(effect.values, covariance, effect.legs)}
     return [float(np.nan_to_num(told.get(name) or 0.0)) for name in names]
 
 
@@ -136,14 +137,14 @@ def _of_mechanism(text: str, tables: Mapping[str, pa.Table]) -> list[_Effect]:
     for effect in model.effects(found.shared):
         own, scale = model.layout[effect.cause.key], model.effect_sigma(effect.cause)
         mine = {source: part[own, own] * np.outer(scale, scale) for source, part in parts.items()}
-        effects.append(_Effect(effect.cause, effect.values, mine))
+        effects.append(_Effect(effect.cause, effect.values, mine, model.leg_count))
     return effects
 
 
 def _of_sensor(text: str, tables: Mapping[str, pa.Table]) -> list[_Effect]:
     found = read_sensor(text)
     covariance, first = found.covariance, len(found.covariance) - sum(len(own) for own in found.values)
-    sigma = [cause.reach * np.array([p.scale for p in cause.parameters(6)]) for cause in found.causes]
+    sigma = [cause.reach * np.array([p.scale for p in cause.parameters(_AXES)]) for cause in found.causes]
     precision = np.concatenate([np.zeros(first), *(own**-2.0 for own in sigma)])
     groups = {_PLAUSIBLE: list(range(first, len(covariance)))}
     freedom = _freedom_of_readings(tables, len(covariance))
@@ -151,7 +152,7 @@ def _of_sensor(text: str, tables: Mapping[str, pa.Table]) -> list[_Effect]:
     effects = []
     for cause, values in zip(found.causes, found.values, strict=True):
         own = slice(first, first + len(values))
-        effects.append(_Effect(cause, values, {source: part[own, own] for source, part in parts.items()}))
+        effects.append(_Effect(cause, values, {source: part[own, own] for source, part in parts.items()}, _AXES))
         first = own.stop
     return effects
 

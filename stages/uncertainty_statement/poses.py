@@ -64,7 +64,10 @@ def _state(
     if not len(seen):
         statement.not_evaluated("pose", "all", "no pose of it was found", body)
         return
-    parts = _parts(tables, body, parent, poses, found) or _whole(tables, found)
+    try:
+        parts = _parts(tables, body, parent, poses, found) or _whole(tables, found)
+    except np.linalg.LinAlgError:  # a point that is exact along an axis
+        parts = _whole(tables, found)
     vector = log_so3(found.R[seen])
     turn = np.linalg.inv(left_jacobian_so3(vector))  # of the rotation vector, by a small rotation before the pose
     estimate = np.concatenate([found.p[seen] * 1e3, vector], 1)
