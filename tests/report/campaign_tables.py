@@ -33,9 +33,31 @@ def campaign_tables(
         "qa": _checks(),
         "poses": _poses(poses, bodies, rng),
         "residuals": _residuals(points, rng),
+        **_life(bodies[-1], name),
         **_deformation(poses, rng),
         "diagnosis": _diagnosis(),
     }
+
+
+def _life(body, name) -> dict[str, pd.DataFrame]:
+    """What happened during the campaign: a target glued on again, names that changed, repeats, an exclusion."""
+    of = {"body": body, "target": f"{name}1"}
+    shift = {f"{kind}_{a}_mm": value for a in "xyz" for kind, value in (("shift", 0.4), ("sigma", 0.007))}
+    survey = {"later_survey": name, **of, **shift, "p_value": 0.0, "relocated": True, "holds_as": f"{name}1@{name}"}
+    names = {**of, "called": f"{name}7", "from_pose": "3", "to_pose": None, "rows": 9}
+    repeat = {"repeated": "pose", "subject": f"{body} x", "pure_error": 4.2, "lower": 2.8, "upper": 7.9, "unit": "um"}
+    repeat |= {"declared_sigma": 5.0, "freedom_of_error": 8.0, "groups": 8, "told_by": "repeat_of"}
+    fit = {"repeated": "pose", "contender": "6-pus, none", "subject": f"{body} x", "f_ratio": 9.0, "p_value": 0.01}
+    effect = {"entry": "exclude 1", "subject": body, "by": name, "decided_on": "2026-11-20", "reason": name, "rows": 1}
+    rows = {
+        "resurveys": survey | {"from_pose": "3", "status": "moved"},
+        "relabelled": names | {"reason": name},
+        "likely_names": names | {"distance_mm": 0.004},
+        "repeats": repeat,
+        "lack_of_fit": fit | {"freedom_of_fit": 12.0, "freedom_of_error": 8.0},
+        "exclusion_effects": effect | {"gross_anyway": 0, "largest_change": 0.004, "unit": "mm", "over_sigma": 0.9},
+    }
+    return {table: pd.DataFrame([row]) for table, row in rows.items()}
 
 
 def _survey(bodies, targets, name, rng) -> pd.DataFrame:

@@ -175,7 +175,7 @@ def test_every_section_has_its_figure():
     for name, least in {"measured": 1, "diagnosis": 2, "poses": 2, "deformation": 3}.items():
         assert sum(len(part.figures) for part in all_of([found[name]])) >= least, name
     order = ["diagnosis", "measured", "qa", "poses", "deformation", "calibration", "requirements"]
-    assert list(found) == [*order, "uncertainty", "excluded", "provenance"]
+    assert list(found) == [*order, "uncertainty", "during", "excluded", "provenance"]
 
 
 def test_every_figure_says_what_it_shows_and_has_units():

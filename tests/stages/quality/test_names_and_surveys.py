@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.effects import TargetMoved
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
@@ -19,10 +20,14 @@ PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
 
 @pytest.fixture
 def folder(tmp_path):
+    return drawn(tmp_path)
+
+
+def drawn(tmp_path, *effects):
     rng = np.random.default_rng(3)
     moves = random_moves(16, 2, rng)
     again = [(101 + k, "calibration", moves[k][2]) for k in range(3)]
-    made = write_campaign(draw_campaign(PLAIN, [*moves, *again], [], rng), tmp_path / "campaign", 3)
+    made = write_campaign(draw_campaign(PLAIN, [*moves, *again], list(effects), rng), tmp_path / "campaign", 3)
     for name, at in (("points", 2), ("targets", 1)):  # no target at an attachment
         lines = (made / f"{name}.csv").read_text(encoding="utf-8").splitlines()
         kept = [line for line in lines if not line.split(",")[at].startswith("A")]
@@ -124,6 +129,22 @@ def test_a_survey_at_the_end_is_not_evaluated_passes_or_fails(folder):
     assert said.failed_checks == ("resurvey target P03 survey end",)
     added(folder, "\n[qa.limits.resurvey]\nfail = 1000.0\n")
     assert quality(folder)[1].loc[("resurvey", "target P03 survey end"), "verdict"] == "warn"
+
+
+def test_a_target_that_moved_is_not_mixed_with_what_it_was(tmp_path):
+    by = np.array([0.3, 0.0, -0.2])
+    folder = drawn(tmp_path, TargetMoved("platform", "P03", tuple(by), 13))
+    surveyed_again(folder, "P03", by)
+    assert quality(folder)[1].loc[("moved-targets", "target P03"), "verdict"] == "warn"
+    added(folder, '\n[[resurvey]]\nsurvey = "end"\nfrom_pose = 13\n')
+    _, qa, said = quality(folder)
+    assert qa.loc[("moved-targets", "platform"), "verdict"] == "pass"
+    assert not said.failed_checks
+    residuals = run_line(folder, "ingest", "pose")[0]["residuals"].to_pandas()
+    own = residuals[residuals["target"].isin(["P03", "P03@end"]) & ~residuals["rejected"]]
+    assert own["weight"].all()  # both take part in the frame
+    size = np.linalg.norm(own[["dx_mm", "dy_mm", "dz_mm"]], axis=1)
+    assert size.max() < 10.0 * 0.005 < np.linalg.norm(by)
 
 
 @pytest.mark.parametrize(
