@@ -343,3 +343,13 @@ def test_rows_that_a_split_leaves_out_are_left_out_where_poses_are_looked_for(tm
     campaign = read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "files": {"points": entry}})
     batches = [batch for _, batch in read_table(CampaignFiles(tmp_path, campaign), shape, FaultLog())]
     assert [batch.columns["pose"].to_pylist() for batch in batches] == [[1]]
+
+
+def test_a_pose_is_not_taken_for_what_sounds_like_it_and_a_date_asks_for_its_format(tmp_path):
+    written(tmp_path, "a.csv", "used,target,x_mm,y_mm,z_mm\n1,T,1,2,3\n")
+    (fault,) = read(tmp_path, entries={"path": "a.csv"}).faults
+    assert "did you mean" not in fault.expected
+    assert "from_name" in fault.expected
+    written(tmp_path, "c.csv", "pose,time_s\n1,20-Dec-2008 10:47:39\n2,20-Dec-2008 10:48:00\n")
+    faults = read(tmp_path, "configurations", {"path": "c.csv"}).faults
+    assert ["time_format" in fault.expected for fault in faults] == [True, True]

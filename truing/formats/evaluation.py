@@ -297,7 +297,10 @@ class _Work:
         values, bad = self.notation.parse(texts)
         if bad.any():
             first = texts[int(np.flatnonzero(bad)[0])].as_py()
-            self._fault(bad, texts, name, self.notation.advice(first))
+            expected = self.notation.advice(first)
+            is_date = name == "time_s" and expected == "a number" and first[:1].isdigit()
+            more = "; a time written as a date is read by time_format, such as %Y-%m-%d %H:%M:%S" if is_date else ""
+            self._fault(bad, texts, name, expected + more)
         return values, np.array(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), "")), bad
 
     def _absent(self, wrong: Mask, name: str, expected: str) -> None:

@@ -315,7 +315,7 @@ class Plan:
         if isinstance(reference, int):
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
         known = [other for other in self.all_names if other]
-        close = difflib.get_close_matches(reference, known, n=1, cutoff=0.5)
+        close = difflib.get_close_matches(reference, known, n=1, cutoff=0.75 if reference in _TOLD else 0.5)
         hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known) or 'none'}"
         if self.entry.header is not False and 2 * sum(map(is_plain_number, known)) > len(known):
             hint = (
