@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -91,7 +92,17 @@ def read_later_surveys(
     for name, body in pairs:
         seen = _seen(found, cov, (surveys == name) & (bodies == body))
         _compare(out, places.setdefault(body, {}), seen, (name, body), wished[name], FALSE_ALARM / len(pairs))
+    _check_names(out, first.table, found.first_file, log)
     return out
+
+
+def _check_names(out: LaterSurveys, first: pa.Table, file: str, log: FaultLog) -> None:
+    """The name of a target that moved is one that no other target has."""
+    known = Counter(zip(first.column("body").to_pylist(), first.column("target").to_pylist(), strict=True))
+    known.update((row["body"], row["target"]) for row in out.added)
+    for body, target in (pair for pair, count in known.items() if count > 1):
+        said = f"another name for the survey: body {body} has a target {target} already"
+        log.add(Fault(file, said, column="survey", value=target.rpartition("@")[2]))
 
 
 @dataclass(frozen=True)

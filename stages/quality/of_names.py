@@ -138,10 +138,12 @@ def due(resurveys: pa.Table | None, body: BodyView, around: Surroundings) -> NDA
     rows = [] if resurveys is None else resurveys.to_pylist()
     held = {name: name for name in place}
     for row in rows:
-        start = since.get(str(row["from_pose"])) if row["body"] == body.name and row["holds_as"] else None
-        if start is None:
+        if row["body"] != body.name or not row["holds_as"]:
             continue
-        if (new := place.get(row["holds_as"])) is not None:
+        new, start = place.get(row["holds_as"]), since.get(str(row["from_pose"]))
+        if start is None:  # no point of that very pose: since it was seen first
+            start = 0 if new is None else int(body.points.seen[:, new].argmax())
+        if new is not None:
             out[:start, new] = False
         if row["holds_as"] != row["target"] and (old := place.get(held.get(row["target"], ""))) is not None:
             out[start:, old] = False

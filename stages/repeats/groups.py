@@ -64,7 +64,7 @@ def drive_readings(configurations: pa.Table, drives: tuple[str, ...]) -> Array:
     """(B, D) readings of actuators or drives, those that vary."""
     names = [name for name in configurations.column_names if name.startswith("rho") or name in drives]
     columns = [number_column(configurations, name) for name in names]
-    varying = [column for column in columns if np.nanstd(column) > 0.0]
+    varying = [column for column in columns if np.isfinite(column).any() and np.nanstd(column) > 0.0]
     return np.column_stack(varying) if varying else np.zeros((configurations.num_rows, 0))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stages.point_arrays import number_column
 from stages.repeats.groups import SAME_LOADS, Index, repeated_runs
-from stages.repeats.tables import Repeated
+from stages.repeats.tables import Repeated, known_mean
 from stages.responses.tables import Rows
 from stages.sensor.overruled import without_excluded
 from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
@@ -39,7 +39,7 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
         return repeats, fits
     names: tuple[str, ...] = steps.signals
     readings = Repeated("reading", CHANNELS, _UNITS, SAME_LOADS, len(groups))
-    declared = np.sqrt(_mean(steps.sigma**2)) / READING_SI
+    declared = np.sqrt(known_mean(steps.sigma**2)) / READING_SI
     readings.add_to(repeats, within_runs(steps.reading / READING_SI, groups), declared)
     signals = Repeated("signal", names, ("mV",) * len(names), SAME_LOADS, len(groups))
     noise = settings.noise.signal_mv
@@ -50,13 +50,6 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
         signals.add_fit(fits, "linear in the loads", lack_of_fit(left[1], within_runs(left[0], groups)))
     _of_diagnosis(tables, steps, groups, readings, fits)
     return repeats, fits
-
-
-def _mean(values: Array) -> Array:
-    known = np.isfinite(values)
-    return np.where(
-        known.any(axis=0), np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1), np.nan
-    )
 
 
 def _linear_left(steps: RecordedSteps) -> tuple[Array, Squares]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stages.point_arrays import number_column, positions, text_column
 from stages.repeats.groups import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
-from stages.repeats.tables import Repeated
+from stages.repeats.tables import Repeated, known_mean
 from stages.responses.tables import Rows
 from truing.estimation.pure_error import Squares, lack_of_fit, within_groups
 from truing.estimation.rotation import exp_so3, log_so3
@@ -71,7 +71,7 @@ def _relative_poses(table: pa.Table | None, poses: tuple[int | str, ...]) -> Ite
             R = exp_so3(own[known, 3:])
             own[known, 3:] = log_so3(R @ R[0].T)
             own[~known] = np.nan
-            yield str(body), own, np.sqrt(np.nanmean(variance, axis=0))
+            yield str(body), own, np.sqrt(known_mean(variance))
 
 
 _POSE = tuple((f"p{a}", "mm") for a in "xyz") + tuple((f"r{a}", "rad") for a in "xyz")
@@ -100,13 +100,13 @@ def _of_attachments(
     variance[at] = number_column(table, "own_sigma_um")[kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
     found = Repeated("attachment", subjects, ("um",) * legs, how, len(groups))
-    found.add_to(repeats, within_groups(shift, groups), np.sqrt(np.nanmean(variance, axis=0)))
+    found.add_to(repeats, within_groups(shift, groups), np.sqrt(known_mean(variance)))
     inside = [group[fitted[group]] for group in groups]
     for model, left in _deformation_left(tables.get("deformation_models"), shift, drive):
         left[~fitted] = np.nan
         count = np.isfinite(left).sum(axis=0)
         spent = 1.0 + (1.0 if model == "linear" else legs)
-        centred = left - np.nanmean(left, axis=0)
+        centred = left - known_mean(left)
         all_left = Squares(np.nansum(centred**2, axis=0), count - spent)
         found.add_fit(fits, model, lack_of_fit(all_left, within_groups(left, inside)))
 

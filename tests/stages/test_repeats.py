@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 
 from schemas.faults import CampaignFaults
@@ -80,6 +81,13 @@ def test_a_shift_that_no_model_knows_is_lack_of_fit(line):
     fits = stage_of({**line, "deformation": table})[1].set_index(["contender", "subject"])
     assert fits.loc[("linear", "leg 3"), "p_value"] < 1e-3
     assert (fits.drop(index="leg 3", level="subject")["p_value"] > RARE).all()
+
+
+def test_an_attachment_without_targets_tells_nothing_and_warns_of_nothing(line):
+    kept = line["deformation"].filter(pc.not_equal(line["deformation"].column("leg"), 3))
+    repeats, fits = stage_of({**line, "deformation": kept})
+    assert "leg 3" not in {*repeats["subject"], *fits["subject"]}
+    assert "leg 4" in set(fits["subject"])
 
 
 def test_repeats_are_known_by_their_readings_where_no_column_says_so(line):

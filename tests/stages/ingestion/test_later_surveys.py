@@ -118,6 +118,16 @@ def test_what_names_nothing_is_a_fault(folder, entries, told):
     assert any(re.search(told, one) for one in said), said
 
 
+def test_the_name_of_a_moved_target_is_taken_by_no_other(folder):
+    folder.targets.append("platform,P2@after,1.0,2.0,3.0,")
+    surveyed(folder, {"P2": (0.8, 0.0, -0.3)})
+    folder.toml += entry(from_pose=2)
+    said = [str(fault) for fault in folder.faults()]
+    assert any(
+        "found 'after'; expected another name for the survey: body platform has a target P2@" in one for one in said
+    )
+
+
 def test_what_is_missing_is_named(folder):
     folder.toml += entry(from_pose=2)
     assert any("the table resurveys.csv, or [files.resurveys]" in str(fault) for fault in folder.faults())
