@@ -77,6 +77,11 @@ DIAGNOSIS = (
         ("purpose", "run", "step", "time_s", *_WRENCH, "branch", "channels", "conditions", "times", "expected"),
         key=("purpose", "run", "step"),
     ),
+    parquet(
+        "cause_uncertainty",
+        "what each source gives to the uncertainty of every number of the causes that were found",
+        ("cause", "subject", "parameter", "input_source", "evaluation", "contribution", "degrees_of_freedom", "unit"),
+    ),
     Artifact("start", "start.toml", "the model of an earlier campaign that this one starts from"),
     parquet(
         "changes",

@@ -43,6 +43,7 @@ DECLARATION = Stage(
         "next_poses?",
         "next_loads?",
         "changes?",
+        "cause_uncertainty?",
     ),
     settings=(
         "campaign.name",

@@ -21,10 +21,12 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     """Tables and text by artifact."""
     from stages.diagnosis.detectable_rows import detectable_table, detectable_words
     from stages.diagnosis.rows import Words, diagnosis_table
+    from stages.diagnosis.uncertainty_rows import uncertainty_table
 
     last, legs = diagnosis.search, diagnosis.plain.model.leg_count
     causes = [verdict.cause for verdict in diagnosis.verdicts]
     found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
+    found["cause_uncertainty"] = uncertainty_table(diagnosis, legs)
     sentences: dict[str, str] = {}
     if gathered.shown is not None:
         found |= of_readings(diagnosis, gathered.shown, settings) | _changes(diagnosis)

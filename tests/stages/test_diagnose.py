@@ -43,6 +43,7 @@ class Diagnosed:
     rows: list[dict[str, Any]]
     model: str
     figure: str
+    sources: list[dict[str, Any]]
     configurations: pa.Table
     truth: dict[str, Any]
 
@@ -54,7 +55,12 @@ def _diagnosed(folder: Path) -> Diagnosed:
     tables, said = run_line(folder, *LINE)
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8")) if truth_path(folder).exists() else {}
     return Diagnosed(
-        tables["diagnosis"].to_pylist(), tables["model"], said["diagnose"].figure, tables["configurations"], truth
+        tables["diagnosis"].to_pylist(),
+        tables["model"],
+        said["diagnose"].figure,
+        tables["cause_uncertainty"].to_pylist(),
+        tables["configurations"],
+        truth,
     )
 
 
@@ -80,6 +86,26 @@ def sample() -> Diagnosed:
 @pytest.fixture(scope="module")
 def linear(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     return _drawn(tmp_path_factory.mktemp("linear"), [LinearDeformation(KAPPA)], 41)
+
+
+def _given(made: Diagnosed, row: dict[str, Any], name: str) -> dict[str, float]:
+    """What each source gives to a parameter."""
+    place = row["cause"], row["subject"], name
+    return {
+        one["input_source"]: one["contribution"]
+        for one in made.sources
+        if (one["cause"], one["subject"], one["parameter"]) == place
+    }
+
+
+@pytest.mark.parametrize("name", ["sample", "linear"])
+def test_the_uncertainty_of_every_number_found_is_told_by_source(name: str, request: pytest.FixtureRequest) -> None:
+    made: Diagnosed = request.getfixturevalue(name)
+    row = next(row for row in made.rows if row["verdict"] == "found")
+    for parameter, one in json.loads(row["parameters"]).items():
+        given = _given(made, row, parameter)
+        assert np.linalg.norm(list(given.values())) == pytest.approx(one["sigma"], rel=1e-9)
+        assert {"measured points, at the noise found", "tolerance of the lower joints"} <= given.keys()
 
 
 def _pulls(row: dict[str, Any], truth: dict[str, Any]) -> np.ndarray:

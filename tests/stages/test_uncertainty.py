@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 from stages.uncertainty_statement.accuracy import root_mean_square
-from stages.uncertainty_statement.causes import _with_rest
 from stages.uncertainty_statement.sensor import BY_LOADS, _parts
 from tests.cut_telescope import cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
@@ -18,7 +17,7 @@ from tests.stages.line import run_line
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel, Estimator
 from truing.estimation.sensor.load_table import load_table
-from truing.estimation.uncertainty_budget import Source, linear_estimate
+from truing.estimation.uncertainty_budget import Source
 
 Frames = dict[str, pd.DataFrame]
 
@@ -154,20 +153,6 @@ def test_a_root_mean_square_of_few_errors_scatters_as_is_stated() -> None:
     typical = np.sqrt(np.mean([told.standard[0] ** 2 for _, told in draws]))
     assert typical == pytest.approx(scatter, rel=0.12)
     assert draws[0][1].dof == pytest.approx([39.0])
-
-
-def test_what_was_known_before_is_told_from_the_covariance_of_a_fit_alone() -> None:
-    rng = np.random.default_rng(4)
-    jacobian, noise = rng.normal(size=(20, 1, 3)), Source("data", "A")
-    prior = {Source("a", "B"): np.diag([1.0, 0.0, 0.0]), Source("b", "B"): np.diag([0.0, 4.0, 4.0])}
-    whole = linear_estimate(jacobian, {noise: np.full((20, 1, 1), 30.0)}, prior)
-    level = 1.3  # variances found over those declared, tolerances included
-    total = level * sum(whole.values())
-    told = _with_rest(total, {"a": [0], "b": [1, 2]}, level, np.array([1.0, 4.0, 4.0]), 17.0)
-    for source in prior:
-        assert told[source] == pytest.approx(level * whole[source], rel=1e-9)
-    (rest,) = (part for source, part in told.items() if source.evaluation == "A")
-    assert rest == pytest.approx(level * whole[noise], rel=1e-9)
 
 
 def test_what_cannot_be_stated_says_why(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
+from truing.estimation.diagnosis.uncertainty_sources import rows_by_source
 from truing.estimation.diagnosis.whitening import Linearised, Whitened, whiten
 
 POSES, ROWS, LOCAL, SHARED, EXTRA = 5, 12, 3, 4, 2
@@ -56,6 +57,23 @@ def test_step_and_covariance_are_those_of_the_dense_problem(missing: bool) -> No
     assert_close(local.ravel(), solution[SHARED:], atol=1e-12, what="local step")
     covariance = np.linalg.inv(matrix.T @ matrix)[:SHARED, :SHARED]
     assert_close(whiten(problem).covariance(), covariance, atol=1e-12, what="covariance")
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_each_source_gives_what_errors_of_its_rows_do_in_the_dense_problem(missing: bool) -> None:
+    problem = draw(3, missing)
+    known = np.array([True, True, True, False])
+    problem = replace(problem, shared_known=known)
+    whitened, layout = whiten(problem), {"a": slice(0, 2), "shape": slice(2, 2), "b": slice(2, 3), "cause": slice(3, 4)}
+    rows = rows_by_source(whitened, layout, {"cause"}, slice(1, LOCAL))
+    assert set(rows) == {"points", "readings", "earlier", "plausible", "a", "b", "wide"}
+    assert np.all(np.sum(list(rows.values()), axis=0) == 1)
+    assert [int(own.sum()) for own in rows.values()] == [POSES * ROWS, POSES * (LOCAL - 1), EXTRA, 1, 2, 1, POSES]
+    found = whitened.covariance_from(rows, slice(1, SHARED))
+    assert_close(sum(found.values()), whitened.covariance()[1:, 1:], atol=1e-12, what="sum")
+    follows = np.linalg.pinv(dense(problem)[0])[1:SHARED]  # d estimate / d each row
+    for name, own in rows.items():
+        assert_close(found[name], follows[:, own] @ follows[:, own].T, atol=1e-12, what=name)
 
 
 @pytest.mark.parametrize("missing", [False, True])

@@ -30,6 +30,7 @@ from truing.estimation.diagnosis.prediction_error import (
 )
 from truing.estimation.diagnosis.screening import gross_errors
 from truing.estimation.diagnosis.signatures import Channels, channels_of
+from truing.estimation.diagnosis.uncertainty_sources import Given, rows_by_source
 
 # How often gross errors are looked for, and the noise estimated anew, before the search.
 _PREPARATIONS = 3
@@ -144,6 +145,7 @@ class Stand:
     fit: PointFit
     held_out: PredictionError | None
     seed: int
+    learned: tuple[float, float] = (1.0, 1.0)  # noise of readings and survey used in the fit, over that declared
 
     @cached_property
     def error(self) -> PredictionError:
@@ -197,6 +199,18 @@ class Stand:
         place, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
         return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
 
+    def given(self, cause: Any) -> tuple[Given, ...]:
+        """Return what each source gives to the covariance of an accepted cause's parameters, SI: all of it together."""
+        whitened, place = self.fit.whitened, self.model.layout[cause.key]
+        rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.reading_rows)
+        sigma = self.noise_ratio * self.model.effect_sigma(cause)
+        parts = whitened.covariance_from(rows, place)
+        left = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
+        return tuple(
+            Given(name, covariance * np.outer(sigma, sigma), float(left[rows[name]].sum()))
+            for name, covariance in parts.items()
+        )
+
 
 class Fitter:
     """Fits a campaign's model with any causes; knows the noise and the gross errors found so far."""
@@ -237,7 +251,7 @@ class Fitter:
             shared, local = start.model.widened(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
         fit = fit_points(model, measured, frames, shared, local)
-        return Stand(causes, model, measured, fit, self._predicted(model, fit), self._seed)
+        return Stand(causes, model, measured, fit, self._predicted(model, fit), self._seed, self._ratios)
 
     def _predicted(self, model: CausalModel, fit: PointFit) -> PredictionError | None:
         if self.held_out is None:

@@ -7,6 +7,7 @@ share by one QR: `Whitened.rest` is then what no nuisance explains.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -139,6 +140,14 @@ class Whitened:
     def covariance(self) -> NDArray:
         """Return the covariance (G, G) of the shared unknowns, in prior sigmas squared."""
         return self._inverse @ self._inverse.T
+
+    def covariance_from(self, rows: Mapping[str, NDArray], place: slice) -> dict[str, NDArray]:
+        """Return the covariance (P, P) of shared unknowns that the errors of each group of rows (N,) give to them.
+
+        Rows err independently, each by one; groups that hold every row sum to `covariance`.
+        """
+        follows = self._inverse[place] @ (self._inverse.T @ self.rows.T)
+        return {name: follows[:, own] @ follows[:, own].T for name, own in rows.items()}
 
     def without_local(self, columns: NDArray) -> NDArray:
         """Return columns (B, M + H, P) less what the local unknowns explain of them."""

@@ -1,0 +1,88 @@
+"""The rows of cause_uncertainty.parquet: where the uncertainty of every number that was found comes from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stages.responses.tables import Rows
+from truing.estimation.diagnosis.uncertainty_sources import EARLIER, PLAUSIBLE, POINTS, READINGS, WIDE
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.estimation.diagnosis.acceptance import Diagnosis
+    from truing.estimation.diagnosis.fitted_model import Stand
+    from truing.estimation.diagnosis.uncertainty_sources import Given
+    from truing.simulation.cause import Cause
+
+# Sources in words, by how a model calls its kinds of unknowns.
+_WORDS = {
+    EARLIER: "what the earlier campaign found",
+    PLAUSIBLE: "sizes of causes held to be plausible",
+    WIDE: "numbers of which nothing is declared",
+    "a": "tolerance of the lower joints",
+    "b": "tolerance of the upper joints",
+    "u": "tolerance of the directions of the actuators",
+    "l": "tolerance of the lengths of the legs",
+    "shape": "survey of the targets",
+    "zero": "zeros of the runs, as declared",
+    "geometry": "tolerance of the sensor's lengths",
+    "stiffness": "tolerance of the sensor's stiffness",
+    "gain": "gains of the signals, as declared",
+    "legforce": "models of what a leg carries",
+    "optics": "beams and material, as declared",
+}
+_READ = {
+    "points": "readings of the actuators",
+    "bodies": "standing of what should stand still",
+    "bench": "applied loads",
+}
+# Noise is of its declared size unless what was measured shows it to be larger by this much.
+_LARGER = 1.01
+
+
+def uncertainty_table(diagnosis: Diagnosis, legs: int) -> pa.Table:
+    """Rows of every number with a sigma of every cause that was found and named, by source."""
+    rows, final = Rows("cause_uncertainty"), diagnosis.final
+    for verdict in diagnosis.verdicts:
+        if verdict.verdict == "found" and verdict.cause.key in final.model.layout:
+            for given in final.given(verdict.cause):
+                _add(rows, final, verdict.cause, given, legs)
+    return rows.table()
+
+
+def _add(rows: Rows, final: Stand, cause: Cause, given: Given, legs: int) -> None:
+    name, larger = _source(final, given)
+    with np.errstate(all="ignore"):  # a part may give nothing to a number that is a length or an angle
+        told = cause.told(final.values(cause)[0], given.covariance, legs)
+    for one in told:
+        if one.sigma is not None and np.isfinite(one.sigma):
+            rows.add(
+                cause=cause.id,
+                subject=cause.subject,
+                parameter=one.name,
+                input_source=name,
+                evaluation="A" if larger else "B",
+                contribution=float(one.sigma),
+                degrees_of_freedom=max(given.freedom, 1.0) if larger else None,
+                unit=one.unit,
+            )
+
+
+def _source(final: Stand, given: Given) -> tuple[str, bool]:
+    """A source in words, and whether its size was found from what was measured."""
+    readings, survey = final.learned
+    if given.source == POINTS:
+        return ("measured points" if final.fit.frames.size else "readings and signals") + ", at the noise found", True
+    if given.source == READINGS:
+        kind = "bench" if not final.fit.frames.size else "points" if final.model.leg_count else "bodies"
+        return _found(_READ[kind], readings)
+    if given.source == "shape":
+        return _found(_WORDS["shape"], survey)
+    return _WORDS[given.source], False
+
+
+def _found(words: str, ratio: float) -> tuple[str, bool]:
+    return (f"{words}, at the noise found", True) if ratio > _LARGER else (f"{words}, as declared", False)
