@@ -256,6 +256,22 @@ def test_a_few_long_files_of_bare_coordinates_are_targets_and_their_rows_poses(t
     assert "360 points of 60 poses from 6 files" in done.stdout
 
 
+def test_of_a_bundle_coded_targets_alone_are_taken(tmp_path: Path) -> None:
+    entry = proposed(tmp_path / "raw", BUNDLES, VSTARS + "TARGET36,-12.5,4.5,-1.5,0.2,1.4,0.1,0.000\n")
+    assert entry["select"] == {"target": r"CODE\d+"}
+    assert "select" not in proposed(tmp_path / "coded", BUNDLES, VSTARS)
+
+
+def test_a_time_that_is_a_date_is_answered_with_the_key_that_reads_it(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,x_displacement,x_force,y_force\n20-Dec-2008 10:47:39.2,0.5,0.5,0.5\n")
+    init(tmp_path)
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert (
+        "found '20-Dec-2008 10:47:39.2'; expected a number; to read times written as dates set time_format"
+        in done.stderr
+    )
+
+
 def test_files_beside_those_that_a_glob_would_find_are_not_taken_along(tmp_path: Path) -> None:
     (tmp_path / "raw").mkdir()
     (tmp_path / "raw" / "20250221_notes.csv").write_text("who,when\nAnn,today\n")

@@ -50,6 +50,13 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     return _vstars(names) if width <= _FLAGS_FROM + 1 and all(record[0][:1].isalpha() for record in records) else None
 
 
+def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> dict[str, Any]:
+    """The ``select`` of coded targets, which keep their numbers from bundle to bundle, where others are among them."""
+    names = [re.split(f"[{separators}]", line.strip(), maxsplit=1)[0] for line in lines if line.strip()]
+    coded = sum(re.fullmatch(r"CODE\d+", name) is not None for name in names)
+    return {"select": {"target": r"CODE\d+"}} if 0 < coded < len(names) else {}
+
+
 def _vstars(names: tuple[str, ...]) -> Known:
     note = f"V-STARS: id x y z sx sy sz; {_WHERE}"
     return {"format": "vstars", "constants": {"body": "body"}}, names, note

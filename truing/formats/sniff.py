@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
-from truing.formats.known_exports import Known, adjusted_points, is_id, metashape, tracker, wide_template
+from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
 from truing.formats.load_columns import load_columns
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
@@ -133,12 +133,17 @@ def _sniff_text(path: Path) -> Guess:
         note = 'lines of name[i,j]=number: docs/own-files.md has such a file under "Positioning runs of an axis"'
         return Guess(notes=(note,))
     comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
-    lines = [line for line in lines if comment is None or not line.lstrip().startswith(comment)][:_LINES]
+    whole = [line for line in lines if comment is None or not line.lstrip().startswith(comment)]
+    lines = whole[:_LINES]
     if not lines:
         return Guess(notes=("it holds no lines",))
     mapping: dict[str, Any] = {} if encoding == "utf-8" else {"encoding": encoding}
     mapping |= {} if comment is None else {"comment": comment}
-    return _sniff_records(lines, mapping)
+    guess = _sniff_records(lines, mapping)
+    if guess.mapping.get("format") == "vstars" and (select := coded_alone(whole)):
+        note = "coded targets alone: the others are numbered anew in every bundle"
+        return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
+    return guess
 
 
 def _decoded(head: bytes, *, whole: bool) -> tuple[str, str]:
@@ -174,6 +179,10 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     mapping |= {"thousands": notation.thousands} if notation.thousands else {}
     found, notes = _columns(names) if has_header else _positions(records, notation)
     table = _table({*names, *found.get("columns", {})})
+    if table == "quadrature" and "phase_deg" in found.get("columns", {}):
+        steps = {"constants": {"run": "1", "channel": "dz"}, "number_rows": {"step": 1}}
+        notes = [*notes, "phases of one channel, a step per row: say which channel it is"]
+        return Guess(mapping | found | steps, names, table, tuple(notes))
     if has_header and table in (None, "configurations") and (loads := load_columns(names)) is not None:
         table, keys, note = loads
         time = {key: name for key, name in found.get("columns", {}).items() if key == "time_s"}

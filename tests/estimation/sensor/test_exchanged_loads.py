@@ -38,6 +38,19 @@ def test_several_exchanges_are_found_one_after_the_other():
     assert {(one.first, one.second) for one in exchanged_loads(table)} == {(3, 40), (11, 12)}
 
 
+def test_rows_exchanged_in_two_runs_with_the_same_loads_are_told_within_each():
+    """Each of the four rows would be right with the load of either run: nobody writes from one day into another."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        own, case = loads(rng, 6)
+        run = np.concatenate([np.zeros(len(own), int), np.ones(len(own), int)])
+        table = replace(sensor(rng).table(rng, np.vstack([own, own]), np.concatenate([case, case])), case=run)
+        half = len(own)
+        written = _exchanged(_exchanged(table, 13, 14, [0, 1]), half + 13, half + 14, [0, 1])
+        found = exchanged_loads(written)
+        assert {(one.first, one.second) for one in found} == {(13, 14), (half + 13, half + 14)}
+
+
 def test_nothing_is_exchanged_in_good_tables():
     assert sum(len(exchanged_loads(_table(seed))) for seed in range(20)) == 0
 

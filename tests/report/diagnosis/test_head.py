@@ -116,6 +116,15 @@ def test_nothing_found_tells_the_smallest_size_that_would_have_been():
     assert len(said) < 320
 
 
+def test_nothing_found_is_no_pass_where_predictions_miss_by_more_than_noise():
+    beyond = [{**one, "noise_floor": 5.2} for one in rejected()]
+    mark, said = first_line(rows(*beyond))
+    assert mark == "warn"
+    assert "yet predictions miss by 7.9" in said
+    assert "noise alone would leave 5.2" in said
+    assert "agrees" not in said
+
+
 def test_nothing_found_without_a_table_of_sizes_claims_no_size():
     _, said = first_line(rows(*rejected()), detectable=made.detectable().iloc[:0])
     assert said.endswith("none of 11 candidates was found.")

@@ -53,7 +53,7 @@ def exchanged_loads(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> list
     zeros = _zeros(table, loads)
     for _ in range(_ROUNDS):
         rest, sigma = _robust_residuals(table.signals, loads, zeros)
-        one = _best(loads, rest / sigma, sigma, false_alarm)
+        one = _best(loads, rest / sigma, sigma, false_alarm, table.case)
         if one is None:
             break
         _exchange(loads, one)
@@ -140,8 +140,12 @@ def _scatter(rest: NDArray, parameters: int) -> NDArray:
     return np.where(spread > 0, spread, np.inf)
 
 
-def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float) -> RowExchange | None:
-    """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise."""
+def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float, case: NDArray) -> RowExchange | None:
+    """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise.
+
+    Where one of its rows is put right as well by a row of its own run (N,), it is that one: who writes down a row takes
+    the next for it, not one of another day with the same load.
+    """
     from scipy.special import chdtrc, chdtri
 
     pairs = len(loads) * (len(loads) - 1) // 2
@@ -166,6 +170,10 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float)
     if not valid.any():
         return None
     best = int(np.argmax(np.where(valid, total, -np.inf)))
+    rows = (first[best], second[best])
+    nearer = valid & (case[first] == case[second]) & (np.isin(first, rows) | np.isin(second, rows))
+    if nearer.any():
+        best = int(np.argmax(np.where(nearer, total, -np.inf)))
     return RowExchange(
         int(first[best]),
         int(second[best]),

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
+from truing.report.diagnosis.overall import as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
-from truing.report.numbers import count, printed, rough
+from truing.report.numbers import count, printed, rough, sign
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import why_no_diagnosis
 from truing.report.tables import Tables, cell, filled
@@ -54,7 +55,7 @@ def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
     effects = [row for row in found if not row.is_noise]
     noise = [row for row in found if row.is_noise]
     if not found:
-        return ("pass", _agreement(rows, tables))
+        return _nothing(rows, tables)
     if not effects:
         left = "; beyond that the simulation agrees with the measurement: no cause moves it."
         return ("warn", clause(noise[0], tables) + left)
@@ -64,6 +65,19 @@ def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
     said += f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
     modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
     return ("found", f"{said}; {modelling} {brings}." if brings else f"{said}.")
+
+
+def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
+    """Agreement; and where predictions miss by more than noise all the same, that and no pass."""
+    missed = as_it_is(rows, tables, held_out=True) or as_it_is(rows, tables, held_out=False)
+    beyond = [one for one in missed if one.floor is not None and one.after > AT_THE_FLOOR * one.floor]
+    if not beyond:
+        return ("pass", _agreement(rows, tables))
+    said = f"None of {count(len(rows), 'candidate')} was found; yet predictions miss by {rough(beyond[0].after)} "
+    said += (
+        f"{sign(beyond[0].unit)} rms where noise alone would leave {rough(beyond[0].floor)}: look at how they miss, "
+    )
+    return ("warn", f"{said}pose by pose, under Diagnosis.")
 
 
 def _listed(clauses: list[str], several: int) -> str:
