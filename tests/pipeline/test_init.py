@@ -267,7 +267,7 @@ def test_a_time_that_is_a_date_is_answered_with_the_key_that_reads_it(tmp_path: 
     init(tmp_path)
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert (
-        "found '20-Dec-2008 10:47:39.2'; expected a number; to read times written as dates set time_format"
+        "found '20-Dec-2008 10:47:39.2'; expected a number; a time written as a date is read by time_format"
         in done.stderr
     )
 
