@@ -67,3 +67,36 @@ def test_a_slip_is_answered_as_the_page_says(tmp_path, example: Example, slip: S
     with pytest.raises(CampaignFaults) as told:
         stage_line(tmp_path).call("ingest")
     assert slip.said in [str(fault) for fault in told.value.faults]
+
+
+EXPANSION = """[interferometer.material]
+axis = { expansion_per_k = 11.5e-6, expansion_sigma_per_k = 0.5e-6 }
+[files.positioning]
+constants = { material_temperature_c = 20.4 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("page", "old", "new", "table", "column", "values"),
+    [
+        ("c3d", "offset = { pose = 1 }", r"select = { frame = '\d*0' }", "observations", "pose", {0}),
+        (
+            "c3d",
+            "offset = { pose = 1 }",
+            "from_name = '(?P<trial>\\w+)\\.c3d'\njoin = { pose = \"{trial}-{frame}\" }",
+            "observations",
+            "pose",
+            {"lift-0", "lift-1"},
+        ),
+        ("renishaw", "[files.positioning]\n", EXPANSION, "reading_corrections", "correction", {"material"}),
+    ],
+)
+def test_what_pages_say_in_passing_works(tmp_path, page, old, new, table, column, values):
+    folder = examples(FOLDER / f"{page}.md")[0].write(tmp_path)
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    assert old in text
+    assert all(
+        line in (FOLDER / f"{page}.md").read_text() for line in new.splitlines() if "select" in line or "axis" in line
+    )
+    (folder / "campaign.toml").write_text(text.replace(old, new), encoding="utf-8")
+    assert set(stage_line(folder).call("ingest").tables[table][column].to_pylist()) == values
