@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from stages.uncertainty_statement.accuracy import root_mean_square
 from stages.uncertainty_statement.sensor import BY_LOADS, _parts
-from tests.cut_telescope import cut_telescope
+from tests.cut_telescope import SAMPLE, cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from truing.estimation.sensor.calibrate import fit_calibration
@@ -160,3 +161,26 @@ def test_what_cannot_be_stated_says_why(tmp_path: Path) -> None:
     left = frames["uncertainty"][~frames["uncertainty"]["stated"]]
     assert set(left["result"]) == {"calibration", "cause", "accuracy"}
     assert left["reason"].str.len().min() > 10
+
+
+def test_what_is_stated_of_poses_and_geometry_holds_the_truth_nearly_always(telescope: Frames) -> None:
+    """Of 54 components and 42 numbers as the sample was simulated, one in twenty may lie outside, more by chance."""
+    truth = json.loads((SAMPLE.parent / "telescope.truth.json").read_text())
+    geometry, poses = truth["geometry"], {f"{pose['pose']}": pose for pose in truth["poses"]}
+    built = {f"{name}_{axis} of leg {leg + 1}": geometry[f"{name}_mm"][leg][k]
+             for name in "ab" for leg in range(6) for k, axis in enumerate("xyz")}  # fmt: skip
+    built |= {f"l of leg {leg + 1}": length for leg, length in enumerate(geometry["length_mm"])}
+    off = []
+    for row in _of(telescope, "pose")[0].itertuples():
+        true = poses[row.subject.rpartition(" ")[2]]
+        place = true["p_mm" if row.quantity[0] == "p" else "rotation_vector_rad"]["xyz".index(row.quantity[1])]
+        off.append(abs(row.estimate - place) / row.expanded_uncertainty)
+    assert len(off) == 54
+    off += [
+        abs(row.estimate - built[row.quantity]) / row.expanded_uncertainty
+        for row in _of(telescope, "calibration")[0].itertuples()
+        if row.quantity in built
+    ]
+    assert len(off) == 96
+    assert np.mean(np.array(off) > 1.0) < 0.12  # twelve or more: a chance of 1 in 250, were they independent
+    assert np.mean(np.array(off) < 0.5) < 0.85  # normal: 0.67; no uncertainty that is merely large
