@@ -100,7 +100,7 @@ _REPEATS = (
         "the pose that this one repeats, by its name; empty where it repeats none",
         nullable=True,
     ),
-    Column("repeated", "text", "what came out again", choices=("pose", "attachment", "reading", "signal")),
+    Column("repeated", "text", "what came out again", choices=("pose", "point", "attachment", "reading", "signal")),
     _real("pure_error", "", "one standard deviation of a repeat, in the unit of its row", minimum=0.0),
     _real("declared_sigma", "", "one standard deviation as stated, in the unit of its row", minimum=0.0, nullable=True),
     _real("freedom_of_error", "", "degrees of freedom of the pure error", minimum=0.0),

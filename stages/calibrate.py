@@ -40,6 +40,7 @@ DECLARATION = Stage(
         "configurations?",
         "survey?",
         "poses?",
+        "residuals?",
         "deformation?",
         "deformation_models?",
         "model?",

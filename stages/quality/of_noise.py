@@ -105,7 +105,8 @@ def repeatability(
     """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty."""
     reference, moving = bodies[0], [b for b in bodies[1:] if not b.name.startswith("leg")]
     if not groups or not moving:
-        yield without("repeatability", "repeatability", "", "no configuration was measured twice")
+        why = "no body is seen from another" if groups else "no configuration was measured twice"
+        yield without("repeatability", "repeatability", "", why)
         return
     for body in moving:
         both = reference.fit.ok & body.fit.ok

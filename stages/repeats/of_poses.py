@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, positions, text_column
+from stages.point_arrays import number_column, positions, residual_points, text_column, used_targets
 from stages.repeats.groups import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
 from stages.repeats.tables import Repeated, known_mean
 from stages.responses.tables import Rows
@@ -44,6 +44,7 @@ def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
         values = at_one_reading(values, readings, groups) if how == DECLARED else values
         found = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS, how, len(groups))
         found.add_to(repeats, within_groups(values / _SI, groups), sigma / _SI)
+    _of_points(tables.get("residuals"), poses, groups, how, settings.noise.point_mm, repeats)
     fitted = np.array(configurations.column("role").to_pylist(), dtype=object) != "verification"
     _of_attachments(tables, poses, groups, how, fitted, repeats, fits)
     _of_calibrations(tables, poses, [group[fitted[group]] for group in groups], fits)
@@ -75,6 +76,29 @@ def _relative_poses(table: pa.Table | None, poses: tuple[int | str, ...]) -> Ite
 
 
 _POSE = tuple((f"p{a}", "mm") for a in "xyz") + tuple((f"r{a}", "rad") for a in "xyz")
+
+
+def _of_points(
+    table: pa.Table | None,
+    poses: tuple[int | str, ...],
+    groups: Sequence[Index],
+    how: str,
+    declared_mm: float | None,
+    repeats: Rows,
+) -> None:
+    """Places of targets in their body's frame, all of a body together: a rigid motion of each repeat is taken out."""
+    if table is None or not table.num_rows:
+        return
+    bodies, targets = text_column(table, "body"), text_column(table, "target")
+    for body in dict.fromkeys(bodies):
+        names = tuple(dict.fromkeys(targets[bodies == body]))
+        used = used_targets(table, str(body), poses, names)
+        left = np.where(used[..., None], residual_points(table, str(body), poses, names), np.nan)
+        spread = within_groups(1e6 * left.reshape(len(poses), -1), groups)
+        motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in groups)
+        pooled = Squares(spread.square.sum(keepdims=True), spread.freedom.sum(keepdims=True) - 6.0 * motions)
+        found = Repeated("point", (f"{body} targets",), ("um",), how, len(groups))
+        found.add_to(repeats, pooled, np.array([np.nan if declared_mm is None else 1e3 * declared_mm]))
 
 
 def _of_attachments(

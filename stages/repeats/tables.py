@@ -22,8 +22,10 @@ def known_mean(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Repeated:
-    """What was repeated (pose, attachment, reading, signal): C subjects with their units, how that is known, and in how
-    many groups."""
+    """What was repeated (pose, point, attachment, reading, signal): C subjects with their units.
+
+    how: how that is known; groups: how many of them there are.
+    """
 
     kind: str
     subjects: tuple[str, ...]

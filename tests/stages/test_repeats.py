@@ -52,7 +52,7 @@ def line(folder):
 
 def stage_of(tables, kind="photogrammetry", **noise):
     """The rows that the calibrate stage adds, without its calibrations."""
-    own = {"actuator_mm": 0.001, "signal_mv": sensor_campaign.SIGNAL_MV, **noise}
+    own = {"actuator_mm": 0.001, "point_mm": 0.005, "signal_mv": sensor_campaign.SIGNAL_MV, **noise}
     settings = SimpleNamespace(campaign=SimpleNamespace(drives=()), noise=SimpleNamespace(**own), exclude=())
     made = (repeats_of_poses if kind == "photogrammetry" else repeats_of_loads)(tables, settings)
     return tuple(rows.table().to_pandas() for rows in made)
@@ -65,6 +65,9 @@ def test_declared_repeats_tell_the_noise_though_actuators_stood_elsewhere(line):
     poses = repeats[repeats["repeated"] == "pose"]
     assert list(poses["subject"]) == [f"platform {name}" for name in ("x", "y", "z", "rx", "ry", "rz")]
     assert (poses["freedom_of_error"] == REPEATED).all()
+    points = repeats[repeats["repeated"] == "point"].set_index("subject")
+    assert set(points.index) == {"base targets", "platform targets"}
+    assert (points["freedom_of_error"] > 20.0 * REPEATED).all()
     for row in repeats.itertuples():  # of each against what its noise says, two-sided
         square = Squares(np.array([row.pure_error**2 * row.freedom_of_error]), np.array([row.freedom_of_error]))
         lower, upper = square.interval(1.0 - RARE)
@@ -172,7 +175,7 @@ def test_the_page_tells_who_left_out_what_when_and_what_it_would_be_without(fold
 def test_the_page_tells_what_was_repeated(line):
     repeats, fits = stage_of(line)
     section = during({"repeats": repeats, "lack_of_fit": fits})
-    assert section.lead == "repeats of poses and attachments, known by repeat_of."
+    assert section.lead == "repeats of poses, points, attachments, known by repeat_of."
     assert len(section.listings) == 2
     assert {row[2] for row in section.listings[1].rows} == {"linear", "matrix"}
     assert during({}) is None

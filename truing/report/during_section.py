@@ -43,7 +43,7 @@ def _lead(tables: Tables) -> str:
     if names is not None:
         words.append(f"{count(len(names), 'rule')} of names, in {count(int(names['rows'].sum()), 'point')}")
     if repeats is not None:
-        kinds = " and ".join(f"{kind}s" for kind in repeats["repeated"].unique())
+        kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
         words.append(f"repeats of {kinds}, known by {repeats['told_by'].iloc[0]}")
     return f"{'; '.join(words)}." if words else "Names that no survey knows."
 
