@@ -14,6 +14,8 @@ from truing.report.tables import Tables, filled
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
 _BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matrix": "left by a full compliance"}
+_OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
+_FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
 
 Verdict = tuple[str, str]
@@ -74,7 +76,7 @@ def _tiles(tables: Tables) -> list[tuple[str, str]]:
     if residuals is not None:
         out = int(residuals["rejected"].sum())
         tiles.append(("points left out", f"{out:,} ({100 * out / len(residuals):.1f} %)"))
-    return tiles + _model_tiles(tables) + _calibration_tiles(tables)
+    return tiles + _model_tiles(tables) + _positioning_tiles(tables) + _calibration_tiles(tables)
 
 
 def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
@@ -102,6 +104,17 @@ def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
     named = _BENCH_WORDS if bench else _MODEL_WORDS
     by_model = whole.groupby("model", sort=False)
     return [(named.get(str(m), str(m)), ", ".join(map(quantity, own["value"], own["unit"]))) for m, own in by_model]
+
+
+def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
+    """Accuracy and reversal of the axes that were positioned, the first few of them."""
+    rows = filled(tables, "positioning")
+    if rows is None:
+        return []
+    own = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_AXES))]
+    own = own[own["run"].isin(own["run"].unique()[:_FEW_AXES])]
+    shown = zip(own["run"], own["figure"], own["value"], own["unit"], strict=True)
+    return [(f"{_OF_AXES[figure]}, {run}", quantity(value, unit)) for run, figure, value, unit in shown]
 
 
 def _calibration_tiles(tables: Tables) -> list[tuple[str, str]]:
