@@ -73,7 +73,7 @@ def test_every_stated_result_stands_in_si_units_and_rounded(run: truing.Run) -> 
     tree, stated = _read(run), run["uncertainty"]
     stated = stated[stated["stated"]]
     values = [v for one in tree.iterfind(".//si:valueXMLList", _NAMES) for v in (one.text or "").split()]
-    single = tree.findall(".//dcc:measurementResult//si:real", _NAMES)
+    single = tree.findall(".//dcc:results//si:real", _NAMES)
     assert len(values) + len(single) == len(stated)
     lists = tree.findall(".//si:realListXMLList", _NAMES)
     px = stated[(stated["result"] == "pose") & (stated["quantity"] == "px")]
@@ -112,6 +112,21 @@ def test_a_temperature_that_nobody_recorded_is_told_by_the_laboratory(run: truin
     interval = _read(unknown).find(".//dcc:influenceCondition//si:coverageIntervalMU", _NAMES)
     assert interval is not None
     assert [child.text for child in interval] == ["0.173", "19.800", "20.400", "1", "uniform"]
+
+
+def test_it_keeps_the_rules_that_ptb_checks_beside_the_schema(run: truing.Run) -> None:
+    tree = _read(run)
+    for parent in tree.iter():
+        languages = [content.get("lang") for content in parent.findall("dcc:content", _NAMES)]
+        assert languages in ([], ["en"])
+    for result in tree.iterfind(".//dcc:measurementResult", _NAMES):
+        names = [child.tag.partition("}")[2] for child in result]
+        assert names[2:] == ["usedMethods", "usedSoftware", "measuringEquipments", "influenceConditions", "results"]
+    for unit in (*tree.iter("{https://ptb.de/si}unit"), *tree.iter("{https://ptb.de/si}unitXMLList")):
+        assert len((unit.text or "").split()) == 1
+    for name in ("valueXMLList", "labelXMLList", "coverageFactorXMLList", "distributionXMLList"):
+        for told in tree.iter(f"{{https://ptb.de/si}}{name}"):
+            assert told.text == " ".join((told.text or "").split())
 
 
 def test_equal_runs_give_equal_certificates(run: truing.Run) -> None:

@@ -27,21 +27,23 @@ def certificate(run: Run, told: Certificate) -> Iterator[tuple[str, bytes]]:
     root.set(f"{{{_INSTANCE}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
     _administration(dcc(root, "administrativeData"), run, told, found)
     results = dcc(root, "measurementResults")
-    if told.equipment:
-        equipment = dcc(results, "measuringEquipments")
-        for one in told.equipment:
-            _item(dcc(equipment, "measuringEquipment"), one)
-    _conditions(results, run, told)
-    add_results(results, found.results, told.methods)
+
+    def circumstances(result: Element) -> None:
+        """What belongs to every result: PTB's rules look for it there."""
+        _software(dcc(result, "usedSoftware"), run)
+        if told.equipment:
+            equipment = dcc(result, "measuringEquipments")
+            for one in told.equipment:
+                _item(dcc(equipment, "measuringEquipment"), one)
+        _conditions(result, run, told)
+
+    add_results(results, found.results, told.methods, circumstances)
     indent(root)
     yield FILE, tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def _administration(parent: Element, run: Run, told: Certificate, found: Qualified) -> None:
-    software = dcc(dcc(parent, "dccSoftware"), "software")
-    text(software, "name", "truing")
-    dcc(software, "release", ", ".join(sorted({run.origin(name)["software_version"] for name in run})))
-    dcc(software, "type", "application")
+    _software(dcc(parent, "dccSoftware"), run)
     _core(dcc(parent, "coreData"), told)
     _item(dcc(dcc(parent, "items"), "item"), told.item)
     laboratory = dcc(parent, "calibrationLaboratory")
@@ -62,6 +64,15 @@ def _administration(parent: Element, run: Run, told: Certificate, found: Qualifi
         _statement(statements, "Not certified", *found.left_out)
     if told.traceability:
         _statement(statements, "Traceability", told.traceability)
+
+
+def _software(parent: Element, run: Run) -> None:
+    """Every version that has made a table of the run."""
+    for version in sorted({run.origin(name)["software_version"] for name in run}):
+        software = dcc(parent, "software")
+        text(software, "name", "truing")
+        dcc(software, "release", version)
+        dcc(software, "type", "application")
 
 
 def _core(parent: Element, told: Certificate) -> None:

@@ -43,10 +43,9 @@ def one_word(text: str) -> str:
 
 
 def text(parent: Element, name: str, *sentences: str) -> Element:
-    """Append a named element with content in the language of the certificate, a line per sentence."""
+    """Append a named element with content in the language of the certificate, which may stand there but once."""
     child = dcc(parent, name)
-    for sentence in sentences:
-        dcc(child, "content", sentence).set("lang", LANGUAGE)
+    dcc(child, "content", " ".join(sentences)).set("lang", LANGUAGE)
     return child
 
 

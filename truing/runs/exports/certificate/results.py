@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element
 
@@ -17,15 +18,24 @@ _NORMS = {"positioning": "ISO 230-2"}
 _ALIKE = 2  # from so many results of one quantity on they stand as a list
 
 
-def add_results(parent: Element, results: pd.DataFrame, methods: tuple[str, ...]) -> None:
-    """Append a measurement result per kind, in the order of the page."""
+def add_results(
+    parent: Element, results: pd.DataFrame, methods: tuple[str, ...], circumstances: Callable[[Element], None]
+) -> None:
+    """Append a measurement result per kind, in the order of the page; ``circumstances`` appends those of each."""
     for kind, title in KINDS.items():
         own = results[results["result"] == kind]
         if len(own):
-            _kind(parent, kind, title, own, methods)
+            _kind(parent, kind, title, own, methods, circumstances)
 
 
-def _kind(parent: Element, kind: str, title: str, own: pd.DataFrame, methods: tuple[str, ...]) -> None:
+def _kind(
+    parent: Element,
+    kind: str,
+    title: str,
+    own: pd.DataFrame,
+    methods: tuple[str, ...],
+    circumstances: Callable[[Element], None],
+) -> None:
     result = dcc(parent, "measurementResult")
     text(result, "name", title)
     text(result, "description", statement(own))
@@ -35,6 +45,7 @@ def _kind(parent: Element, kind: str, title: str, own: pd.DataFrame, methods: tu
         _method(used, "Positioning of an axis", _NORMS[kind])
     for name in methods:
         _method(used, name)
+    circumstances(result)
     found = dcc(result, "results")
     for subject, rows in own.groupby("subject", sort=False, dropna=False) if kind != "pose" else _by_body(own):
         one = dcc(found, "result")
