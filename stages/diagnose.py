@@ -204,17 +204,19 @@ def _left_out(gathered: Gathered, gross: int) -> str:
 
 def _figure(table: pa.Table, diagnosis: Diagnosis, channels: Channels | None) -> str:
     from stages.diagnosis.shown import POINTS
+    from truing.report.numbers import two_decimals
 
     found = [row for row in table.to_pylist() if row["verdict"] == "found"]
     final = diagnosis.final
     shown = POINTS if channels is None else channels.whole(final.error)
-    left = f"{shown.rms(final.error) or 0.0:.2f} {shown.unit} rms, noise alone leaves {shown.floor(final.floor):.2f}"
+    rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
+    left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"
     if not found:
         return f"nothing found: {left}"
     before = shown.rms(diagnosis.plain.error) or 0.0
     # What is found of the noise has no name of its own among the causes.
     names = ["noise not as declared" if '"noise_ratio"' in row["parameters"] else row["cause"] for row in found]
-    return f"found {', '.join(dict.fromkeys(names))}: {before:.2f} -> {left}"
+    return f"found {', '.join(dict.fromkeys(names))}: {two_decimals(before)} -> {left}"
 
 
 def _not_evaluated(why: str) -> Outcome:

@@ -14,6 +14,7 @@ from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
 from truing.estimation.interferometry.log_quality import signs_flipped, units_mistaken
 from truing.estimation.quality import Scatter
+from truing.report.numbers import handy
 
 Array = NDArray[np.float64]
 
@@ -189,7 +190,8 @@ def jumps(view: LoadingView, share: float) -> Iterator[Check]:
             size = float(channel.fit.jump_size[at] * channel.in_files)
             row = channel.rows[channel.fit.jump_row[at]]
             run = view.run_name(int(channel.runs[at]))
-            said = f"{run}: {channel.name} jumps by {size:+.3g} {channel.unit} before step {view.steps.step[row]}."
+            by = f"{'+' if size > 0.0 else ''}{handy(size, None, channel.unit)}"
+            said = f"{run}: {channel.name} jumps by {by} before step {view.steps.step[row]}."
             yield Check("jumps", f"{run} {channel.name}", size, 0.0, channel.unit, WARN, said)
     if not found:
         yield Check("jumps", "", 0.0, 0.0, "", PASS, f"No run jumps, of {count} runs and channels.")
@@ -208,7 +210,8 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     walks = z[worst] > limit and abs(value[worst]) > noise
     run = view.run_name(int(channel.runs[worst]))
     shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
-    said = f"{channel.name}: the zero walks by {shown:+.3g} +- {spread:.2g} {unit} over {run}, where it is clearest."
+    by = handy(float(shown), float(spread), unit)
+    said = f"{channel.name}: the zero walks by {by} over {run}, where it is clearest."
     verdict = WARN if walks else PASS
     return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, said)
 

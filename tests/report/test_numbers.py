@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truing.report.numbers import count, duration, p_value, plain, printed, quantity, with_uncertainty
+from truing.report.numbers import (
+    count,
+    duration,
+    handy,
+    p_value,
+    plain,
+    printed,
+    quantity,
+    two_decimals,
+    with_uncertainty,
+)
 
 SIGMAS = st.floats(1e-12, 1e9)
 VALUES = st.floats(-1e9, 1e9)
@@ -114,3 +124,14 @@ def test_counts_and_times():
         "3.1 h",
         "10.0 days",
     ]
+
+
+def test_thousands_of_micrometres_are_told_in_millimetres_with_their_uncertainty():
+    assert handy(5331.0, 1602.0, "um") == "5.3 ± 1.6 mm"
+    assert handy(-118.0, 250.0, "um") == "-120 ± 250 um"
+    assert handy(-14.73, 9.31, "arcsec") == "-14.7 ± 9.3 arcsec"
+    assert handy(-11402.0, None, "um") == "-11.4 mm"
+
+
+def test_two_decimals_are_three_digits_where_they_would_tell_nothing():
+    assert [two_decimals(x) for x in (13.349, 0.0299, 0.0)] == ["13.35", "0.0299", "0"]

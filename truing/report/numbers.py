@@ -70,6 +70,19 @@ def quantity(value: float | None, unit: str) -> str:
     return f"{plain(value)} {sign(unit)}".strip()
 
 
+def handy(value: float, sigma: float | None, unit: str) -> str:
+    """``5.3 ± 1.6 mm``: a value with its uncertainty in a unit that suits its size."""
+    low, high, handier, factor = _HANDIER.get(unit, (math.inf, math.inf, unit, 1.0))
+    if low < abs(value) < high:
+        return with_uncertainty(value * factor, None if sigma is None else sigma * factor, handier)
+    return with_uncertainty(value, sigma, unit)
+
+
+def two_decimals(value: float) -> str:
+    """``13.35``; three significant digits of what two decimals would tell too little of: ``0.0299``."""
+    return f"{value:.2f}" if abs(value) >= 1.0 or not math.isfinite(value) else plain(value)
+
+
 def sign(unit: str) -> str:
     """The unit as it is printed."""
     return _SIGNS.get(unit, unit)

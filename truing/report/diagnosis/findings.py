@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truing.report.diagnosis.effect_units import plain_size, told_size
-from truing.report.numbers import plain, with_uncertainty
+from truing.report.numbers import plain, two_decimals, with_uncertainty
 
 # What is said of a cause that an accepted one includes.
 CONTAINED = "which is part of what is accepted"
@@ -149,12 +149,12 @@ def _improvement(facts: Facts) -> str:
     if facts.rms_before is None or facts.rms_after is None:
         return ""
     unit = facts.unit
-    missed = f"miss by {facts.rms_after:.2f} {unit} rms with it, {facts.rms_before:.2f} without"
+    missed = f"miss by {two_decimals(facts.rms_after)} {unit} rms with it, {two_decimals(facts.rms_before)} without"
     said = f"Predictions from {facts.drive} {missed}"
     before, after = facts.held_out
     if before is not None and after is not None:
-        said += f" ({facts.held_out_words}: {after:.2f} and {before:.2f} {unit})"
-    return f"{said}; noise alone leaves {facts.floor:.2f} {unit}."
+        said += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
+    return f"{said}; noise alone leaves {two_decimals(facts.floor)} {unit}."
 
 
 def _sizes(facts: Facts) -> str:
@@ -180,8 +180,8 @@ def noise_explanation(
     ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = (), unit: str = "um"
 ) -> str:
     """Return what is to be said of noise that is larger than declared, or in places; rms and floor in a unit."""
-    left = f"where it would leave {floor:.2f} {unit}."
-    missed = f" Predictions miss by {rms:.2f} {unit} rms {left}" if rms is not None else ""
+    left = f"where it would leave {two_decimals(floor)} {unit}."
+    missed = f" Predictions miss by {two_decimals(rms)} {unit} rms {left}" if rms is not None else ""
     size = with_uncertainty(ratio, sigma)
     if follows:
         return (
