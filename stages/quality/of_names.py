@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
-from stages.point_arrays import PosePoints, pose_points, text_column
+from stages.point_arrays import PosePoints, pose_points
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import PASS, WARN, Check, listed
 
@@ -41,15 +41,23 @@ def likely_names(
 
     settled: body and name of what is known to be another target.
     """
-    found = []
+    found, names = [], _names(observations)
     for body in bodies:
-        here = text_column(observations, "target")[text_column(observations, "body") == body.name]
         known = {*body.survey.targets, *(name for of, name in settled if of == body.name)}
-        unknown = tuple(name for name in dict.fromkeys(here) if name not in known)
+        unknown = tuple(name for name in names[body.name] if name not in known)
         if unknown:
             points = pose_points(observations, body.name, around.poses, unknown)
             found += [one for at in range(len(unknown)) if (one := _likely(body, points, at)) is not None]
     return found
+
+
+def _names(observations: pa.Table) -> dict[str, list[str]]:
+    """The names of the targets that were seen, by body, in order of appearance."""
+    pairs = observations.select(["body", "target"]).group_by(["body", "target"], use_threads=False).aggregate([])
+    out: dict[str, list[str]] = {}
+    for body, target in zip(pairs.column("body").to_pylist(), pairs.column("target").to_pylist(), strict=True):
+        out.setdefault(body, []).append(target)
+    return out
 
 
 def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
@@ -83,6 +91,7 @@ def names_known(
     observations: pa.Table, bodies: Sequence[BodyView], likely: Sequence[LikelyName], settled: set[tuple[str, str]]
 ) -> Iterator[Check]:
     """A row per body; or per unknown name that lies where a target is missing, which warns."""
+    names = _names(observations)
     for body in bodies:
         here = [one for one in likely if one.body == body.name]
         for one in here:
@@ -95,8 +104,7 @@ def names_known(
             yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, said)
         if here:
             continue
-        names = dict.fromkeys(text_column(observations, "target")[text_column(observations, "body") == body.name])
-        other = [str(n) for n in names if n not in body.survey.targets and (body.name, n) not in settled]
+        other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in settled]
         said = f"{body.name}: {listed(other)} are in no survey, and at no place of a missing target." if other else (
             f"{body.name}: all targets are known by their names."
         )  # fmt: skip

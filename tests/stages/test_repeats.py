@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from types import SimpleNamespace
 
 import numpy as np
@@ -179,3 +180,12 @@ def test_the_page_tells_what_was_repeated(line):
     assert len(section.listings) == 2
     assert {row[2] for row in section.listings[1].rows} == {"linear", "matrix"}
     assert during({}) is None
+
+
+def test_lines_for_campaign_toml_mean_the_names_whatever_they_hold():
+    name = 'a"b\\c\n<b>[[x]]\t'
+    table = pd.DataFrame([{"body": name, "called": name, "target": name, "from_pose": "3", "to_pose": None, "rows": 9}])
+    lines = [row[0] for row in during({"likely_names": table}).listings[0].rows]
+    assert not any("\n" in line for line in lines)
+    wanted = {"body": name, "called": name, "target": name, "from_pose": "3"}
+    assert tomllib.loads("\n".join(lines)) == {"renamed": [wanted]}
