@@ -69,6 +69,21 @@ def test_a_moved_target_is_another_one_from_then_on(folder):
     assert tables["relabelled"].column("rows").to_pylist() == [2]
 
 
+def test_points_without_names_are_named_by_the_place_where_they_lie(folder):
+    rng, shift = np.random.default_rng(0), np.array([0.8, 0.0, -0.3])
+    platform = np.vstack([PLACES["platform"], MORE])
+    rows = ["pose,body,x_mm,y_mm,z_mm"]
+    for pose in (1, 2, 3):
+        moved = platform + np.outer(np.arange(len(platform)) == 2, shift if pose > 1 else 0.0 * shift)
+        for body, places in (("base", PLACES["base"]), ("platform", moved)):
+            seen = places + 10.0 * pose + 0.005 * rng.standard_normal(places.shape)
+            rows += [f"{pose},{body},{','.join(f'{v:.4f}' for v in place)}" for place in seen]
+    folder.points = rows
+    surveyed(folder, {"P2": shift})
+    folder.toml += entry(from_pose=2)
+    assert names_by_pose(folder.run()[1], "P2") == [(1, "P2"), (2, "P2@after"), (3, "P2@after")]
+
+
 def test_a_check_moves_nothing(folder):
     _, before = folder.run()
     _, after = surveyed(folder, {"P2": (0.8, 0.0, -0.3)}).run()
