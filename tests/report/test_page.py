@@ -165,9 +165,21 @@ def test_verdicts_are_told_in_words_not_by_colour_alone():
     told = dict(re.findall(r'<li class="(\w+)">(.*?)</li>', render(tables), re.S))
     assert {"found", "fail", "next"} <= set(told)
     for mark in ("found", "fail"):
-        assert f'<b class="mark">{mark}</b>' in told[mark]
+        assert f'<b class="mark"><span aria-hidden="true">✗</span> {mark}</b>' in told[mark]
     tables["qa"] = tables["qa"].iloc[:0]
-    assert "not evaluated" in dict(build_head("c", tables).verdicts)["none"]
+    idle = [said for mark, said in build_head("c", tables).verdicts if mark == "none"]
+    assert [said.partition(" not evaluated: ")[0] for said in idle] == ["Requirements", "Quality"]
+    assert '<span aria-hidden="true">–</span> not evaluated</b>' in render(tables)
+
+
+def test_every_section_that_judges_has_a_state_and_no_cell_is_blank(page):
+    judged = {section.id: section.state for section in sections_of(campaign_tables()).values()}
+    assert judged["diagnosis"] == judged["qa"] == judged["deformation"] == "fail"
+    assert judged["poses"] == "pass"
+    assert judged["calibration"] == judged["requirements"] == "not evaluated"
+    assert not [body for body in re.findall(r"<tbody>.*?</tbody>", page, re.S) if "<td></td>" in body]
+    for state, sign in (("pass", "✓"), ("fail", "✗"), ("not evaluated", "–")):
+        assert f'<span class="state {state}"><span aria-hidden="true">{sign}</span> {state}</span>' in page
 
 
 def test_every_section_has_its_figure():
@@ -234,8 +246,8 @@ def _idle(tables):
 def test_a_run_without_diagnosis_never_claims_agreement():
     tables = campaign_tables()
     tables["diagnosis"] = tables["diagnosis"].iloc[:0]
-    marks = dict(build_head("c", tables).verdicts)
-    assert "Diagnosis not evaluated" in marks["none"]
+    idle = [said for mark, said in build_head("c", tables).verdicts if mark == "none"]
+    assert any(said.startswith("Diagnosis not evaluated") for said in idle)
     assert "agrees" not in Reader(render(tables)).text
 
 

@@ -9,7 +9,7 @@ from truing.report.diagnosis.words import diagnosis_verdicts, lower
 from truing.report.load_steps import in_channel_order, is_bench, load_steps, signal_names
 from truing.report.numbers import count, plain, printed, quantity
 from truing.report.page import Head
-from truing.report.reasons import why_no_quality
+from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
 from truing.report.tables import Tables, filled
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
@@ -59,12 +59,17 @@ def _quality(tables: Tables) -> list[Verdict]:
 def _requirements(tables: Tables) -> list[Verdict]:
     own = chosen_requirements(tables)
     if own is None:
-        return []
+        return _no_requirements(tables)
     failed = own[own["verdict"] == "fails"]
     if len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
         return [("fail", f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required.")]
     return [("warn" if (own["verdict"] == "undecided").any() else "pass", f"{tally(own)}, by the calibrated model.")]
+
+
+def _no_requirements(tables: Tables) -> list[Verdict]:
+    why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
+    return [("none", f"Requirements not evaluated: {lower(why)}")]
 
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:

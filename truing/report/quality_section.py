@@ -31,7 +31,10 @@ def quality(tables: Tables) -> Section | None:
     ]
     counts = qa["verdict"].value_counts()
     lead = ", ".join(f"{counts[v]} {v}" for v in _ORDER if v in counts)
-    return Section("qa", "Quality", f"{len(qa)} checks: {lead}.", listings=tuple(x for x in listings if x.rows))
+    idle = (qa["verdict"] == "not evaluated").all()
+    state = "fail" if listings[0].rows else "not evaluated" if idle else "pass"
+    shown = tuple(x for x in listings if x.rows)
+    return Section("qa", "Quality", f"{len(qa)} checks: {lead}.", listings=shown, state=state)
 
 
 def _checks(qa: Any, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 GOOD = ("ok", "converged")
 _HEADS = (
-    "",
+    "choice",
     "model",
     "deformation",
     "fitted (µm)",

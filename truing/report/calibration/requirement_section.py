@@ -37,7 +37,9 @@ def requirements(tables: Tables) -> Section | None:
     others = judged.drop(index=own.index)
     if len(others):
         listings.append(_others(others))
-    state = "not evaluated" if (own["verdict"] == "not evaluated").all() else ""
+    verdicts = set(own["verdict"])
+    state = "fail" if "fails" in verdicts else "pass" if verdicts == {"meets"} else "not evaluated"
+    state = "undecided" if state == "not evaluated" and "undecided" in verdicts else state
     return Section("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings), state)
 
 

@@ -17,7 +17,8 @@ from truing.report.calibration.calibrations import (
 from truing.report.calibration.geometry_figure import geometry_picture, has_geometry
 from truing.report.calibration.listing import all_calibrations, strong_correlations
 from truing.report.calibration.parameter_listings import all_deviations, deviations
-from truing.report.calibration.words import cost_of_models, lead, method_words
+from truing.report.calibration.words import cost_of_models, lead, method_words, tests_of_chosen
+from truing.report.model_tests import listing_of, state_of
 from truing.report.numbers import plain
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_calibration
@@ -38,7 +39,9 @@ def calibration(tables: Tables) -> Section | None:
     if fitted is None:
         return Section("calibration", "Calibration", why_no_calibration(tables), state="not evaluated")
     shown = [*_errors(tables), *_geometry(tables, fitted), *_correlations(tables, fitted)]
-    return Section("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(_listings(tables, fitted)))
+    tests = tests_of_chosen(tables)
+    listings = [listing_of(tests, "Tests of the chosen calibration"), *_listings(tables, fitted)]
+    return Section("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings), state_of(tests))
 
 
 def _errors(tables: Tables) -> Drawn:

@@ -17,6 +17,7 @@ from truing.report.calibration.calibrations import (
     keys_of,
 )
 from truing.report.calibration.listing import GOOD
+from truing.report.model_tests import ModelTest, by_p
 from truing.report.numbers import count, plain, quantity
 from truing.report.tables import Tables
 
@@ -78,6 +79,40 @@ def _doubts(facts: pd.Series) -> str:
             "uncertainties told here, or a cause is missing."
         )
     return " ".join(said)
+
+
+def tests_of_chosen(tables: Tables) -> list[ModelTest]:
+    """What can speak against the chosen calibration: its misfit, its geometry, and what it was not fitted to."""
+    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    facts = None if figures is None or chosen is None else figures.loc[chosen]
+    none = "No calibration was chosen." if facts is None else ""
+
+    def p(figure: str) -> float | None:
+        return float(facts[figure]) if facts is not None and _known(facts, figure) else None
+
+    return [
+        by_p(
+            "its misfit is what the declared noise leaves",
+            p("misfit_p_value"),
+            UNLIKELY,
+            ("Noise explains it.", "There is more noise than declared, or a cause is missing."),
+            none or "Nothing is left free that could tell.",
+        ),
+        by_p(
+            "parts are where tolerances let them be (pulls)",
+            p("pull_p_value"),
+            UNLIKELY,
+            ("Tolerances explain the geometry.", "Tolerances are too small, or a cause is missing."),
+            none or "No tolerance was declared.",
+        ),
+        by_p(
+            "held-out poses are missed by what noise leaves",
+            p("p_value"),
+            UNLIKELY,
+            ("It predicts what it has not seen.", "It fails at what it was not fitted to."),
+            none or "No pose was held out (role verification).",
+        ),
+    ]
 
 
 def _errors(facts: pd.Series, role: str) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from truing.report.deformation import figures as deformation_figures
 from truing.report.figure_style import label
+from truing.report.model_tests import ModelTest, by_p, listing_of
 from truing.report.numbers import p_value, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_deformation
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 Drawn = list[tuple[object, str]]
 _KEYS = ["body", "target", "axis"]
 _COORDINATES_SHOWN = 6
+_UNLIKELY = 0.01  # that chance does what a model explains
 # An arrow of three targets says nothing that a rigid fit to them has not taken away.
 _TARGETS_OF_A_PICTURE = 3
 
@@ -33,8 +36,38 @@ def deformation(tables: Tables) -> Section | None:
     if not modelled:
         why = why_no_deformation(tables)
         return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "models not evaluated")
-    listings = (*_legwise(tables), _errors(tables))
-    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings)
+    tests = _tests(tables)
+    listings = (listing_of(tests, "Tests of the models"), *_legwise(tables), _errors(tables))
+    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings, tests[0].state)
+
+
+def _tests(tables: Tables) -> list[ModelTest]:
+    """Whether the body is rigid, and which models earn their parameters."""
+    facts = tables["deformation_errors"]
+    found = {}
+    for model, figure in (("linear", "p_value_over_none"), ("matrix", "p_value_over_linear")):
+        p = facts.loc[(facts["model"] == model) & (facts["figure"] == figure), "value"].dropna()
+        found[model] = float(p.min()) if len(p) else None
+    told = [p for p in found.values() if p is not None]
+    earned = ("It explains no more than chance.", "It explains what chance does not.")
+    rigid = by_p(
+        "the body is rigid: nothing in it follows the drives",
+        min(1.0, len(told) * min(told)) if told else None,
+        _UNLIKELY,
+        ("No model explains more than chance.", "What moves in the body follows the drives beyond chance."),
+        "No model could be fitted.",
+    )
+    asked = {
+        "linear": "each place moves with its own drive (linear over none)",
+        "matrix": "places move with the other drives too (matrix over linear)",
+    }
+    why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
+    earning = [
+        by_p(words, None if p is None else 1.0 - p, 1.0 - _UNLIKELY, earned[::-1], why)
+        for model, words in asked.items()
+        for p in [found[model]]
+    ]
+    return [rigid, *(replace(test, p=p) for test, p in zip(earning, found.values(), strict=True))]
 
 
 def _legwise(tables: Tables) -> tuple[Listing, ...]:

@@ -37,7 +37,8 @@ def diagnosis(tables: Tables) -> Section | None:
     told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
     parts = tuple(part for part in _parts(rows, found, tables) if part is not None)
-    return Section("diagnosis", _TITLE, counted(rows), listings=listings, said=tuple(told), parts=parts)
+    state = "fail" if any(not row.is_noise for row in found) else "pass"
+    return Section("diagnosis", _TITLE, counted(rows), (), listings, state, tuple(told), parts)
 
 
 def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Section | None]:

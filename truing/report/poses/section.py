@@ -33,7 +33,8 @@ def poses(tables: Tables) -> Section | None:
     lost = chosen[chosen["status"] != "ok"]
     listings = [_lost(lost)] if len(lost) else []
     listings.append(_all(chosen))
-    return Section("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings))
+    state = "fail" if len(lost) else "pass"
+    return Section("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings), state)
 
 
 def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:

@@ -154,7 +154,7 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
         "error / expected",
         "log density",
         "numbers",
-        "",
+        "choice",
     )
     caption = "All calibrations by the rms error of held-out loads. Equal: the data cannot tell it from the chosen one"
     return Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > 12, "sensor_choice.parquet")
@@ -172,7 +172,7 @@ def _classes(classes: pd.DataFrame) -> Listing:
         value = with_uncertainty(r.value, r.sigma)
         rows.append((r.load, r.error_class, r.indicated, value, plain(r.limit), at, "seen" if seen else "within noise"))
         marks.append("warn" if seen else "")
-    heads = ("load", "class", "indicated by", "%", "limit of noise", "at", "")
+    heads = ("load", "class", "indicated by", "%", "limit of noise", "at", "verdict")
     caption = "Error classes of every axis, per cent of the range (interpolation: of the load)"
     return Listing(heads, tuple(rows), tuple(marks), caption, True, "error_classes.parquet")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from truing.report.deformation.figures import compliance_map
+from truing.report.model_tests import ModelTest, by_p, listing_of, state_of
 from truing.report.numbers import p_value, printed, quantity, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.scene.by_leg import by_leg_of_sensor
@@ -31,9 +32,35 @@ def load_deformation(tables: Tables) -> Section | None:
         why = reason(tables, "compliance") or "The campaign holds no readings of a platform under load."
         return Section("deformation", "Deformation under load", why, state="not evaluated")
     shown = [*_view(tables), *_curves(tables), *_maps(compliance)]
-    listings = [by_leg_of_sensor(tables), _entries(compliance), _errors(tables["deformation_errors"])]
+    tests = _tests(tables)
+    listings = [listing_of(tests, "Tests of the models"), by_leg_of_sensor(tables), _entries(compliance)]
+    listings.append(_errors(tables["deformation_errors"]))
     told = tuple(listing for listing in listings if listing.rows)
-    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told)
+    state = state_of(tests)
+    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told, state)
+
+
+def _tests(tables: Tables) -> list[ModelTest]:
+    """Whether the measured compliance is the simulated one, and that of something elastic."""
+    facts = _facts(tables["deformation_errors"])
+    agrees = by_p(
+        "the measured compliance is the simulated one",
+        facts.get(("matrix", "agreement_p_value")),
+        _UNCLEAR,
+        (
+            "What they differ by, noise and tolerances explain.",
+            "They differ by more than these explain.",
+        ),
+        "There is no simulation to hold it against, or no full matrix was measured.",
+    )
+    symmetric = by_p(
+        "the compliance is symmetric, as an elastic one is",
+        facts.get(("matrix", "symmetry_p_value")),
+        _UNCLEAR,
+        ("What it lacks of symmetry is noise.", "Loads are not what was declared, or the response is not linear."),
+        "Not every pair of entries was measured.",
+    )
+    return [agrees, symmetric]
 
 
 def _view(tables: Tables) -> Drawn:

@@ -1,0 +1,46 @@
+"""Tests of models on the page: passed, failed or not evaluated, each with its p-value and what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from truing.report.numbers import p_value
+from truing.report.page import Listing
+
+PASS, FAIL, IDLE = "pass", "fail", "not evaluated"
+_MARKS = {PASS: "pass", FAIL: "fail", IDLE: "none"}
+
+
+@dataclass(frozen=True)
+class ModelTest:
+    """One test: what is asked, whether it holds (None: not evaluated), what that means, and its p-value."""
+
+    asked: str
+    holds: bool | None
+    says: str
+    p: float | None = None
+
+    @property
+    def state(self) -> str:
+        """``pass``, ``fail`` or ``not evaluated``."""
+        return IDLE if self.holds is None else PASS if self.holds else FAIL
+
+
+def by_p(asked: str, p: float | None, least: float, says: tuple[str, str], why_not: str) -> ModelTest:
+    """A test that holds where chance does as much with a probability of at least ``least``; ``says``: if so, if not."""
+    if p is None or p != p:
+        return ModelTest(asked, None, why_not)
+    return ModelTest(asked, p >= least, says[0] if p >= least else says[1], p)
+
+
+def state_of(tests: Sequence[ModelTest]) -> str:
+    """What they come to together: failed where one is, passed where at least one is evaluated and none failed."""
+    states = [test.state for test in tests]
+    return FAIL if FAIL in states else PASS if PASS in states else IDLE
+
+
+def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:
+    """The tests, one a row."""
+    rows = tuple((test.state, test.asked, p_value(test.p), test.says) for test in tests)
+    return Listing(("state", "test", "p", "what it says"), rows, tuple(_MARKS[test.state] for test in tests), caption)
