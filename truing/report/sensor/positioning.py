@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.numbers import with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.sensor.corrections import corrections
@@ -11,6 +12,7 @@ from truing.report.tables import Tables, filled
 
 if TYPE_CHECKING:
     import pandas as pd
+    import plotly.graph_objects as go
 
 _MEANING = {
     "A": "accuracy, both directions",
@@ -19,6 +21,9 @@ _MEANING = {
     "R": "repeatability, both directions",
     "B": "reversal",
 }
+_WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
+_DRAWN = 6  # runs
+_CAPTION = "Where the two lines part, the axis stands elsewhere according to the side from which it comes."
 
 
 def positioning(tables: Tables) -> Section | None:
@@ -30,7 +35,42 @@ def positioning(tables: Tables) -> Section | None:
     lead = "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
-    return Section("positioning", "Positioning", lead, listings=shown)
+    drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
+    return Section("positioning", "Positioning", lead, figures=drawn, listings=shown)
+
+
+def _few_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
+    return [own for _, own in rows.groupby("run", sort=False)][:_DRAWN]
+
+
+def deviations(rows: pd.DataFrame) -> go.Figure:
+    """Mean deviation at each target of one run, from either side, with twice its scatter, um over mm."""
+    import plotly.graph_objects as go
+
+    wide = rows.pivot(index="subject", columns="figure", values="value")
+    wide = wide.set_index(wide.index.str.removesuffix(" mm").astype(float)).sort_index()
+    figure = go.Figure()
+    for way, colour, symbol in _WAYS:
+        figure.add_trace(
+            go.Scatter(
+                x=wide.index.to_numpy(),
+                y=wide[f"mean_{way}"].to_numpy(),
+                error_y={"array": 2.0 * wide[f"s_{way}"].to_numpy(), "thickness": 1},
+                mode="lines+markers",
+                name=way,
+                marker={"color": colour, "symbol": symbol, "size": 9},
+                line={"color": colour},
+                hovertemplate=f"{way}, %{{x:.6g}} mm: %{{y:.3g}} µm<extra></extra>",
+            )
+        )
+    run = label(rows["run"].iloc[0])
+    style(
+        figure, f"Deviation at the targets, {run}", "Mean of the cycles; bars are twice their standard deviation", 380
+    )
+    figure.update_xaxes(title_text="target (mm)")
+    figure.update_yaxes(title_text="deviation (µm)")
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
+    return figure
 
 
 def _of_axis(rows: pd.DataFrame) -> Listing:

@@ -1,0 +1,40 @@
+"""A page of positioning runs: accuracy and reversal at its top, and the deviations drawn from either side."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from tests.tolerance import assert_close
+from truing.report.head import build_head
+from truing.report.sensor.positioning import positioning
+
+
+def test_accuracy_and_reversal_of_an_axis_stand_at_the_top():
+    rows = [("X", "B", "25 mm", 0.5), ("X", "A", None, 2.5197), ("X", "B", None, 0.59), ("X", "R", None, 0.8)]
+    table = pd.DataFrame(rows, columns=["run", "figure", "subject", "value"]).assign(unit="um")
+    head = build_head("stage", {"positioning": table})
+    assert dict(head.tiles) == {"accuracy A, X": "2.52 µm", "reversal B, X": "0.590 µm"}
+
+
+def test_every_run_is_drawn_with_its_means_and_twice_their_scatter():
+    at = {"25 mm": (0.5, 0.1, 0.05, 0.02), "100 mm": (1.9, 1.4, 0.03, 0.04), "-5 mm": (0.0, -0.5, 0.01, 0.02)}
+    names = ("mean_forward", "mean_backward", "s_forward", "s_backward")
+    extra = ("B", "R")
+    rows = [
+        (run, name, t, value)
+        for run in ("X", "<b>Y")
+        for t, own in at.items()
+        for name, value in zip(names, own, strict=True)
+    ]
+    rows += [(run, name, t, 1.0) for run in ("X", "<b>Y") for t in at for name in extra]
+    table = pd.DataFrame(rows, columns=["run", "figure", "subject", "value"]).assign(
+        unit="um", sigma=None, low=None, high=None
+    )
+    section = positioning({"positioning": table})
+    assert section is not None
+    first, second = (figure for figure, _ in section.figures)
+    assert "&lt;b&gt;Y" in second.layout.title.text
+    forward, backward = first.data
+    assert list(forward.x) == [-5.0, 25.0, 100.0]
+    assert_close(forward.y, [0.0, 0.5, 1.9], atol=0.0)
+    assert_close(backward.error_y.array, [0.04, 0.04, 0.08], atol=1e-15)
