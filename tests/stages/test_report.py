@@ -49,5 +49,5 @@ def test_without_tables_there_is_a_page_all_the_same():
 
     from stages.report import run
 
-    outcome = run({}, SimpleNamespace(campaign=SimpleNamespace(name="nothing")), lambda *_: None)
+    outcome = run({}, SimpleNamespace(campaign=SimpleNamespace(name="nothing"), mechanism=None), lambda *_: None)
     assert "not evaluated" in outcome.artifacts["report"]
