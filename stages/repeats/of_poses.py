@@ -90,15 +90,18 @@ def _of_points(
     if table is None or not table.num_rows:
         return
     bodies, targets = text_column(table, "body"), text_column(table, "target")
-    for body in dict.fromkeys(bodies):
-        names = tuple(dict.fromkeys(targets[bodies == body]))
-        used = used_targets(table, str(body), poses, names)
-        left = np.where(used[..., None], residual_points(table, str(body), poses, names), np.nan)
+    names = tuple(str(body) for body in dict.fromkeys(bodies))
+    square, freedom = np.zeros((2, len(names)))
+    for at, body in enumerate(names):
+        own = tuple(dict.fromkeys(targets[bodies == body]))
+        used = used_targets(table, body, poses, own)
+        left = np.where(used[..., None], residual_points(table, body, poses, own), np.nan)
         spread = within_groups(1e6 * left.reshape(len(poses), -1), groups)
         motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in groups)
-        pooled = Squares(spread.square.sum(keepdims=True), spread.freedom.sum(keepdims=True) - 6.0 * motions)
-        found = Repeated("point", (f"{body} targets",), ("um",), how, len(groups))
-        found.add_to(repeats, pooled, np.array([np.nan if declared_mm is None else 1e3 * declared_mm]))
+        square[at], freedom[at] = spread.square.sum(), spread.freedom.sum() - 6.0 * motions
+    found = Repeated("point", tuple(f"{body} targets" for body in names), ("um",) * len(names), how, len(groups))
+    stated = np.nan if declared_mm is None else 1e3 * declared_mm
+    found.add_to(repeats, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
 
 
 def _of_attachments(

@@ -12,6 +12,8 @@ from truing.estimation.pure_error import LackOfFit, Squares
 
 Array = NDArray[np.float64]
 
+POOLED = "all, over stated"  # subjects of one kind together, in units of their stated sigmas, as if independent
+
 
 def known_mean(values: Array) -> Array:
     """The mean (C,) of what is known of values (N, C); NaN where nothing is."""
@@ -34,18 +36,31 @@ class Repeated:
     groups: int
 
     def add_to(self, rows: Rows, found: Squares, declared: Array) -> None:
-        """A row per subject that was repeated; declared (C,) the stated sigma of one of them, NaN where none is."""
+        """A row per subject that was repeated, and one of all over what is stated.
+
+        declared (C,): the stated sigma of one of them, NaN where none is.
+        """
+        self._add(rows, self.subjects, self.units, found, np.asarray(declared, float))
+        stated = (found.freedom > 0) & (np.nan_to_num(declared) > 0.0)
+        if stated.sum() > 1:
+            square = np.sum(found.square[stated] / np.asarray(declared, float)[stated] ** 2, keepdims=True)
+            pooled = Squares(square, found.freedom[stated].sum(keepdims=True))
+            self._add(rows, (POOLED,), ("1",), pooled, np.ones(1))
+
+    def _add(
+        self, rows: Rows, subjects: tuple[str, ...], units: tuple[str, ...], found: Squares, declared: Array
+    ) -> None:
         lower, upper = found.interval()
         told = np.flatnonzero(found.freedom > 0)
         if len(told):
             rows.add(
                 repeated=[self.kind] * len(told),
-                subject=[self.subjects[c] for c in told],
+                subject=[subjects[c] for c in told],
                 pure_error=found.sigma[told],
                 lower=lower[told],
                 upper=upper[told],
-                declared_sigma=np.asarray(declared, float)[told],
-                unit=[self.units[c] for c in told],
+                declared_sigma=declared[told],
+                unit=[units[c] for c in told],
                 freedom_of_error=found.freedom[told],
                 groups=[self.groups] * len(told),
                 told_by=[self.how] * len(told),

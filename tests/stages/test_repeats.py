@@ -15,6 +15,7 @@ from schemas.faults import CampaignFaults
 from stages.repeats.groups import DECLARED, SAME_LOADS, SAME_READINGS, repeated_poses
 from stages.repeats.of_loads import repeats_of_loads
 from stages.repeats.of_poses import repeats_of_poses
+from stages.repeats.tables import POOLED
 from tests import sensor_campaign
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -64,10 +65,10 @@ def test_declared_repeats_tell_the_noise_though_actuators_stood_elsewhere(line):
     assert set(repeats["told_by"]) == {DECLARED}
     assert set(repeats["groups"]) == {REPEATED}
     poses = repeats[repeats["repeated"] == "pose"]
-    assert list(poses["subject"]) == [f"platform {name}" for name in ("x", "y", "z", "rx", "ry", "rz")]
-    assert (poses["freedom_of_error"] == REPEATED).all()
+    assert list(poses["subject"]) == [*(f"platform {name}" for name in ("x", "y", "z", "rx", "ry", "rz")), POOLED]
+    assert list(poses["freedom_of_error"]) == [REPEATED] * 6 + [6 * REPEATED]
     points = repeats[repeats["repeated"] == "point"].set_index("subject")
-    assert set(points.index) == {"base targets", "platform targets"}
+    assert set(points.index) == {"base targets", "platform targets", POOLED}
     assert (points["freedom_of_error"] > 20.0 * REPEATED).all()
     for row in repeats.itertuples():  # of each against what its noise says, two-sided
         square = Squares(np.array([row.pure_error**2 * row.freedom_of_error]), np.array([row.freedom_of_error]))
