@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
 from truing.report.calibration.requirement_section import chosen_requirements, tally
 from truing.report.diagnosis.changes import change_words, has_changed
 from truing.report.diagnosis.words import diagnosis_verdicts, lower
 from truing.report.load_steps import in_channel_order, is_bench, load_steps, signal_names
-from truing.report.numbers import count, plain, printed, quantity
+from truing.report.numbers import count, handy, plain, printed, quantity
 from truing.report.page import Head
 from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
 from truing.report.tables import Tables, filled
@@ -15,6 +17,7 @@ from truing.report.tables import Tables, filled
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
 _BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matrix": "left by a full compliance"}
 _OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
+_OF_POSITIONING = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
 
@@ -23,9 +26,36 @@ Verdict = tuple[str, str]
 
 def build_head(campaign: str, tables: Tables) -> Head:
     """The sentences that a busy person acts on, and the figures that place them."""
-    told = [*diagnosis_verdicts(tables), *_changes(tables), *_requirements(tables), *_quality(tables)]
+    told = [
+        *_positioning(tables),
+        *diagnosis_verdicts(tables),
+        *_changes(tables),
+        *_requirements(tables),
+        *_quality(tables),
+    ]
     verdicts = sorted(told, key=lambda verdict: verdict[0] == "none")
     return Head(campaign, tuple(verdicts), tuple(_tiles(tables)))
+
+
+def _positioning(tables: Tables) -> list[Verdict]:
+    """What a campaign of positioning alone is measured for: accuracy, repeatability and reversal of its worst axis."""
+    rows = filled(tables, "positioning")
+    if rows is None or len(load_steps(tables)) or filled(tables, "observations") is not None:
+        return []
+    axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_POSITIONING))]
+    worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
+    own = axis[axis["run"].isin(worst)].set_index("figure")
+    if not len(own):
+        return []
+    sigma = own["sigma"] if "sigma" in own else own["value"] * math.nan
+    told = [
+        f"{words} {handy(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
+        for name, words in _OF_POSITIONING.items()
+        if name in own.index
+    ]
+    several = rows["run"].nunique()
+    which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
+    return [("measured", printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation."))]
 
 
 def _changes(tables: Tables) -> list[Verdict]:

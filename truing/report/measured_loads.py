@@ -41,6 +41,11 @@ def measured_loads(tables: Tables) -> Section:
     """Runs, steps, loads, channels and surroundings of a bench."""
     steps = load_steps(tables)
     if not len(steps):
+        if (approaches := filled(tables, "positions")) is not None:
+            runs = count(approaches["run"].nunique(), "run")
+            places = count(approaches["target_mm"].nunique(), "target")
+            said = f"{len(approaches):,} approaches of an axis to {places}, in {runs}: see Positioning."
+            return Section("measured", "Measured", said)
         why = "The campaign holds neither object points nor load steps."
         return Section("measured", "Measured", why, state="empty")
     read, axes = _read(tables), axes_of(steps)

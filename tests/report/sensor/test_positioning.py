@@ -6,6 +6,7 @@ import pandas as pd
 
 from tests.tolerance import assert_close
 from truing.report.head import build_head
+from truing.report.measured_loads import measured_loads
 from truing.report.sensor.positioning import positioning
 
 
@@ -38,3 +39,22 @@ def test_every_run_is_drawn_with_its_means_and_twice_their_scatter():
     assert list(forward.x) == [-5.0, 25.0, 100.0]
     assert_close(forward.y, [0.0, 0.5, 1.9], atol=0.0)
     assert_close(backward.error_y.array, [0.04, 0.04, 0.08], atol=1e-15)
+
+
+def test_a_campaign_of_positioning_alone_begins_with_what_it_was_measured_for():
+    axes = {"X": 22.0, "Y": 31.0}
+    rows = [(run, figure, value) for run in axes for figure, value in (("A", axes[run]), ("R", 14.3), ("B", 4.5))]
+    table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
+    mark, said = build_head("stage", {"positioning": table}).verdicts[0]
+    assert mark == "measured"
+    assert said.replace("\u00a0", " ") == (
+        "By ISO 230-2, the worst of 2 runs, Y: accuracy A 31.0 ± 1.3 µm, repeatability R 14.3 ± 1.3 µm, "
+        "reversal B 4.5 ± 1.3 µm, each with one standard deviation."
+    )
+
+
+def test_approaches_of_an_axis_are_something_measured():
+    table = pd.DataFrame({"run": ["X"] * 4, "target_mm": [15.0, 15.0, 25.0, 25.0]})
+    section = measured_loads({"positions": table})
+    assert section.state != "empty"
+    assert section.lead == "4 approaches of an axis to 2 targets, in 1 run: see Positioning."

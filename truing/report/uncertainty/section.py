@@ -26,6 +26,7 @@ KINDS = {
     "positioning": "Positioning by ISO 230-2",
 }
 _OPEN = 12  # longer listings are folded away
+_DRAWN = "Of positioning, the distribution is drawn: U reaches the farther end of its 95 % interval, and k is U/u."
 _MANY = 1000.0  # degrees of freedom that make no difference any more
 _WHERE = "uncertainty.parquet"
 
@@ -60,7 +61,8 @@ def statement(stated: pd.DataFrame) -> str:
         law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
         law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
-    return f"{said} {law} corresponds to a coverage probability of approximately 95 %."
+    drawn = f" {_DRAWN}" if (own["result"] == "positioning").any() else ""
+    return f"{said} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 
 
 def _none(stated: pd.DataFrame) -> str:
