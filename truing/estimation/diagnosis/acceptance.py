@@ -134,9 +134,8 @@ class Acceptance:
         """Return what is decided on all kinds of cause of a catalogue."""
         following: list[NoiseFollowing] = []
         searched = self._searched(kinds)
-        while len(following) < _MOST_FOLLOWED and (found := self._noise_follows(searched.final)):
-            following.append(found)
-            self._fitter.reweight(found.factor)
+        while more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(following)):
+            following += more
             searched = self._searched(kinds)
         fitter, final = self._fitter, searched.final
         return Diagnosis(
@@ -162,8 +161,16 @@ class Acceptance:
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
                 yield int(target), replace(level, p_value=p_value)
 
-    def _noise_follows(self, final: Stand) -> NoiseFollowing | None:
-        return self._fitter.following(final, self._settings.following_level)
+    def _noise_follows(self, final: Stand, most: int) -> list[NoiseFollowing]:
+        """Return what the noise follows, one after the other, each time with the same causes fitted to points that are
+        weighted accordingly: only once nothing more is found is it worth a search."""
+        found: list[NoiseFollowing] = []
+        while len(found) < most and (more := self._fitter.following(final, self._settings.following_level)):
+            found.append(more)
+            self._fitter.reweight(more.factor)
+            if len(found) < most:
+                final = self._fitter.settled(final.causes, final)
+        return found
 
     def _searched(self, kinds: Sequence[Any]) -> _Searched:
         plain = self._fitter.prepared(self._given)

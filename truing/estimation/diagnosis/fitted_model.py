@@ -231,6 +231,12 @@ class Fitter:
         self.gross = 0  # points taken out as gross errors
 
     def prepared(self, causes: tuple[Any, ...] = (), start: Stand | None = None) -> Stand:
+        """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
+        wrongly of poses that were left out."""
+        stand = self.settled(causes, start)
+        return stand if stand.held_out is not None else replace(stand, held_out=self._left_out_in_turn(stand))
+
+    def settled(self, causes: tuple[Any, ...] = (), start: Stand | None = None) -> Stand:
         """Return the fit with some causes once gross errors are out and the noise is known."""
         stand = self.stand(causes, start)
         for _ in range(_PREPARATIONS):
@@ -238,7 +244,7 @@ class Fitter:
             if not self.learn_noise(stand) and not screened:
                 break
             stand = self.stand(causes, stand)
-        return stand if stand.held_out is not None else replace(stand, held_out=self._left_out_in_turn(stand))
+        return stand
 
     def stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
         """Return the model with some causes, fitted from an earlier fit."""
