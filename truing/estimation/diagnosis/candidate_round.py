@@ -33,6 +33,12 @@ RIVAL_FACTOR = 20.0
 STRETCH = 3.0
 
 
+def is_form_of_a_subject(cause: Any) -> bool:
+    """Return whether a cause is a form that nobody declared, of something in particular: what concerns all is about
+    nothing in particular, and no name's rival for its subject."""
+    return not cause.catalogued and bool(cause.subject)
+
+
 @dataclass(frozen=True)
 class Pair:
     """Two candidates that together explain what no single one does, the one to be accepted first before the other.
@@ -123,9 +129,9 @@ class Round:
     def _least_of_pair(self, pair: Sequence[Candidate]) -> float:
         """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
         that what is left of it is its own further terms, or another form of the same subject, unless the name is far
-        more probable. What concerns all is about nothing in particular, and no name's rival for its subject."""
+        more probable."""
         unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
-        if len(unnamed) != 1 or not unnamed[0].cause.subject:
+        if len(unnamed) != 1 or not is_form_of_a_subject(unnamed[0].cause):
             return -np.inf
         return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 

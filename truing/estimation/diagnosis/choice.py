@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truing.estimation.diagnosis.candidate_round import NAMED, RIVAL_FACTOR, Round
+from truing.estimation.diagnosis.candidate_round import NAMED, RIVAL_FACTOR, Round, is_form_of_a_subject
 from truing.estimation.diagnosis.candidate_search import Candidate
 
 _MOST_SUBJECTS = 3
@@ -107,8 +107,8 @@ def _stands(current: Round, candidate: Candidate, level: float) -> bool:
 
 
 def _leads(current: Round, first: Candidate, level: float) -> bool:
-    """Return whether the first of a pair is accepted: beside forms of something in particular as if it came alone."""
-    if any(cause.subject for cause in current.stand.causes if not cause.catalogued):
+    """Return whether the first of a pair is accepted: beside forms of a subject as if it came alone."""
+    if any(is_form_of_a_subject(cause) for cause in current.stand.causes):
         return _stands(current, first, level)
     return is_real(current, first, level)
 
