@@ -89,6 +89,8 @@ DECLARATION = Stage(
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, choose among them, and hold them against repeats."""
     found = _calibrated(tables, settings, progress)
+    if found.failed_checks:  # readings that are not of these poses do not say which of them repeat each other
+        return found
     if settings.campaign.kind == "interferometer":
         from stages.repeats.of_loads import repeats_of_loads as repeats_of
     else:
