@@ -45,7 +45,7 @@ def test_what_the_page_quotes_of_the_folder_stands_there():
     quoted = TEXT.split("```toml\n")[1].split("```")[0]
     for line in (line.partition("#")[0].strip() for line in quoted.splitlines()):
         assert line in settings.splitlines() or not line
-    head, row = TEXT.split("```\n")[1].splitlines()[:2]
+    head, row = TEXT.split("```csv\n")[1].splitlines()[:2]
     lines = (CAMPAIGN / "interferometer.csv").read_text(encoding="utf-8").splitlines()
     assert head == lines[0]
     assert row in lines

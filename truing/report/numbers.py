@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 # Where a number leaves the range whose digits a reader counts, another unit takes over: from, below, unit, factor.
 _HANDIER = {
@@ -81,6 +82,15 @@ def handy(value: float, sigma: float | None, unit: str) -> str:
 def two_decimals(value: float) -> str:
     """``13.35``; three significant digits of what two decimals would tell too little of: ``0.0299``."""
     return f"{value:.2f}" if abs(value) >= 1.0 or not math.isfinite(value) else plain(value)
+
+
+def in_one_unit(values: Sequence[float | None], unit: str) -> list[str]:
+    """Numbers of one kind in the unit that suits the first: ``10.0 µm``, ``4.83 µm``, ``0 µm``."""
+    first = quantity(values[0], unit)
+    factor, handier = 1.0, sign(unit)
+    if unit in _HANDIER and first.endswith(sign(_HANDIER[unit][2])):
+        handier, factor = sign(_HANDIER[unit][2]), _HANDIER[unit][3]
+    return ["–" if plain(v) == "–" else f"{plain(factor * (v or 0.0))} {handier}".strip() for v in values]
 
 
 def sign(unit: str) -> str:

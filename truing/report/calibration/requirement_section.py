@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from truing.report.calibration.calibrations import Key, called, chosen_calibration, rows_of, shown_calibration
 from truing.report.calibration.requirement_figure import requirement_bars
-from truing.report.numbers import count, plain, printed, quantity
+from truing.report.numbers import count, in_one_unit, plain
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_requirement
 from truing.report.tables import Tables, cell, filled
@@ -45,10 +45,14 @@ def requirements(tables: Tables) -> Section | None:
 
 def _lead(own: pd.DataFrame, key: Key) -> str:
     said = f"{tally(own)}, predicted by {called(key)}."
-    if "message" not in own:
-        return said
-    failed = own.loc[own["verdict"].isin(["fails", "undecided"]), "message"].dropna()
-    return " ".join([said, *(f"{printed(str(message)).rstrip('.')}." for message in failed)])
+    return " ".join([said, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
+
+
+def _open_or_failed(r: Any) -> str:
+    """One requirement that is not met, or undecided, with its numbers."""
+    what, asked, error, interval, _ = _sizes(r)
+    words = "not met" if r.verdict == "fails" else "undecided"
+    return f"{what}: 95 of 100 poses stay below {error} (95 % interval: {interval}), asked for {asked}: {words}."
 
 
 def tally(own: pd.DataFrame) -> str:
@@ -95,17 +99,6 @@ def _marks(own: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _sizes(r: Any) -> tuple[str, ...]:
-    unit = cell(r.unit)
-    return (
-        _COMPONENTS.get(r.component, r.component),
-        quantity(r.requirement, unit),
-        quantity(r.error, unit),
-        _interval(r.lower, r.upper, unit),
-        plain(r.error / r.requirement),
-    )
-
-
-def _interval(lower: float, upper: float, unit: str) -> str:
-    if lower != lower or upper != upper:
-        return "–"
-    return f"{quantity(lower, unit)} to {quantity(upper, unit)}"
+    asked, error, lower, upper = in_one_unit([r.requirement, r.error, r.lower, r.upper], cell(r.unit))
+    interval = "–" if "–" in (lower, upper) else f"{lower} to {upper}"
+    return _COMPONENTS.get(r.component, r.component), asked, error, interval, plain(r.error / r.requirement)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.report.figure_style import BLUE, GREEN, ORANGE, RED, label, style
-from truing.report.numbers import plain
+from truing.report.numbers import plain, with_uncertainty
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -127,14 +127,14 @@ def coefficient_map(models: pd.DataFrame) -> go.Figure:
             text=_cells(values.to_numpy(), real, "{:.1f}"),
             texttemplate="%{text}" if len(values.columns) <= _NUMBERED else None,
             textfont={"size": 14},
-            customdata=sigma,
+            customdata=_told(values.to_numpy(), sigma.to_numpy()),
             colorscale="RdBu_r",
             zmin=-bound,
             zmax=bound,
             xgap=1,
             ygap=1,
             colorbar={"title": {"text": "µm per mm"}, "thickness": 16},
-            hovertemplate="%{y} per mm of %{x}: %{z:.2f} ± %{customdata:.2f} µm<extra></extra>",
+            hovertemplate="%{y}with %{x}: %{customdata}<extra></extra>",
         )
     )
     typical = float(np.nanmedian(sigma.to_numpy()))
@@ -153,6 +153,14 @@ def _cells(values: Any, real: Any, form: str) -> list[list[str]]:
     return [
         [form.format(v) if mark else f"({form.format(v)})" for v, mark in zip(row, marks, strict=True)]
         for row, marks in zip(values, real, strict=True)
+    ]
+
+
+def _told(values: Any, sigma: Any) -> list[list[str]]:
+    """Every entry with its uncertainty."""
+    return [
+        [with_uncertainty(v, s, "µm/mm") for v, s in zip(*pair, strict=True)]
+        for pair in zip(values, sigma, strict=True)
     ]
 
 

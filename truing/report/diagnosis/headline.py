@@ -14,7 +14,7 @@ from truing.report.diagnosis.effect_units import told_size
 from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.judged import Judged, columns_words
 from truing.report.diagnosis.overall import overall
-from truing.report.diagnosis.reach import reach
+from truing.report.diagnosis.reach import Reach, reach
 from truing.report.diagnosis.sensor_clauses import SENSOR_CLAUSES
 from truing.report.numbers import printed, rough, sign, with_uncertainty
 
@@ -73,7 +73,12 @@ def _verb(row: Judged, one: str, many: str) -> str:
 
 def _up_to(row: Judged, tables: Tables) -> str:
     found = reach(row, tables)
-    return f", by up to {rough(found.largest)} um" if found is not None else ""
+    return f", by up to {_far(found)}" if found is not None else ""
+
+
+def _far(found: Reach) -> str:
+    known = found.sigma is not None and found.sigma > 0.0
+    return with_uncertainty(found.largest, found.sigma, "um") if known else f"{rough(found.largest)} um"
 
 
 def _deforms(row: Judged, tables: Tables) -> str:

@@ -19,10 +19,14 @@ _MORE = {"kappa": 1, "quadratic": 2, "cubic": 3}
 
 @dataclass(frozen=True)
 class Reach:
-    """The largest shift in um, and the legs (from 1) that it concerns: one, or two that it moves against each other."""
+    """The largest shift in um, and the legs (from 1) that it concerns: one, or two that it moves against each other.
+
+    ``sigma`` in um, of parameters taken as uncorrelated, as the table of the diagnosis tells no more of them.
+    """
 
     largest: float
     legs: tuple[int, ...]
+    sigma: float | None = None
 
 
 def reach(row: Judged, tables: Tables) -> Reach | None:
@@ -32,22 +36,37 @@ def reach(row: Judged, tables: Tables) -> Reach | None:
         return None
     matrix = _matrix(row, drives.shape[1])
     if matrix is not None:
-        return _between(drives @ matrix.T)
+        return _between(drives, *matrix)
     shifts = _own(row, drives)
     if shifts is None or not np.any(shifts):
         return None
     leg = int(np.argmax(np.max(np.abs(shifts), axis=0)))
-    return Reach(1e3 * float(np.max(np.abs(shifts))), (leg + 1,))
+    pose = int(np.argmax(np.abs(shifts[:, leg])))
+    sigma = _own_sigma(row, drives[pose, leg], leg, drives.shape[1])
+    return Reach(1e3 * float(np.max(np.abs(shifts))), (leg + 1,), sigma)
 
 
-def _between(shifts: NDArray) -> Reach | None:
-    """The largest difference of two attachments' shifts (B, L) in mm, as a Reach."""
+def _own_sigma(row: Judged, drive: float, leg: int, legs: int) -> float | None:
+    """What the parameters of a leg leave open of its shift at a displacement of its actuator, um."""
+    own = [
+        (s, p) for kind, p in _MORE.items() for s in row.sizes_of(kind) if leg in _legs_of(s.name, row.subject, legs)
+    ]
+    if any(size.sigma is None for size, _ in own):
+        return None
+    return 1e3 * float(np.sqrt(sum((size.sigma or 0.0) ** 2 * drive ** (2 * power) for size, power in own)))
+
+
+def _between(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
+    """The largest difference of two attachments' shifts by K and its sigma (L, L), with drives (B, L) in mm."""
+    shifts = drives @ matrix.T
     if shifts.shape[1] < 2:
         return None
     spread = np.ptp(shifts, axis=1)
     pose = int(np.argmax(spread))
     legs = sorted((int(np.argmin(shifts[pose])) + 1, int(np.argmax(shifts[pose])) + 1))
-    return Reach(1e3 * float(spread[pose]), tuple(legs)) if spread[pose] > 0.0 else None
+    noise = 1e3 * float(np.sqrt(np.sum((sigma[[leg - 1 for leg in legs]] * drives[pose]) ** 2)))
+    known = noise if np.isfinite(noise) else None
+    return Reach(1e3 * float(spread[pose]), tuple(legs), known) if spread[pose] > 0.0 else None
 
 
 def _drives(tables: Tables) -> NDArray | None:
@@ -68,10 +87,13 @@ def _reading_columns(columns: list[str]) -> list[str]:
     return [column for column in columns if re.fullmatch(r"rho\d+_mm", column)]
 
 
-def _matrix(row: Judged, legs: int) -> NDArray | None:
-    """K (L, L), row by row, where the cause has one."""
-    entries = [size.number for size in row.sizes_of("K")]
-    return np.array(entries, dtype=float).reshape(legs, legs) if len(entries) == legs**2 else None
+def _matrix(row: Judged, legs: int) -> tuple[NDArray, NDArray] | None:
+    """K and its sigma (L, L), row by row, where the cause has one."""
+    entries = [(size.number, np.nan if size.sigma is None else size.sigma) for size in row.sizes_of("K")]
+    if len(entries) != legs**2:
+        return None
+    values, sigma = np.array(entries, dtype=float).T.reshape(2, legs, legs)
+    return values, sigma
 
 
 def _own(row: Judged, drives: NDArray) -> NDArray | None:

@@ -97,7 +97,7 @@ def _taken(r: Any) -> str:
     if r.tolerance == r.tolerance:
         said += f", {r.size:.0f} tolerances" if r.size >= 9.5 else f", {r.size:.1f} tolerances"
     if r.observed == r.observed:
-        said += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma)})"
+        said += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma, unit)})"
     return said
 
 

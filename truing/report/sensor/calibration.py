@@ -121,7 +121,7 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
             sigma = np.nanmax([one.sigma, getattr(one, "sigma_by_case", np.nan)])
             cells.append(with_uncertainty(one.value, float(sigma)))
         rows.append((f"{load} ({load_unit(load)})", *cells))
-    heads = ("", *(f"{column} (mV)" for column in columns))
+    heads = ("load", *(f"per mV of {column}" for column in columns))
     csv = own.drop(columns=["chosen", "matrix"]).to_csv(index=False)
     caption = "G_B of the chosen calibration. ±: the larger of the fit's sigma and that by leaving load cases out"
     return Listing(heads, tuple(rows), (), caption, held_by="sensor_matrix.parquet", csv=csv)
@@ -172,7 +172,7 @@ def _classes(classes: pd.DataFrame) -> Listing:
         value = with_uncertainty(r.value, r.sigma)
         rows.append((r.load, r.error_class, r.indicated, value, plain(r.limit), at, "seen" if seen else "within noise"))
         marks.append("warn" if seen else "")
-    heads = ("load", "class", "indicated by", "%", "limit of noise", "at", "verdict")
+    heads = ("load", "class", "indicated by", "%", "limit of noise, %", "at", "verdict")
     caption = "Error classes of every axis, per cent of the range (interpolation: of the load)"
     return Listing(heads, tuple(rows), tuple(marks), caption, True, "error_classes.parquet")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truing.report.figure_style import style
-from truing.report.numbers import plain
+from truing.report.numbers import plain, with_uncertainty
 from truing.report.sensor.axes import CHANNELS, LOADS, per_kilo
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ def comparison_map(compliance: pd.DataFrame) -> go.Figure:
             pull[i, j] = one.pull
             text[i, j] = f"{_short(factor * one.coefficient)}<br>{_short(factor * two.coefficient)}"
             said[i, j] = (
-                f"measured {plain(factor * one.coefficient)} ± {plain(factor * one.sigma)} {unit}<br>"
-                f"simulated {plain(factor * two.coefficient)} ± {plain(factor * two.sigma)} {unit}<br>"
+                f"measured {with_uncertainty(factor * one.coefficient, factor * one.sigma, unit)}<br>"
+                f"simulated {with_uncertainty(factor * two.coefficient, factor * two.sigma, unit)}<br>"
                 f"{one.pull:+.1f} sigma: {one.verdict}"
             )
     figure = go.Figure()

@@ -84,7 +84,7 @@ def _of_axis(rows: pd.DataFrame) -> Listing:
         )
         for r in rows.itertuples()
     )
-    return Listing(("run", "symbol", "what", "um", "95 %"), told, held_by="positioning.parquet")
+    return Listing(("run", "symbol", "what", "value, µm", "95 %, µm"), told, held_by="positioning.parquet")
 
 
 def _of_targets(rows: pd.DataFrame) -> Listing:
@@ -95,5 +95,9 @@ def _of_targets(rows: pd.DataFrame) -> Listing:
         (str(run), subject, *(f"{wide.loc[(run, subject), head]:.3g}" for head in heads))
         for run, subject in order.itertuples(index=False)
     )
-    shown = ("run", "target", "mean forward, um", "mean backward", "B", "s forward", "s backward", "R")
+    shown = (
+        "run",
+        "target",
+        *(f"{what}, µm" for what in ("mean forward", "mean backward", "B", "s forward", "s backward", "R")),
+    )
     return Listing(shown, told, caption="Target by target", folded=len(told) > 12, held_by="positioning.parquet")
