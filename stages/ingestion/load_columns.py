@@ -35,6 +35,8 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
     if bool(six) == bool(one) or len(one) == 1:
         expected = f"either columns {', '.join(WRENCH)}, or load_axis and load"
+        if not six and not one:
+            expected += '; where nothing acted, constants = { load_axis = "fz", load = 0 }'
         log.add(Fault(found.first_file, expected, value=", ".join([*six, *one]) or None))
         return np.full((len(found.table), 6), np.nan)
     if one:

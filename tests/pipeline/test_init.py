@@ -296,3 +296,11 @@ def test_forces_are_no_coordinates(tmp_path: Path, header: str, table: str, colu
     assert document["campaign"]["kind"] == "interferometer"
     assert columns.items() <= entry["columns"].items()
     assert entry.get("units", {}).get("shown_mz_nm") == ("N mm" if "Nmm" in header else None)
+
+
+def test_phases_of_a_quadrature_log_are_read_as_proposed(tmp_path: Path) -> None:
+    text = "Phase (deg),Radius\n" + "".join(f"{30.0 * k % 360:.1f},{500.0 + k % 3}\n" for k in range(40))
+    entry = proposed(tmp_path / "raw", ("scan_X.csv",), text)
+    assert entry["constants"] == {"run": "1", "channel": "dz", "load_axis": "fz", "load": 0}
+    done = CliRunner().invoke(app, ["check", str(tmp_path / "raw")])
+    assert (done.exit_code, done.stderr) == (0, "")

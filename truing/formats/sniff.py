@@ -180,8 +180,8 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     found, notes = _columns(names) if has_header else _positions(records, notation)
     table = _table({*names, *found.get("columns", {})})
     if table == "quadrature" and "phase_deg" in found.get("columns", {}):
-        steps = {"constants": {"run": "1", "channel": "dz"}, "number_rows": {"step": 1}}
-        notes = [*notes, "phases of one channel, a step per row: say which channel it is"]
+        steps = {"constants": {"run": "1", "channel": "dz", "load_axis": "fz", "load": 0}, "number_rows": {"step": 1}}
+        notes = [*notes, "phases of one channel, a step per row, taken to be without a load: say which channel it is"]
         return Guess(mapping | found | steps, names, table, tuple(notes))
     if has_header and table in (None, "configurations") and (loads := load_columns(names)) is not None:
         table, keys, note = loads

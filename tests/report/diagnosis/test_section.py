@@ -97,6 +97,14 @@ def test_errors_far_below_what_noise_should_leave_are_not_called_at_its_floor():
     assert "noise as large as told would leave 19" in part.lead
 
 
+def test_only_a_run_that_left_a_model_is_said_to_have_one():
+    tables = diagnosis_tables()
+    assert "accepted into the extended model (model.toml)" in diagnosis(tables).lead
+    del tables["pulls"]
+    assert "model.toml" not in diagnosis(tables).lead
+    assert "1 found and modelled in what follows" in diagnosis(tables).lead
+
+
 def test_what_was_found_is_not_called_impossible_to_show():
     found = row("thermal-expansion", parameters={"alpha": size(1e-5, 1e-6, "1/K")})
     part = part_of("hidden", diagnosis_tables(rows(found, *rejected())))

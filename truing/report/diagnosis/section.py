@@ -38,7 +38,7 @@ def diagnosis(tables: Tables) -> Section | None:
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
     parts = tuple(part for part in _parts(rows, found, tables) if part is not None)
     state = "fail" if any(not row.is_noise for row in found) else "pass"
-    return Section("diagnosis", _TITLE, counted(rows), (), listings, state, tuple(told), parts)
+    return Section("diagnosis", _TITLE, counted(rows, tables), (), listings, state, tuple(told), parts)
 
 
 def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Section | None]:

@@ -10,6 +10,7 @@ from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
 from truing.report.diagnosis.overall import as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
+from truing.report.load_steps import is_bench
 from truing.report.numbers import count, printed, rough, sign
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import why_no_diagnosis
@@ -183,8 +184,8 @@ def _probability(p: float) -> str:
     )
 
 
-def counted(rows: list[Judged]) -> str:
-    """How many candidates were judged, and what became of them."""
+def counted(rows: list[Judged], tables: Tables) -> str:
+    """How many candidates were judged, and what became of them; bodies without legs leave no model."""
     rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
     found = sum(not row.is_noise for row in found_of(rows))
     causes = [row for row in rows if not row.is_noise]
@@ -193,7 +194,10 @@ def counted(rows: list[Judged]) -> str:
         noise = "" if len(causes) == len(rows) else ", which is not as declared"
         return f"{judged_words}, none found: the simulation agrees with the data to within its noise{noise}."
     other = f", {rivals} as good and not to be told from it" if rivals else ""
+    into = "modelled in what follows"
+    if is_bench(tables) or "pulls" in tables:
+        into = "accepted into the extended model (model.toml)"
     return (
-        f"{judged_words}: {found} found and accepted into the extended model (model.toml){other}, {out} rejected. "
+        f"{judged_words}: {found} found and {into}{other}, {out} rejected. "
         f"Each is held against the others by all that was measured, with every other parameter left free."
     )
