@@ -50,9 +50,7 @@ def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
         Fitted(stand.model, stand.fit.shared, stand.covariance()) for stand in (diagnosis.plain, diagnosis.final)
     )
     context = {"campaign": settings.campaign.name}
-    text = write_model(
-        extended(diagnosis.final.model, final.shared, final.covariance, context, diagnosis.final.noise_ratio)
-    )
+    text = write_model(extended(diagnosis.final.model, final.shared, final.covariance, context))
     return {"model": text, **pull_tables(plain, final), **_changes(diagnosis)}
 
 

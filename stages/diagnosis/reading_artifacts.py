@@ -26,7 +26,7 @@ def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) ->
 
     final = diagnosis.final
     context = {"campaign": settings.campaign.name}
-    text = write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context, final.noise_ratio))
+    text = write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context))
     names = final.model.known.sensor.unknowns
     pulled = sensor_pull_tables(names, _belief(diagnosis.plain), _belief(final))
     return {"reading_errors": _errors_table(diagnosis, channels), "model": text, **pulled}

@@ -25,8 +25,7 @@ class ExtendedModel:
     """A mechanism as identified: unknowns (G,) with covariance (G, G), in prior sigmas.
 
     The model's targets are those of base and platform, at their surveyed places; survey_sigma (K,), m, is the noise of
-    these. ``context`` says, for people, what the model was made from. The covariance is that at the noise found, which
-    is ``noise_ratio`` times what was declared, tolerances included.
+    these. ``context`` says, for people, what the model was made from. The covariance is that at the noise found.
     """
 
     model: PointModel
@@ -34,7 +33,6 @@ class ExtendedModel:
     covariance: NDArray
     survey_sigma: NDArray
     context: dict[str, str]
-    noise_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,16 +50,14 @@ class PredictedPoses:
     converged: NDArray  # (B,)
 
 
-def extended(
-    model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str], noise_ratio: float = 1.0
-) -> ExtendedModel:
+def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
     """Return the extended model of a fit over targets: its geometry and effects with their joint covariance."""
     own = model.targets.body != LEG
     parts = [part for name, part in model.layout.items() if name not in ("shape", "seat")]
     kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     smaller = with_targets(model, own)
     sigma = survey_noise(model)[own]
-    return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context, noise_ratio)
+    return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context)
 
 
 def with_targets(model: PointModel, own: NDArray) -> PointModel:

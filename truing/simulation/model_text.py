@@ -34,7 +34,7 @@ from truing.simulation.unknowns import Conditions
 FORMAT = 2
 _AXES = "xyz"
 _BODIES = {"base": BASE, "platform": PLATFORM}
-_OWN = ("mechanism", "reading_sigma_mm", "reference_temperature_c", "noise_ratio")
+_OWN = ("mechanism", "reading_sigma_mm", "reference_temperature_c")
 
 
 def write_model(extended_model: ExtendedModel) -> str:
@@ -67,7 +67,6 @@ def _about(extended_model: ExtendedModel) -> list[str]:
     numbers = {
         "reading_sigma_mm": float(_mm(known.reading_sigma)),
         "reference_temperature_c": known.reference_temperature_c,
-        "noise_ratio": extended_model.noise_ratio,
     }
     return [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**told, **numbers}.items()]
 
@@ -135,9 +134,8 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     shared = model.unknowns(identified, values)
     context = {key: str(value) for key, value in about.items() if key not in _OWN}
     sigma = np.array([target["sigma_mm"] for target in document["survey"]["targets"]], float) * 1e-3
-    ratio = float(about.get("noise_ratio", 1.0))
     covariance = covariance_of(document["covariance"], model.shared_size)
-    return ExtendedModel(model, shared, covariance, sigma, context, ratio)
+    return ExtendedModel(model, shared, covariance, sigma, context)
 
 
 def _model(document: dict[str, Any], nominal: Legs, causes: tuple[Cause, ...]) -> PointModel:

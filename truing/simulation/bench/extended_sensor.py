@@ -28,8 +28,7 @@ class ExtendedSensor:
     ``covariance`` (36 + P, 36 + P) is that of the compliance row by row, then of the effects' parameters, SI;
     ``nominal`` the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``context`` says,
     for people, what the model was made from. ``rows`` (6, 6): how the bench's channels follow the motion; ``share`` of
-    the elastic parameters' variance: what all legs had in common. The covariance is that at the noise found, which is
-    ``noise_ratio`` times what was declared, tolerances included.
+    the elastic parameters' variance: what all legs had in common. The covariance is that at the noise found.
     """
 
     compliance: NDArray
@@ -43,7 +42,6 @@ class ExtendedSensor:
     context: dict[str, str]
     rows: NDArray = field(default_factory=lambda: np.eye(_AXES))
     share: float = 0.5
-    noise_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class PredictedReadings:
 
 
 def extended_sensor(
-    model: ReadingModel, shared: NDArray, covariance: NDArray, context: dict[str, str], noise_ratio: float = 1.0
+    model: ReadingModel, shared: NDArray, covariance: NDArray, context: dict[str, str]
 ) -> ExtendedSensor:
     """Return the extended model of a fit; shared (G,) with covariance (G, G), in prior sigmas."""
     known = model.known
@@ -90,7 +88,6 @@ def extended_sensor(
         context,
         rows,
         sensor.share,
-        noise_ratio,
     )
 
 

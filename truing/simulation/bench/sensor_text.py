@@ -29,7 +29,7 @@ from truing.simulation.effect_text import (
 FORMAT = 2
 MECHANISM = "6-upur"
 _AXES = 6
-_OWN = ("mechanism", "wavelength_nm", "reference_temperature_c", "largest_load", "common_share", "noise_ratio")
+_OWN = ("mechanism", "wavelength_nm", "reference_temperature_c", "largest_load", "common_share")
 _HALF = 0.5  # what was in common where a model does not say so
 
 
@@ -41,7 +41,6 @@ def write_sensor(extended: ExtendedSensor) -> str:
         "reference_temperature_c": extended.reference_temperature_c,
         "largest_load": exact(extended.largest),
         "common_share": extended.share,
-        "noise_ratio": extended.noise_ratio,
     }
     about = [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**extended.context, **numbers}.items()]
     lines = [f"format = {FORMAT}", "", "[model]", *about, "", "[compliance]  # SI: m, rad by N, N m"]
@@ -97,7 +96,6 @@ def _from_document(document: dict[str, Any]) -> ExtendedSensor:
         {key: str(value) for key, value in about.items() if key not in _OWN},
         _matrix(document["beams"]["rows"]) if "beams" in document else np.eye(_AXES),
         float(about.get("common_share", _HALF)),
-        float(about.get("noise_ratio", 1.0)),
     )
 
 
