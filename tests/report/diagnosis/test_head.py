@@ -126,6 +126,7 @@ def test_nothing_found_is_no_pass_where_predictions_miss_by_more_than_noise():
     assert "yet predictions miss by 7.9" in said
     assert "noise alone would leave 5.2" in said
     assert "agrees" not in said
+    assert "agrees" not in diagnosis(diagnosis_tables(rows(*beyond))).lead
 
 
 def test_nothing_found_without_a_table_of_sizes_claims_no_size():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
-from truing.report.diagnosis.overall import as_it_is
+from truing.report.diagnosis.overall import Overall, as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.load_steps import is_bench
 from truing.report.numbers import count, printed, rough, sign
@@ -70,8 +70,7 @@ def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
 
 def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
     """Agreement; and where predictions miss by more than noise all the same, that and no pass."""
-    missed = as_it_is(rows, tables, held_out=True) or as_it_is(rows, tables, held_out=False)
-    beyond = [one for one in missed if one.floor is not None and one.after > AT_THE_FLOOR * one.floor]
+    beyond = _beyond_noise(rows, tables)
     if not beyond:
         return ("pass", _agreement(rows, tables))
     said = f"None of {count(len(rows), 'candidate')} was found; yet predictions miss by {rough(beyond[0].after)} "
@@ -79,6 +78,12 @@ def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
         f"{sign(beyond[0].unit)} rms where noise alone would leave {rough(beyond[0].floor)}: look at how they miss, "
     )
     return ("warn", f"{said}pose by pose, under Diagnosis.")
+
+
+def _beyond_noise(rows: list[Judged], tables: Tables) -> list[Overall]:
+    """By how much predictions miss where nothing was found and that is more than noise leaves."""
+    missed = as_it_is(rows, tables, held_out=True) or as_it_is(rows, tables, held_out=False)
+    return [one for one in missed if one.floor is not None and one.after > AT_THE_FLOOR * one.floor]
 
 
 def _listed(clauses: list[str], several: int) -> str:
@@ -191,6 +196,8 @@ def counted(rows: list[Judged], tables: Tables) -> str:
     causes = [row for row in rows if not row.is_noise]
     judged_words = f"{count(len(causes), 'candidate cause')} judged"
     if not found:
+        if len(causes) == len(rows) and _beyond_noise(rows, tables):
+            return f"{judged_words}, none found; yet predictions miss by more than noise, and nothing judged tells why."
         noise = "" if len(causes) == len(rows) else ", which is not as declared"
         return f"{judged_words}, none found: the simulation agrees with the data to within its noise{noise}."
     other = f", {rivals} as good and not to be told from it" if rivals else ""
