@@ -14,10 +14,6 @@ def _renamed(target: str, called: str) -> Spoil:
     return appended(_TOML, f'\n[[renamed]]\nbody = "base"\ntarget = "{target}"\ncalled = "{called}"\n')
 
 
-def _resurvey(keys: str) -> Spoil:
-    return appended(_TOML, f"\n[[resurvey]]\n{keys}\n")
-
-
 def _base_again(folder: Path) -> None:
     """The base once more, as a later survey whose name is end; its first target has moved by 1 mm."""
     rows = [line.split(",") for line in (folder / "targets.csv").read_text(encoding="utf-8").splitlines()[1:]]
@@ -38,7 +34,6 @@ _NO_REASON = '\n[[exclude]]\ntarget = "B01"\nby = "A. Kern"\n'
 CASES = (
     Broken("renamed-onto-another", "telescope", _renamed("B01", "B02"), ("once; B02 is B01 there", "renamed.1")),
     Broken("renamed-on-a-bench", "bench", _renamed("B01", "B02"), ("a bench has no targets",)),
-    Broken("resurvey-without-table", "telescope", _resurvey('survey = "end"'), ("resurveys.csv", "resurvey.1")),
     Broken("resurvey-moved-unnoticed", "telescope", _base_again, ("resurvey",), ExitCode.FAILED_CHECK),
     Broken("repeat-of-nothing", "telescope", _repeats, ("repeat_of", "1000", "a pose of this table")),
     Broken("exclusion-without-reason", "telescope", appended(_TOML, _NO_REASON), ("exclude.1.reason", "present")),
