@@ -103,6 +103,8 @@ def test_only_a_run_that_left_a_model_is_said_to_have_one():
     del tables["pulls"]
     assert "model.toml" not in diagnosis(tables).lead
     assert "1 found and modelled in what follows" in diagnosis(tables).lead
+    del tables["next_poses"]
+    assert "without a mechanism" in part_of("next", tables).lead
 
 
 def test_what_was_found_is_not_called_impossible_to_show():

@@ -7,7 +7,7 @@ import io
 import re
 from typing import TYPE_CHECKING
 
-from truing.report.diagnosis.compared import READINGS, compared
+from truing.report.diagnosis.compared import POINTS, READINGS, compared
 from truing.report.diagnosis.judged import Judged
 from truing.report.diagnosis.next_loads import lead_of_loads, listings_of_loads
 from truing.report.diagnosis.words import without_readings
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _TITLE = "What to measure next"
+_WITHOUT_MECHANISM = "No configurations were computed: without a mechanism nothing says which there are."
 _TOLD = ("purpose", "pose", "times", "expected")
 # Actuators stand on values of a tenth of a micrometre at best.
 _PLACES = 4
@@ -35,7 +36,9 @@ def following(rows: list[Judged], tables: Tables) -> Section:
     table = filled(tables, "next_poses")
     if table is None:
         state = "" if asked and compared(tables) is READINGS else "not evaluated"
-        return Section("next", _TITLE, compared(tables).not_planned, said=asked, state=state)
+        legless = compared(tables) is POINTS and "pulls" not in tables
+        why = _WITHOUT_MECHANISM if legless else compared(tables).not_planned
+        return Section("next", _TITLE, why, said=asked, state=state)
     parts = [(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False)]
     lead = (
         f"{count(len(table), 'configuration')} for {count(len(parts), 'purpose')}, readings as the machine takes them."
