@@ -71,7 +71,9 @@ def test_calibration_tells_the_choice_and_the_matrix(tables):
     section = sensor_calibration(tables)
     assert section.lead.startswith("Chosen: weighted, forward, zero common, linear.")
     assert "as the paper prints it" in section.lead
-    matrix = section.listings[0]
+    tests, matrix = section.listings[:2]
+    assert [row[0] for row in tests.rows] == ["pass", "not evaluated"]
+    assert section.state == "pass"
     assert [row[0] for row in matrix.rows] == ["fx (N)", "fy (N)", "fz (N)", "mx (N·m)", "my (N·m)", "mz (N·m)"]
     assert matrix.csv.count("\n") == 37
     held, classes, merit = (figure for figure, _ in section.figures)
@@ -92,7 +94,8 @@ def test_theory_alone_says_why_there_is_no_matrix(tables):
     matrices.attrs[SAID] = "G by [mechanism]; G_B not evaluated: V V^T is singular, the channels are not independent"
     empty = {name: tables[name].iloc[:0] for name in ("sensor_choice", "error_classes")}
     section = sensor_calibration({**tables, **empty, "sensor_matrix": matrices})
-    assert section.state == "theory alone"
+    assert section.state == "not evaluated"
+    assert {row[0] for row in section.listings[0].rows} == {"not evaluated"}
     assert "V V^T is singular" in section.lead
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truing.report.model_tests import ModelTest, listing_of, state_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.sensor.axes import LOADS, load_unit
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 Drawn = list[tuple[object, str]]
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
+_AT_NOISE = 1.1  # times the noise that an error may be and count as noise
 _AS_PRINTED = "least squares, direct, zero none, linear"
 
 
@@ -45,9 +47,31 @@ def sensor_calibration(tables: Tables) -> Section | None:
         shown += _merit_drawn(merit)
         listings += [_merits(merit), *_types(merit)]
     lead = _lead(tables, choice, matrices, largest)
-    return Section(
-        "calibration", _TITLE, lead, tuple(shown), tuple(listings), state="" if choice is not None else "theory alone"
-    )
+    tests = _tests(choice)
+    listings.insert(0, listing_of(tests, "Tests of the chosen calibration"))
+    return Section("calibration", _TITLE, lead, tuple(shown), tuple(listings), state_of(tests))
+
+
+def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
+    """Whether the chosen calibration misses what it was not fitted to by no more than noise."""
+    held = "held-out loads are missed by what noise leaves"
+    verified = "the verification runs are missed by what noise leaves"
+    if choice is None:
+        return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (held, verified)]
+    own = choice[choice["model"] == _chosen(choice)]
+    facts = own.drop_duplicates("figure").set_index("figure")["value"]
+    return [
+        _missed(held, facts, "heldout", "Nothing was held out."),
+        _missed(verified, facts, "verification", "No run is for verification, or its noise is not told."),
+    ]
+
+
+def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
+    chi_square, freedom = facts.get(f"{what}_chi_square"), facts.get(f"{what}_freedom")
+    if chi_square is None or freedom is None or not freedom > 0.0:
+        return ModelTest(asked, None, why_not)
+    times = float(np.sqrt(chi_square / freedom))
+    return ModelTest(asked, times <= _AT_NOISE, f"By {plain(times)} times what noise leaves, rms.")
 
 
 def _why(tables: Tables) -> str:

@@ -1,0 +1,59 @@
+"""The picture of a report in README.md: its verdict, its 3-D view and the matrix that explains it, of the page itself.
+
+truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html
+"""
+
+from __future__ import annotations
+
+import base64
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.report.browser import Browser, Page
+
+PICTURE = Path(__file__).parents[1] / "figures" / "report.png"
+_WIDTH, _HEIGHT = 1240, 860
+_SHOWN = ("figure-deformation-0", "figure-deformation-2")
+# Leaves the verdict and two figures, side by side; what is operated has no place in a picture.
+_ARRANGED = """
+(async () => {
+  const figures = %s.map((id) => document.getElementById(id).closest("figure"));
+  const row = document.createElement("div");
+  row.style.cssText = "display:grid;grid-template-columns:1fr 1fr;gap:24px;padding:18px 24px";
+  const unwanted = "script.figure-data, p.take, fieldset, figcaption";
+  document.querySelector("main").style.display = "none";
+  document.querySelector("nav").style.display = "none";
+  document.querySelectorAll("header dl, .modebar-container").forEach((part) => part.remove());
+  document.body.append(row);
+  document.querySelector("header > div").style.maxWidth = "none";
+  for (const figure of figures) {
+    row.append(figure);
+    figure.style.minWidth = 0;
+    figure.querySelectorAll(unwanted).forEach((part) => (part.style.display = "none"));
+    figure.querySelectorAll(".modebar-container").forEach((part) => part.remove());
+    const plot = figure.querySelector(".plot");
+    plot.style.height = "480px";
+    await Plotly.relayout(plot, { height: 480, width: plot.clientWidth, "margin.l": plot.layout.scene ? 0 : 100 });
+    figure.querySelectorAll(".modebar-container").forEach((part) => part.remove());
+  }
+  scrollTo(0, 0);
+  await new Promise((done) => setTimeout(done, 800));
+  return row.getBoundingClientRect().bottom;
+})()
+"""
+
+
+def main(page: Path) -> None:
+    """Write the picture from a page."""
+    with tempfile.TemporaryDirectory() as folder, Browser(Path(folder)) as browser:
+        shown = Page(browser, page.resolve().as_uri(), _WIDTH, _HEIGHT)
+        shown.scroll_through()
+        bottom = shown.value(_ARRANGED % list(_SHOWN))
+        clip = {"x": 0, "y": 0, "width": _WIDTH, "height": bottom, "scale": 1}
+        told = shown.ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+    PICTURE.write_bytes(base64.b64decode(told["data"]))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
