@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 # So many campaigns without an effect per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
 _DEFAULT_FILE = "power.parquet"
+_SURVEY = "the survey of the targets, or their planned places"
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,8 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     if not source.entries("points"):
         return _planning_tables(source, settings)
     made = dict(call_stage("ingest", {}, settings, source).artifacts)
+    if "survey" not in made:
+        raise CampaignFaults([Fault("targets.csv", _SURVEY)])
     return made if "observations" not in made else _posed(made, settings)
 
 
@@ -133,7 +136,7 @@ def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
     survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
     log.throw()
     if survey is None:
-        raise CampaignFaults([Fault("targets.csv", "the survey of the targets, or their planned places")])
+        raise CampaignFaults([Fault("targets.csv", _SURVEY)])
     return {"survey": survey.table, "configurations": configurations.table}
 
 

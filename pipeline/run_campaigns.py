@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import unicodedata
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -54,10 +55,12 @@ class Plan:
         """The job for one place; raises CampaignFaults where there can be none."""
         campaign = usable_campaign(place)
         folder = run_folder_of(campaign, self.out, several=self.several)
-        if folder in self.taken:
+        # Not everywhere do capitals, or how an accent is composed, tell folders apart.
+        taken = Path(unicodedata.normalize("NFC", str(folder)).casefold())
+        if taken in self.taken:
             expected = "a name that no other campaign of this call has"
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
-        self.taken.add(folder)
+        self.taken.add(taken)
         _refuse_raw_files(campaign, folder)
         return Job(campaign, folder, self.wish, f"{campaign.name} ({place})" if self.several else None)
 

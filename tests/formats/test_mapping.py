@@ -75,6 +75,12 @@ def test_wide_rows_become_a_row_per_target(tmp_path):
     assert sum(found.left_out.values()) == 1
 
 
+def test_wide_rows_that_are_all_cut_short_are_faults(tmp_path):
+    written(tmp_path, "w.csv", "pose,A_x,A_y,A_z\n1,2,3\n2,3,4\n")
+    found = read(tmp_path, entries={"path": "w.csv", "wide": "{target}_{axis}", "constants": {"body": "b"}})
+    assert [(fault.row, fault.value) for fault in found.faults] == [(2, "3 columns"), (3, "3 columns")]
+
+
 def test_wide_names_may_hold_the_body_too(tmp_path):
     written(tmp_path, "w.csv", "pose;arm.1.x;arm.1.y;arm.1.z;leg.1.x;leg.1.y;leg.1.z\n1;1;2;3;4;5;6\n")
     found = read(tmp_path, entries={"path": "w.csv", "wide": "{body}.{target}.{axis}"})

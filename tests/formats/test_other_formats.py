@@ -107,10 +107,11 @@ def test_point_clouds_per_pose(tmp_path, suffix, binary):
 
 @pytest.mark.parametrize("content", [b"ply\nformat ascii 1.0\nelement vertex 5\n", b"no cloud at all", b""])
 @pytest.mark.parametrize("suffix", ["ply", "pcd"])
-def test_clouds_that_are_none(tmp_path, suffix, content):
+def test_clouds_that_are_none(tmp_path, capfd, suffix, content):
     (tmp_path / f"pose1_plate.{suffix}").write_bytes(content)
     (fault,) = read(tmp_path, entries={"path": f"*.{suffix}", **CLOUD}).faults
     assert fault.file == f"pose1_plate.{suffix}"
+    assert capfd.readouterr().err == ""  # what the library has to say is the fault's
 
 
 def write_c3d(path, unit="m"):
@@ -184,6 +185,9 @@ def test_faults_in_trc_have_their_line(tmp_path):
     written(tmp_path, "walk.trc", TRC.replace("0.3\t0.2\t0.3\t0.6", "0.3\tx\t0.3\t0.6"))
     (fault,) = read(tmp_path, entries={"path": "walk.trc", "constants": {"body": "foot"}}).faults
     assert (fault.row, fault.value) == (9, "x")
+    head, _, _ = TRC.partition("0.3\t0.2")
+    written(tmp_path, "walk.trc", head)  # cut within a row
+    assert read(tmp_path, entries={"path": "walk.trc", "constants": {"body": "foot"}}).faults
     written(tmp_path, "walk.trc", "something else\n")
     (fault,) = read(tmp_path, entries={"path": "walk.trc", "constants": {"body": "foot"}}).faults
     assert "header lines of a TRC" in fault.expected

@@ -158,3 +158,11 @@ def test_a_campaign_of_bodies_without_a_mechanism_is_told_that_it_cannot_be_draw
     assert "mechanism.type" in said
     assert "bodies without one cannot be drawn yet" in " ".join(said.split())
     assert "found 'none'" in said
+
+
+def test_points_without_a_survey_cannot_be_drawn_again(measured: Path, tmp_path: Path) -> None:
+    for path in measured.iterdir():
+        if path.name != "targets.csv":
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    code, said = call(tmp_path, "--draws", 0)
+    assert (code, said) == (2, "targets.csv: expected the survey of the targets, or their planned places\n")

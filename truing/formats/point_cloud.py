@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,9 @@ from truing.open3d_library import load_open3d
 
 _ANNOUNCED = re.compile(rb"^(?:element \S+|POINTS|WIDTH|HEIGHT) +(\d+)", re.MULTILINE)
 _HEADER = 1 << 16
+_STDERR = 2
 _DIGITS = 18  # a number of more is larger than any file
-# PLY is never compressed; where PCD is, by LZF, equal points shrink to a hundredth.
-_POINTS_PER_BYTE = {".ply": 1, ".pcd": 100}
+_POINTS_PER_BYTE = 100  # PLY is never compressed; where PCD is, by LZF, equal points shrink to a hundredth
 
 
 def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
@@ -35,14 +37,29 @@ def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 def _check_announced(path: Path) -> None:
     """A few bytes may announce any number of points, and memory would have to hold them."""
-    size, ending = path.stat().st_size, path.suffix.removeprefix(".").upper()
+    size = path.stat().st_size
     with path.open("rb") as file:
-        head = file.read(_HEADER)
-    if ending == "PLY" and not head.startswith(b"ply"):  # of which its reader would complain to the terminal
-        raise Unusable("a whole PLY file with points")
-    announced = [int(digits[:_DIGITS]) for digits in _ANNOUNCED.findall(head)]
-    if max(announced, default=0) > _POINTS_PER_BYTE[path.suffix.lower()] * size:
+        announced = [int(digits[:_DIGITS]) for digits in _ANNOUNCED.findall(file.read(_HEADER))]
+    if max(announced, default=0) > (1 if path.suffix.lower() == ".ply" else _POINTS_PER_BYTE) * size:
+        ending = path.suffix.removeprefix(".").upper()
         raise Unusable(f"a whole {ending} file; this one announces more points than its size can hold")
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Nothing of what the reader of PLY writes to the terminal, for it is told as a fault."""
+    try:
+        kept = os.dup(_STDERR)
+    except OSError:  # there is no terminal
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), _STDERR)
+        yield
+    finally:
+        os.dup2(kept, _STDERR)
+        os.close(kept)
 
 
 def _attributes(path: Path) -> dict[str, NDArray]:
@@ -50,7 +67,7 @@ def _attributes(path: Path) -> dict[str, NDArray]:
         open3d = load_open3d()
     except ImportError as error:
         raise Unusable(f"XYZ or text here: {error}") from None
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error), _unheard():
         try:
             cloud = open3d.t.io.read_point_cloud(str(path))
         except RuntimeError as error:

@@ -46,7 +46,7 @@ def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
 def widen(plan: Plan, batch: RawBatch) -> RawBatch:
     """A batch with one row per target, where its records hold several targets side by side."""
     groups = plan.wide
-    if not groups or not batch.rows:
+    if not groups:
         return batch
     import pyarrow as pa
 
