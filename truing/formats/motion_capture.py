@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -14,6 +17,7 @@ from truing.formats.text import BLOCK, utf8_chunks
 
 _C3D_COLUMNS = ("frame", "time_s", "label", "x", "y", "z", "residual")
 _TRC_HEADER_LINES = 5
+_WINDOWS_ERROR = 0xC0000000  # exit codes from here on are those of a process that the system has ended
 
 
 def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
@@ -40,10 +44,20 @@ def _open_c3d(path: Path):  # type: ignore[no-untyped-def]
         import ezc3d
     except ModuleNotFoundError:
         raise Unusable("TRC or text here: C3D needs ezc3d, which this platform has no wheel of") from None
+    _try_elsewhere(path)
     try:
         return ezc3d.c3d(str(path))
     except Exception as error:  # ezc3d lets the exceptions of its C++ through under several types
         raise Unusable("a whole C3D file", value=str(error).splitlines()[0][:80]) from None
+
+
+def _try_elsewhere(path: Path) -> None:
+    """Read the file in a process of its own first: damaged ones end whatever process ezc3d reads them in."""
+    words = [sys.executable, "-c", "import sys, ezc3d; ezc3d.c3d(sys.argv[1])", str(path.resolve())]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode < 0 or done.returncode >= _WINDOWS_ERROR:
+        raise Unusable("a whole C3D file; this one is damaged")
 
 
 def _c3d(path: Path) -> tuple[list[str], np.ndarray, np.ndarray, int, float, str]:

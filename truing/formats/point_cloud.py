@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,21 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.formats.cloud_heads import check_cloud_head
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
 from truing.open3d_library import load_open3d
 
-_ANNOUNCED = re.compile(rb"^(?:element \S+|POINTS|WIDTH|HEIGHT) +(\d+)", re.MULTILINE)
-_HEADER = 1 << 16
 _STDERR = 2
-_DIGITS = 18  # a number of more is larger than any file
-_POINTS_PER_BYTE = 100  # PLY is never compressed; where PCD is, by LZF, equal points shrink to a hundredth
 
 
 def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """The points of one cloud in one batch; raises Unusable where there are none."""
     import pyarrow as pa
 
-    _check_announced(path)
+    check_cloud_head(path)
     attributes = _attributes(path)
     kinds = wanted(tuple(attributes), None)
     if kinds is None:
@@ -33,16 +29,6 @@ def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     values = list(attributes.values())
     columns = {i: pa.array(values[i]) for i in kinds}
     yield RawBatch(columns, consecutive(0, len(values[0])))
-
-
-def _check_announced(path: Path) -> None:
-    """A few bytes may announce any number of points, and memory would have to hold them."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        announced = [int(digits[:_DIGITS]) for digits in _ANNOUNCED.findall(file.read(_HEADER))]
-    if max(announced, default=0) > (1 if path.suffix.lower() == ".ply" else _POINTS_PER_BYTE) * size:
-        ending = path.suffix.removeprefix(".").upper()
-        raise Unusable(f"a whole {ending} file; this one announces more points than its size can hold")
 
 
 @contextmanager

@@ -34,9 +34,18 @@ class FileRows:
     format: str
 
     def locate(self, records: Sequence[int]) -> list[int]:
-        """The lines of a text file, or the rows from 1 of a binary table, in which records (ascending) begin."""
+        """The lines of a text file, or the rows from 1 of a binary table, in which records (ascending) begin.
+
+        Fewer than were asked for where the file is no longer what was read.
+        """
         if self.format not in _TEXT:
             return [record + 1 for record in records]
+        try:
+            return self._lines_of(records)
+        except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, Unusable, OSError):
+            return []
+
+    def _lines_of(self, records: Sequence[int]) -> list[int]:
         entry = self._delimited()
         with open_plain(self.raw.path) as stream:
             first = next(record_blocks(utf8_chunks(stream, entry.encoding), entry.quote.encode()), b"")
