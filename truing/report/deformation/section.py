@@ -35,7 +35,7 @@ def deformation(tables: Tables) -> Section | None:
     shown = [*_picture(tables), *_legs(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
-        return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "models not evaluated")
+        return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
     tests = _tests(tables)
     listings = (listing_of(tests, "Tests of the models"), *_legwise(tables), _errors(tables))
     return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings, tests[0].state)

@@ -56,6 +56,7 @@ def load_scene(tables: Tables) -> Scene | None:
         arrow=_arrows(known, float(np.ptp(upper, axis=0).max())),
         said=_said(place, shift, np.broadcast_to(along, place.shape), covariance, numbers),
         all_legs=True,
+        ringed="upper joint",
     )
 
 

@@ -18,7 +18,6 @@ MOST_POINTS = 6000
 # Gains that a reader chooses from go so many decades beyond the one that suits the view.
 _BEYOND = 10.0
 _TALLEST = 0.95  # of a scene beside the view's height, that its top is not cut
-_PLACES = ("target", "target at an attachment")
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,7 @@ class Scene:
     arrow: NDArray[np.float64] | None = None
     said: tuple[tuple[str, ...], ...] = ()
     all_legs: bool = False  # legs are drawn also where none is chosen
+    ringed: str = "target at an attachment"  # what the points in the ring are
 
     @property
     def gain(self) -> float:
@@ -190,8 +190,8 @@ def _traces(scene: Scene) -> list[go.Scatter3d]:
 
     ringed, legged = bool(scene.attached.any()), bool(scene.legs)
     return [
-        dots(_PLACES[0], BLUE, showlegend=bool((~scene.attached).any())),
-        dots(_PLACES[1], ORANGE, showlegend=ringed),
+        dots("target", BLUE, showlegend=bool((~scene.attached).any())),
+        dots(scene.ringed, ORANGE, showlegend=ringed),
         line("displacement", RED, 6.0),
         line("ring of attachments", GREY, 2.0, showlegend=ringed),
         line("the ring, displaced", ORANGE, 5.0, showlegend=ringed),
