@@ -75,6 +75,11 @@ def test_wide_rows_become_a_row_per_target(tmp_path):
     assert sum(found.left_out.values()) == 1
 
 
+def test_more_columns_than_any_table_has_are_refused_at_once(tmp_path):
+    written(tmp_path, "points.csv", ",".join(f"c{n}" for n in range(30_001)) + "\n1\n")
+    assert [fault.value for fault in read(tmp_path).faults] == ["30001 columns"]
+
+
 def test_wide_rows_that_are_all_cut_short_are_faults(tmp_path):
     written(tmp_path, "w.csv", "pose,A_x,A_y,A_z\n1,2,3\n2,3,4\n")
     found = read(tmp_path, entries={"path": "w.csv", "wide": "{target}_{axis}", "constants": {"body": "b"}})

@@ -21,6 +21,7 @@ from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
 
 T = TypeVar("T")
+_MOST_COLUMNS = 30_000  # each is compared with the names that are known
 
 _TEXT = frozenset({"delimited", "vstars", "aicon", "metashape", "tracker", "xyz", "trc"})
 
@@ -106,6 +107,9 @@ def _read_file(
     plans: list[Plan] = []
 
     def wanted(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
+        if len(names) > _MOST_COLUMNS:
+            log.add(Fault(raw.name, f"at most {_MOST_COLUMNS} columns", value=f"{len(names)} columns"))
+            return None
         settled = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
         if file_format == "trc":
             settled = rows._delimited()
