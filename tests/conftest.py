@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.made_once import made_once
+
 PROJECT = Path(__file__).resolve().parents[1]
 
 settings.register_profile(
@@ -24,10 +26,17 @@ settings.load_profile("project")
 @pytest.fixture(scope="session")
 def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with ``sample_data/telescope``, cut short, and its run ``runs/telescope``; not to be written to."""
-    from tests.workplace import shared_workplace
+    from tests.workplace import make_workplace
 
-    own = tmp_path_factory.getbasetemp()
-    return shared_workplace(own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
+    return made_once(tmp_path_factory, "workplace", make_workplace)
+
+
+@pytest.fixture(scope="session")
+def sample_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of all of ``sample_data/telescope`` as far as its calibration; not to be written to."""
+    from docs.experiments.calibration import run_sample
+
+    return made_once(tmp_path_factory, "sample-run", lambda place: run_sample(place / "run", "calibrate")) / "run"
 
 
 @pytest.fixture(scope="session")

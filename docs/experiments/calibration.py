@@ -43,14 +43,19 @@ RIGID = KinematicModel("6-pus")
 @cache
 def run_folder(stage: str = "calibrate") -> Path:
     """A folder with a fresh run of the sample campaign as far as a stage, for as long as this process lives."""
+    run_sample(Path(_kept().name) / "run", stage)
+    return Path(_kept().name) / "run"
+
+
+def run_sample(folder: Path, stage: str) -> None:
+    """Run the sample campaign into a folder as far as a stage."""
     from pipeline.run_campaign import Wish
     from pipeline.run_campaigns import run_campaigns
     from pipeline.selection import Selection
 
     wish = Wish(Selection(None, stage, False), distrust=False, accept_failed_checks=True)
-    if run_campaigns([CAMPAIGN], Path(_kept().name) / "run", wish, quiet=True):
+    if run_campaigns([CAMPAIGN], folder, wish, quiet=True):
         raise RuntimeError("the sample campaign did not run")
-    return Path(_kept().name) / "run"
 
 
 @cache

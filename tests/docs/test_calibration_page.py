@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,14 @@ from tests.docs.shown import shown
 
 PAGE = (Path(calibration.__file__).resolve().parents[1] / "calibration.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def shared_run(sample_run: Path) -> Iterator[None]:
+    """Tables are made of the run that all tests share."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "run_folder", lambda: sample_run)
+        yield
 
 
 @pytest.mark.parametrize("name", ["models", "departures", "kappa"])
