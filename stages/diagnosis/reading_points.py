@@ -65,8 +65,8 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     if fitted.sum() < _FEWEST_STEPS:
         raise ValueError(f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}")
     if not (settings.signals.zero_mv is not None and steps.signal.size) and not _loads_change(steps, fitted):
-        told = "or signals tared before each run: [signals] zero_mv"
-        raise ValueError(f"needs loads that change within a run, whose zero is free, {told}")
+        tared = "or signals tared before each run: [signals] zero_mv"
+        raise ValueError(f"needs loads that change within a run, whose zero is free, {tared}")
     model = ReadingModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
     return Gathered(
