@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = ("um",) * 3 + ("arcsec",) * 3
 _ARCSEC = np.pi / 180 / 3600
 _SI = np.array([1e-6] * 3 + [_ARCSEC] * 3)
+_READING = re.compile(r"rho(\d+)_mm")
 _PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
 
 
@@ -121,25 +123,33 @@ def _of_attachments(
     kept = ~np.asarray(table.column("rejected").to_pylist(), bool)
     place = positions(table.column("pose"), poses)
     legs = int(leg.max())
-    shift, drive, variance = np.full((3, len(poses), legs), np.nan)
+    shift, variance = np.full((2, len(poses), legs), np.nan)
     at = place[kept], leg[kept] - 1
-    shift[at], drive[at] = number_column(table, "delta_bz_um")[kept], number_column(table, "delta_rho_mm")[kept]
+    shift[at] = number_column(table, "delta_bz_um")[kept]
     variance[at] = number_column(table, "own_sigma_um")[kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
     found = Repeated("attachment", subjects, ("um",) * legs, how, len(groups))
     found.add_to(repeats, within_groups(shift, groups), np.sqrt(known_mean(variance)))
     inside = [group[fitted[group]] for group in groups]
+    # Of every leg, for a matrix takes also those whose attachments carry no targets; their zero is of no account.
+    drive = _readings(tables["configurations"])
     for model, left in _deformation_left(tables.get("deformation_models"), shift, drive):
         left[~fitted] = np.nan
         count = np.isfinite(left).sum(axis=0)
-        spent = 1.0 + (1.0 if model == "linear" else legs)
+        spent = 1.0 + (1.0 if model == "linear" else drive.shape[1])
         centred = left - known_mean(left)
         all_left = Squares(np.nansum(centred**2, axis=0), count - spent)
         found.add_fit(fits, model, lack_of_fit(all_left, within_groups(left, inside)))
 
 
+def _readings(configurations: pa.Table) -> Array:
+    """(B, D) readings of actuators in mm."""
+    numbers = sorted(int(found[1]) for name in configurations.column_names if (found := _READING.fullmatch(name)))
+    return np.column_stack([number_column(configurations, f"rho{number}_mm") for number in numbers])
+
+
 def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> Iterator[tuple[str, Array]]:
-    """What each deformation model leaves of the shifts (B, L) in um."""
+    """What each deformation model leaves of the shifts (B, L) in um, with readings (B, D) of all legs in mm."""
     if models is None or not models.num_rows:
         return
     names = text_column(models, "model")
@@ -149,7 +159,8 @@ def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> It
         own = (names == model) & (leg >= 0) & (column >= 0)
         gain = np.zeros((shift.shape[1], drive.shape[1]))
         gain[leg[own], column[own]] = coefficient[own]
-        yield str(model), shift - 1e3 * drive @ gain.T if model == "matrix" else shift - 1e3 * drive * np.diag(gain)
+        followed = drive @ gain.T if model == "matrix" else drive[:, : shift.shape[1]] * np.diag(gain)
+        yield str(model), shift - 1e3 * followed
 
 
 def _of_calibrations(
