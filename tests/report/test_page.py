@@ -76,6 +76,18 @@ def page():
     return render(campaign_tables())
 
 
+@pytest.fixture(scope="module")
+def whole():
+    """The sections of all tables."""
+    return sections_of(campaign_tables())
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """A page of few poses with harmless names."""
+    return Reader(render(campaign_tables(poses=4)))
+
+
 def test_same_tables_give_the_same_bytes(page):
     assert render(campaign_tables()) == page
 
@@ -172,8 +184,8 @@ def test_verdicts_are_told_in_words_not_by_colour_alone():
     assert '<span aria-hidden="true">–</span> not evaluated</b>' in render(tables)
 
 
-def test_every_section_that_judges_has_a_state_and_no_cell_is_blank(page):
-    judged = {section.id: section.state for section in sections_of(campaign_tables()).values()}
+def test_every_section_that_judges_has_a_state_and_no_cell_is_blank(page, whole):
+    judged = {section.id: section.state for section in whole.values()}
     assert judged["diagnosis"] == judged["qa"] == judged["deformation"] == "fail"
     assert judged["poses"] == "pass"
     assert judged["calibration"] == judged["requirements"] == "not evaluated"
@@ -182,16 +194,16 @@ def test_every_section_that_judges_has_a_state_and_no_cell_is_blank(page):
         assert f'<span class="state {state}"><span aria-hidden="true">{sign}</span> {state}</span>' in page
 
 
-def test_every_section_has_its_figure():
-    found = sections_of(campaign_tables())
+def test_every_section_has_its_figure(whole):
+    found = whole
     for name, least in {"measured": 1, "diagnosis": 2, "poses": 2, "deformation": 3}.items():
         assert sum(len(part.figures) for part in all_of([found[name]])) >= least, name
     order = ["diagnosis", "measured", "qa", "poses", "deformation", "calibration", "requirements"]
     assert list(found) == [*order, "uncertainty", "during", "excluded", "provenance"]
 
 
-def test_every_figure_says_what_it_shows_and_has_units():
-    for section in all_of(list(sections_of(campaign_tables()).values())):
+def test_every_figure_says_what_it_shows_and_has_units(whole):
+    for section in all_of(list(whole.values())):
         for figure, caption in section.figures:
             title = figure.layout.title
             assert len(title.text) > 10
@@ -200,7 +212,7 @@ def test_every_figure_says_what_it_shows_and_has_units():
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_names_cannot_inject_anything(attack):
+def test_names_cannot_inject_anything(attack, clean):
     tables = campaign_tables(poses=4, name=attack)
     for table in tables.values():
         if "body" in table:
@@ -208,7 +220,7 @@ def test_names_cannot_inject_anything(attack):
     tables["qa"]["message"] = attack
     tables["diagnosis"]["explanation"] = attack
     tables["residuals"].loc[0, "reason"] = attack
-    clean, tainted = Reader(render(campaign_tables(poses=4))), Reader(render(tables, attack))
+    tainted = Reader(render(tables, attack))
     assert [tag for tag, _ in tainted.elements] == [tag for tag, _ in clean.elements]
     assert attack in tainted.text
     for script in tainted.scripts[1:]:  # the first is the style
@@ -225,22 +237,22 @@ def test_markup_in_names_stays_text_in_figures():
 
 
 @pytest.mark.parametrize("name", ["observations", "qa", "poses", "diagnosis", "deformation_errors"])
-def test_empty_tables_are_not_evaluated_and_say_why(name):
+def test_empty_tables_are_not_evaluated_and_say_why(name, whole):
     tables = campaign_tables()
-    before = _idle(tables)
+    before = _idle(whole)
     assert set(before) == {"calibration", "requirements", "uncertainty"}  # of which these tables hold nothing
     assert all("This run holds no table of stage" in lead for lead in before.values())
     tables[name] = tables[name].iloc[:0]
-    states = _idle(tables)
+    sections = sections_of(tables)
+    states = _idle(sections)
     assert len(states) == len(before) + 1
     assert all(len(lead) > 20 for lead in states.values())
-    Reader(render(tables))
+    Reader(render_page(build_head("campaign", tables), list(sections.values())))
 
 
-def _idle(tables):
+def _idle(sections):
     """The sections that are not evaluated, with what they say."""
-    sections = sections_of(tables).values()
-    return {s.id: s.lead for s in sections if "not evaluated" in s.state or s.state == "empty"}
+    return {s.id: s.lead for s in sections.values() if "not evaluated" in s.state or s.state == "empty"}
 
 
 def test_a_run_without_diagnosis_never_claims_agreement():
@@ -274,12 +286,12 @@ def test_the_head_is_short_and_tells_what_to_do(page):
     assert all(len(sentence) < 320 for _, sentence in verdicts)
 
 
-def test_decisions_of_persons_stand_on_the_page(page):
+def test_decisions_of_persons_stand_on_the_page(page, whole):
     text = Reader(page).text
     for words in ("A. Kern: mirror image in the window", "B. Roth: checked by hand", "A. Kern: the floor was cut"):
         assert words in text
     assert "1 verdict accepted by a person" in text
-    failed = next(x for x in sections_of(campaign_tables())["qa"].listings if x.caption == "Failed")
+    failed = next(x for x in whole["qa"].listings if x.caption == "Failed")
     assert [row[1] for row in failed.rows] == ["completeness"]  # the accepted one gates no more
 
 
@@ -301,8 +313,8 @@ def test_dense_scans_are_measured_and_those_without_a_pose_are_named():
     assert "the surface slides along itself" in text
 
 
-def test_gross_errors_do_not_flatten_the_shifts():
-    figure = sections_of(campaign_tables())["deformation"].figures[1][0]
+def test_gross_errors_do_not_flatten_the_shifts(whole):
+    figure = whole["deformation"].figures[1][0]
     low, high = figure.layout.yaxis.range
     assert high - low < 120.0
     crosses = [trace for trace in figure.data if trace.marker.symbol == "x-thin"]
@@ -319,8 +331,8 @@ def test_outlying_poses_turn_an_axis_logarithmic():
     assert "log" in axis.title.text
 
 
-def test_every_step_of_the_slider_shows_one_pose_whole():
-    figure = sections_of(campaign_tables())["deformation"].figures[0][0]
+def test_every_step_of_the_slider_shows_one_pose_whole(whole):
+    figure = whole["deformation"].figures[0][0]
     steps = figure.layout.sliders[0].steps
     assert len(steps) == 12
     assert {len(step.args[0][axis]) for step in steps for axis in "xyz"} == {len(figure.data)}

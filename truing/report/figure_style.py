@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,10 +20,30 @@ _OUTSTANDING = 30.0
 # More points than this are drawn by WebGL.
 MANY_POINTS = 4000
 _LABELS = 24
+_TEMPLATE = "plotly_white"
+
+
+@contextmanager
+def common_look() -> Iterator[None]:
+    """While figures are made plotly begins each with the project's template; given later it is checked value by value.
+
+    That takes as long as the rest of a figure.
+    """
+    import plotly.io as pio
+
+    before, pio.templates.default = pio.templates.default, _TEMPLATE
+    try:
+        yield
+    finally:
+        pio.templates.default = before
 
 
 def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figure:
     """Give a figure its title, a line that says how to read it, and the project's layout."""
+    import plotly.io as pio
+
+    if pio.templates.default != _TEMPLATE:  # made outside of `common_look`
+        figure.update_layout(template=_TEMPLATE)
     figure.update_layout(
         title={
             "text": title,
@@ -36,7 +58,6 @@ def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figur
         },
         height=height,
         margin={"l": 60, "r": 20, "t": 84, "b": 50},
-        template="plotly_white",
         font={"family": "system-ui, sans-serif", "size": 12},
     )
     return figure

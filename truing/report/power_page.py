@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
 from truing.report.diagnosis.judged import cause_words
-from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
 from truing.report.numbers import count, printed, rough
 from truing.report.page import Head, Listing, Section
 
@@ -47,6 +47,7 @@ def alarm_words(rates: pd.DataFrame) -> str:
     return f"False alarms: something was found in {found} of {tried} campaigns without any effect ({bounds})."
 
 
+@common_look()
 def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[Section]:
     """The sizes of all causes, then a part for each with how often it was found and named."""
     lead = (

@@ -10,6 +10,7 @@ from truing.report.deformation.section import deformation
 from truing.report.diagnosis.section import diagnosis
 from truing.report.during_section import during
 from truing.report.exclusion_section import excluded
+from truing.report.figure_style import common_look
 from truing.report.knowledge.section import knowledge
 from truing.report.load_steps import is_bench
 from truing.report.measured_section import measured
@@ -27,6 +28,7 @@ from truing.report.uncertainty.section import uncertainty
 _OF_BENCHES = ("displacement", "positioning")
 
 
+@common_look()
 def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[Section]:
     """Every section, in one order for every kind of campaign; a bench has displacements where others have poses.
 

@@ -10,7 +10,7 @@ from truing.report.comparison.head import effects_found, has_changed, step_words
 from truing.report.comparison.trends import trend_figures
 from truing.report.comparison.verdicts import accuracy, error_classes, quality
 from truing.report.diagnosis.pull_figure import pull_figure
-from truing.report.figure_style import label
+from truing.report.figure_style import common_look, label
 from truing.report.numbers import count
 from truing.report.page import Listing, Section
 from truing.report.tables import cell
@@ -30,6 +30,7 @@ _JUDGED = {
 }
 
 
+@common_look()
 def comparison_sections(found: Comparison) -> list[Section]:
     """Changes, trends, verdicts side by side, every number, and what the page was made from."""
     parts = (
