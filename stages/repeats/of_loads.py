@@ -15,7 +15,7 @@ from stages.repeats.tables import Repeated, known_mean
 from stages.responses.tables import Rows
 from stages.sensor.overruled import without_excluded
 from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
-from truing.estimation.pure_error import Squares, lack_of_fit, within_runs
+from truing.estimation.pure_error import Squares, lack_of_fit, within_groups, within_runs
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -90,21 +90,9 @@ def _of_diagnosis(
     ):
         left = np.full_like(steps.reading, np.nan)
         left[row[own], channel[own]] = number_column(errors, column)[own]
-        whole = _from_own_zero(left, steps.run, len(steps.runs))
+        whole = within_groups(left, [np.flatnonzero(steps.run == number) for number in range(len(steps.runs))])
         freedom = whole.freedom - spent / max(len(set(errors.column("channel").to_pylist())), 1)
         kind.add_fit(fits, model, lack_of_fit(Squares(whole.square, freedom), within_runs(left, groups)))
-
-
-def _from_own_zero(left: Array, run: NDArray[np.int64], count: int) -> Squares:
-    square, freedom = np.zeros((2, left.shape[1]))
-    for number in range(count):
-        own = left[run == number]
-        known = np.isfinite(own)
-        many = known.sum(axis=0)
-        mean = np.where(known, own, 0.0).sum(axis=0) / np.maximum(many, 1)
-        square += (np.where(known, own - mean, 0.0) ** 2).sum(axis=0)
-        freedom += np.maximum(many - 1, 0)
-    return Squares(square, freedom)
 
 
 def _numbers_found(diagnosis: pa.Table | None) -> float:

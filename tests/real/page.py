@@ -8,6 +8,7 @@ from typing import Any
 import jinja2
 
 from tests.real.force_facts import LINEAR, PRODUCTS, SQUARES
+from truing.report.numbers import with_uncertainty
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parents[1] / "docs" / "real-data.md"
@@ -44,12 +45,6 @@ def rendered(template: str, facts: dict[str, dict[str, Any]], raw: dict[str, Any
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters["significant"] = significant
+    environment.filters["sure_to"] = with_uncertainty
     short = {_SHORT[name]: found for name, found in facts.items()}
     return environment.get_template(template).render(short | _MODELS | {"raw": raw}).rstrip() + "\n"
-
-
-def significant(value: float, digits: int) -> str:
-    """A number with so many digits that count, and no power of ten."""
-    rounded = float(f"{value:.{digits}g}")
-    return f"{rounded:.0f}" if abs(rounded) >= 10 ** (digits - 1) else f"{rounded:g}"
