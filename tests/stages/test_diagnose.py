@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.stats import chi2
 
@@ -79,8 +80,19 @@ def _drawn(
 
 
 @pytest.fixture(scope="module")
-def sample() -> Diagnosed:
-    return _diagnosed(SAMPLE)
+def sample(sample_run: Path) -> Diagnosed:
+    left = {
+        name: pq.read_table(sample_run / ARTIFACTS[name].file)
+        for name in ("diagnosis", "cause_uncertainty", "configurations")
+    }
+    return Diagnosed(
+        left["diagnosis"].to_pylist(),
+        (sample_run / ARTIFACTS["model"].file).read_text(encoding="utf-8"),
+        left["diagnosis"].schema.metadata[b"truing.said"].decode(),
+        left["cause_uncertainty"].to_pylist(),
+        left["configurations"],
+        json.loads(truth_path(SAMPLE).read_text(encoding="utf-8")),
+    )
 
 
 @pytest.fixture(scope="module")
