@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tests.blind.at_once import AT_ONCE
 from tests.blind.generator.folder import truth_path
 from tests.blind.generator.quaternions import Array
 from tests.blind.judging import UNLUCKY, fewest_of, most_of
@@ -153,8 +154,10 @@ def _is_geometry(names: pd.Series) -> pd.Series:
 
 
 def run_all(folders: Sequence[Path]) -> list[Calibrated]:
-    """Runs every campaign folder, two at a time."""
-    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+    """Runs every campaign folder, as many at a time as leave the cores busy."""
+    if AT_ONCE == 1:
+        return [run(folder) for folder in folders]
+    with ProcessPoolExecutor(AT_ONCE, get_context("spawn")) as pool:
         return list(pool.map(run, folders))
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.blind.at_once import AT_ONCE
 from tests.blind.generator.folder import truth_path
 from tests.blind.generator.quaternions import Array
 
@@ -192,7 +193,7 @@ def _pulls(row: Finding, truth: dict[str, Any]) -> list[float]:
     return pulls
 
 
-def run_all(folders: Sequence[Path], workers: int = 2) -> list[Judged]:
+def run_all(folders: Sequence[Path], workers: int = AT_ONCE) -> list[Judged]:
     """Runs campaign folders through the command line, as many calls at a time, each with a share of them."""
     shares = [list(folders[start::workers]) for start in range(workers)]
     with ThreadPoolExecutor(workers) as pool:
