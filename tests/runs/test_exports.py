@@ -93,6 +93,11 @@ def test_the_summary_says_what_the_page_says(run: truing.Run) -> None:
     found = [cause for cause in told["causes"] if cause["verdict"] == "found"]
     assert found
     assert all(isinstance(cause["parameters"], dict) for cause in found)
+    stated, table = told["uncertainty"], run["uncertainty"]
+    assert [one["expanded_uncertainty"] for one in stated if one["stated"]] == pytest.approx(
+        table.loc[table["stated"], "expanded_uncertainty"].tolist()
+    )
+    assert all(one["reason"] for one in (*told["not_in_budget"], *(one for one in stated if not one["stated"])))
     assert {name: part["rows"] for name, part in told["artifacts"].items()} == {name: len(run[name]) for name in run}
 
 

@@ -27,6 +27,7 @@ def summary(run: Run) -> Iterator[tuple[str, bytes]]:
         **_causes(run),
         **_calibration(run),
         **_sensor(run),
+        **_uncertainty(run),
         "artifacts": {name: _artifact(run, name) for name in run},
     }
     yield "summary.json", (json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
@@ -71,6 +72,18 @@ def _sensor(run: Run) -> dict[str, Any]:
         told["sensor_matrix"] = _rows(matrix[matrix["chosen"]])
     if "error_classes" in run:
         told["error_classes"] = _rows(run["error_classes"])
+    return told
+
+
+def _uncertainty(run: Run) -> dict[str, Any]:
+    """Return every result with its expanded uncertainty, or why none is stated, and what no budget holds."""
+    if "uncertainty" not in run:
+        return {}
+    told: dict[str, Any] = {"uncertainty": _rows(run["uncertainty"])}
+    if "uncertainty_budget" in run:
+        parts = run["uncertainty_budget"]
+        left = parts[parts["evaluation"] == "not evaluated"]
+        told["not_in_budget"] = _rows(left[["result", "input_source", "reason"]])
     return told
 
 
