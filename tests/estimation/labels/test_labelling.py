@@ -209,6 +209,10 @@ def test_identical_bodies_are_refused_and_the_others_are_not():
     assert found["leg1"].rivals[0].name.startswith("on the points of leg")
 
 
+def test_points_of_a_body_that_no_survey_knows_have_no_names():
+    assert label_bodies(np.random.default_rng(1).normal(size=(5, 3)), {}, SIGMA) == {}
+
+
 def test_a_body_seen_twice_is_refused():
     rng = np.random.default_rng(8)
     survey = scattered(rng, 8)

@@ -112,13 +112,16 @@ def label_bodies(
 
     surveys: body to (M, 3) in that body's frame; names: body to the names of its targets, for the rivals' sake.
     The bodies compete: of all choices of one motion per body the most probable is taken, and a body whose motion can be
-    exchanged at little cost (identical bodies, for one) is ambiguous. Otherwise as `label_points`.
+    exchanged at little cost (identical bodies, for one) is ambiguous. Without surveys there is none. Otherwise as
+    `label_points`.
     """
     cloud = _checked(points, sigma, None, "points")
     bodies = {
         body: _checked(survey, sigma, (survey_sigma or {}).get(body), f"survey {body}".strip())
         for body, survey in surveys.items()
     }
+    if not bodies:
+        return {}
     known = {body: _names_of(body, len(survey), names) for body, survey in bodies.items()}
     offers = {body: _offers(cloud, survey) for body, survey in bodies.items()}
     best_total, best = _best_choice(list(offers.values()), len(cloud))
