@@ -23,7 +23,7 @@ from schemas.whole_table import whole_table
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.columns import Column
+    from schemas.column import Column
 
 ROWS_PER_GROUP = 1 << 18
 _KEY = "truing."

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from schemas.columns import COLUMNS, Column, find_column
+from schemas.column import Column
+from schemas.columns import COLUMNS, find_column
 from schemas.faults import Fault
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from schemas.campaign import Campaign
-from schemas.columns import LARGEST
+from schemas.column import LARGEST
 from schemas.mechanism import LeggedMechanism
 from schemas.section import Finite, NotNegative, Positive, Vector
 from schemas.sensor_mechanism import SensorMechanism

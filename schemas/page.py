@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from schemas.artifact import Artifact
 from schemas.artifacts import ARTIFACTS
-from schemas.columns import COLUMNS, Column
+from schemas.column import Column
+from schemas.columns import COLUMNS
 
 _COVARIANCE = ("cov_0_0", "cov_5_5")
 _HEAD = """# What does a run leave, column by column?

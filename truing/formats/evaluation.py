@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import LARGEST, Column
+from schemas.column import LARGEST, Column
 from truing.formats.dictionaries import (
     as_dictionary,
     codes,

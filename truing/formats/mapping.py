@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from schemas.columns import Column
+from schemas.column import Column
 from schemas.mapping import FileMapping
 from truing.formats.numbers import is_plain_number
 from truing.formats.raw import Kind

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from schemas.columns import COLUMNS, Column, find_column
+from schemas.column import Column
+from schemas.columns import COLUMNS, find_column
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _SPREAD = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")

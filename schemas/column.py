@@ -1,0 +1,39 @@
+"""One column of an artifact: name, type, unit, bounds, meaning."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+# No measurement, in whatever unit; its fourth power is still a number, so that nothing later overflows.
+LARGEST = 1e30
+
+Kind = Literal["identifier", "text", "integer", "real", "flag"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One named quantity; the same name means the same thing in every table.
+
+    ``identifier`` columns are int64 where every value of the campaign is an integer, else text. ``family`` is a
+    regular expression where one definition stands for numbered columns (``rho1_mm``, ``rho2_mm``, ...).
+    """
+
+    name: str
+    kind: Kind
+    meaning: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    nullable: bool = False
+    choices: tuple[str, ...] = ()
+    family: str = ""
+
+    def matches(self, name: str) -> bool:
+        """Whether this definition covers the column called ``name``."""
+        return re.fullmatch(self.family, name) is not None if self.family else name == self.name
+
+
+def real(name: str, unit: str, meaning: str, **bounds: object) -> Column:
+    return Column(name, "real", meaning, unit, **bounds)  # type: ignore[arg-type]
