@@ -1,0 +1,1 @@
+"""Bundle adjustment: rays of images to object points, orientations and cameras, with their whole covariance."""
