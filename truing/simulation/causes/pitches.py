@@ -32,24 +32,30 @@ def distinct_pitches(moved: NDArray) -> list[float]:
     400.
     """
     first = 1 / LONGEST_M + pitch_spacing(moved) / 2
-    frequencies = np.linspace(first, 1 / SHORTEST_M, grid_size(moved))
-    kept: list[tuple[float, NDArray]] = []
-    for frequency in frequencies[:MOST_PITCHES]:
-        spans = _spans(2 * np.pi * frequency * moved)
-        if not any(_alike(spans, other) for _, other in kept):
-            kept.append((float(frequency), spans))
-    return [1 / frequency for frequency, _ in kept]
+    frequencies = np.linspace(first, 1 / SHORTEST_M, grid_size(moved))[:MOST_PITCHES]
+    alike = _alike(_spans(2 * np.pi * frequencies[:, None, None] * moved))
+    kept: list[int] = []
+    for wave in range(len(frequencies)):
+        if not alike[wave, kept].any():
+            kept.append(wave)
+    return [1 / float(frequency) for frequency in frequencies[kept]]
 
 
 def _spans(turns: NDArray) -> NDArray:
-    """Return orthonormal bases (L, B, 2) of sine and cosine of turns (B, L) less means; zero where they vanish."""
+    """Return orthonormal bases (F, L, B, 2) of sine and cosine of turns (F, B, L) less means; zero where none is left."""
     waves = np.stack([np.sin(turns), np.cos(turns)], -1)
-    centred = np.moveaxis(waves - waves.mean(0), 1, 0)
+    centred = np.moveaxis(waves - waves.mean(1, keepdims=True), 2, 1)
     directions, sizes, _ = np.linalg.svd(centred, full_matrices=False)
-    return directions * (sizes > 0.05 * np.sqrt(len(turns)))[:, None]
+    return directions * (sizes > 0.05 * np.sqrt(turns.shape[1]))[:, :, None]
 
 
-def _alike(one: NDArray, other: NDArray) -> bool:
-    """Return whether the first spans lie within the others, leg by leg."""
-    rest = one - other @ (np.swapaxes(other, 1, 2) @ one)
-    return bool(np.abs(rest).max(initial=0.0) < 1 and np.sqrt(np.sum(rest**2, 1)).max(initial=0.0) < _ALIKE)
+def _alike(spans: NDArray) -> NDArray:
+    """Return (F, F) whether the span (F, L, B, 2) of the row lies within that of the column, leg by leg."""
+    waves, _, poses, _ = spans.shape
+    alike = np.ones((waves, waves), bool)
+    for leg in np.moveaxis(spans, 1, 0):
+        columns = np.moveaxis(leg, 1, 0).reshape(poses, 2 * waves)
+        within = ((columns.T @ columns) ** 2).reshape(waves, 2, waves, 2).sum(3)
+        beside = np.sum(leg**2, 1)[:, :, None] - within
+        alike &= (beside < _ALIKE**2).all(1)
+    return alike
