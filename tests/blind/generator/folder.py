@@ -18,12 +18,12 @@ def write_campaign(campaign: Campaign, folder: Path, seed: int) -> Path:
     folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    _write(folder / "campaign.toml", _campaign_toml(campaign))
-    _write(folder / "points.csv", _points(campaign))
-    _write(folder / "targets.csv", _targets(campaign))
-    _write(folder / "configurations.csv", _configurations(campaign))
+    write_lines(folder / "campaign.toml", campaign_toml(campaign))
+    write_lines(folder / "points.csv", _points(campaign))
+    write_lines(folder / "targets.csv", targets(campaign))
+    write_lines(folder / "configurations.csv", configurations(campaign))
     truth = json.dumps(truth_record(campaign, seed), indent=1)
-    _write(truth_path(folder), [truth])
+    write_lines(truth_path(folder), [truth])
     return folder
 
 
@@ -32,7 +32,8 @@ def truth_path(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.truth.json")
 
 
-def _write(path: Path, lines: Iterable[str]) -> None:
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Writes a text file, alike on every system."""
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
@@ -47,14 +48,16 @@ def _points(campaign: Campaign) -> Iterable[str]:
             yield f"{pose},{body},{name},{_numbers(campaign.record.points[n, k], decimals)}{sigmas}"
 
 
-def _targets(campaign: Campaign) -> Iterable[str]:
+def targets(campaign: Campaign) -> Iterable[str]:
+    """The lines of targets.csv."""
     marks = campaign.marks
     yield "body,target,x_mm,y_mm,z_mm,leg"
     for body, name, leg, place in zip(marks.body, marks.name, marks.on_leg, campaign.surveyed, strict=True):
         yield f"{body},{name},{_numbers(place, campaign.layout.decimals)},{leg or ''}"
 
 
-def _configurations(campaign: Campaign) -> Iterable[str]:
+def configurations(campaign: Campaign) -> Iterable[str]:
+    """The lines of configurations.csv."""
     schedule = campaign.schedule
     legs = campaign.readings.shape[1]
     heads = [f"rho{i}_mm" for i in range(1, legs + 1)]
@@ -69,7 +72,8 @@ def _numbers(values: Array, decimals: int) -> str:
     return ",".join(f"{value:.{decimals}f}" for value in values)
 
 
-def _campaign_toml(campaign: Campaign) -> Iterable[str]:
+def campaign_toml(campaign: Campaign) -> Iterable[str]:
+    """The lines of campaign.toml."""
     layout = campaign.layout
     yield "format = 1"
     yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "photogrammetry"')
