@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
 from pipeline.campaign_run import CampaignRun, detached_run
 from pipeline.problems import ExitCode
-from pipeline.stage_order import RAW_READER
+from pipeline.stage_order import RAW_READERS
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
@@ -39,10 +39,19 @@ def settings_faults(campaign: CampaignFolder) -> list[Fault]:
 def _read_raw(run: CampaignRun) -> str:
     from pipeline.artifacts import drain
 
-    ingest = next(stage for stage in run.order if stage.name == RAW_READER)
-    outcome = run.outcome(ingest, lambda done, total, what: None)
-    drain(outcome.artifacts)
-    return f"read {outcome.read}; left out {outcome.left_out}"
+    said, faults = [], []
+    for stage in run.order:
+        if stage.name not in RAW_READERS:
+            continue
+        try:
+            outcome = run.outcome(stage, lambda done, total, what: None)
+            drain(outcome.artifacts)
+            said.append(f"read {outcome.read}; left out {outcome.left_out}")
+        except CampaignFaults as error:
+            faults += error.faults
+    if faults:
+        raise CampaignFaults(dict.fromkeys(faults))
+    return "; ".join(said)
 
 
 def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:

@@ -45,6 +45,13 @@ class CampaignFolder:
         """photogrammetry or interferometer."""
         return str(self.document["campaign"]["kind"])
 
+    @property
+    def has_photographs(self) -> bool:
+        """Whether its object points come out of photographs."""
+        from truing.formats.source import has_photographs
+
+        return self.kind == "photogrammetry" and has_photographs(self.folder, self.document)
+
     def validated(self) -> Campaign:
         """The campaign's settings; raises CampaignFaults with every fault of campaign.toml."""
         from schemas.campaign import read_campaign

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from pipeline.remembered import RememberedDigests
 from pipeline.run_folder import PRIVATE
 from pipeline.settings_view import SettingsView
 from pipeline.source_digest import SourceTree
-from pipeline.stage_order import ORDER, RAW_READER, bare, is_optional, makers, stage_module
+from pipeline.stage_order import ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults, Fault
 from stages.declaration import Outcome, Stage
@@ -42,6 +42,7 @@ class CampaignRun:
     remembered: RememberedDigests
     ledger: Ledger
     scratch: Path | None = None  # for temporary files of whoever reads raw files; absent: the system's own place
+    _found: dict[str, tuple[Path, ...]] = field(default_factory=dict)
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -52,7 +53,8 @@ class CampaignRun:
     @cached_property
     def order(self) -> tuple[Stage, ...]:
         """The declarations of this campaign's stages, in order."""
-        order = tuple(self._declaration(name) for name in ORDER[self.campaign.kind])
+        names = order_of(self.campaign.kind, photographs=self.campaign.has_photographs)
+        order = tuple(self._declaration(name) for name in names)
         makers(order)
         return order
 
@@ -68,17 +70,21 @@ class CampaignRun:
 
     def made_from(self, stage: Stage) -> MadeFrom:
         """What a stage would be made from now."""
-        raw = self._raw_files if stage.name == RAW_READER else ()
+        raw = self._raw_files(stage.name)
         if gone := [path for path in raw if self._digest_of_raw(path) is None]:
             expected = "a file that stays where it is while it is read; this one has just vanished"
             raise CampaignFaults(Fault(relative_name(path, self.campaign.folder), expected) for path in gone)
         return self.evidence.made_from(stage, raw)
 
-    @cached_property
-    def _raw_files(self) -> tuple[Path, ...]:
-        from truing.formats.source import raw_files
+    def _raw_files(self, stage: str) -> tuple[Path, ...]:
+        """The raw files that a stage opens, as they were found the first time."""
+        if stage not in RAW_READERS:
+            return ()
+        if stage not in self._found:
+            from truing.formats.source import raw_files
 
-        return raw_files(self.campaign.folder, self.campaign.document)
+            self._found[stage] = raw_files(self.campaign.folder, self.campaign.document, RAW_READERS[stage])
+        return self._found[stage]
 
     def standing(self, stage: Stage, now: MadeFrom) -> Standing:
         """Where a stage stands; a fresh one is entered into the ledger (in memory) if it was not there."""
@@ -125,7 +131,7 @@ class CampaignRun:
     def outcome(self, stage: Stage, progress: Progress) -> Outcome:
         """Call a stage with exactly what it declares."""
         arguments: list[Any] = [self._tables(stage), SettingsView(self.settings, stage.settings), progress]
-        if stage.name == RAW_READER:
+        if stage.name in RAW_READERS:
             from truing.formats.source import CampaignFiles
 
             arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch))
@@ -157,13 +163,15 @@ class CampaignRun:
         stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, said)
         files = {ARTIFACTS[name].file for name in left}  # two artifacts may have the same file, of which one is left
         obsolete = [file for name in map(bare, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
-        digests = write_artifacts(self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(now))
+        digests = write_artifacts(
+            self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(stage.name, now)
+        )
         self.ledger.entries[stage.name] = Entry(now.digest, digests, failed, now)
         self.save()
 
-    def _check_unchanged(self, then: MadeFrom) -> None:
+    def _check_unchanged(self, stage: str, then: MadeFrom) -> None:
         """Raise EnvironmentProblem where a raw file is not what it was before it was read: it is being written to."""
-        for path in self._raw_files if then.raw else ():
+        for path in self._raw_files(stage) if then.raw else ():
             name = relative_name(path, self.campaign.folder)
             if self._digest_of_raw(path) != then.raw.get(name):
                 raise EnvironmentProblem(f"{name} changed or vanished while it was read: something writes to it")

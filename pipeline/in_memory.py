@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.campaign_folder import open_campaign
 from pipeline.settings_view import SettingsView
-from pipeline.stage_order import ORDER, RAW_READER, bare, stage_module
+from pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,8 +33,9 @@ class StageLine:
 
         A table put into ``tables`` before takes the place of what a stage had left there.
         """
-        for name in names or ORDER[self.settings.campaign.kind]:
-            more = (self.source,) if name == RAW_READER else ()
+        kind = self.settings.campaign.kind
+        for name in names or order_of(kind, photographs=self.source.has_photographs):
+            more = (self.source,) if name in RAW_READERS else ()
             self.said[name] = call_stage(name, self.tables, self.settings, *more)
             self.tables |= self.said[name].artifacts  # type: ignore[arg-type]  # read whole by then
         return self

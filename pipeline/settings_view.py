@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 
@@ -35,8 +36,12 @@ class SettingsView:
         path = f"{self._path}.{name}" if self._path else name
         if path in self._declared:
             self._read.add(path)
-            return getattr(self._value, name)
+            return self._inner(name)
         if any(section.startswith(f"{path}.") for section in self._declared):
-            inner = getattr(self._value, name)
+            inner = self._inner(name)
             return None if inner is None else SettingsView(inner, self._declared, path, self._read)
         raise UndeclaredSetting(f"{path} is read but not declared; declared are {', '.join(self._declared) or 'none'}")
+
+    def _inner(self, name: str) -> Any:
+        """What the section holds under a name; of one whose names are the campaign's own, None where it has no such."""
+        return self._value.get(name) if isinstance(self._value, Mapping) else getattr(self._value, name)

@@ -8,7 +8,7 @@ from pipeline.campaign_folder import run_folder_of
 from pipeline.campaign_run import open_run
 from pipeline.problems import ExitCode
 from pipeline.run_campaign import usable_campaign
-from pipeline.stage_order import ORDER, stage_module
+from pipeline.stage_order import OF_PHOTOGRAPHS, ORDER, RAW_READERS, stage_module
 from pipeline.voice import Voice
 
 
@@ -29,6 +29,8 @@ def show_all_stages() -> ExitCode:
         voice.say(f"{kind}:")
         for name in names:
             stage = stage_module(name).DECLARATION
-            voice.say(f"  {name:<12} {stage.summary}")
-            voice.say(f"  {'':<12} reads {', '.join(stage.reads) or 'raw files'}; leaves {', '.join(stage.leaves)}")
+            only = " (where there are photographs)" if name in OF_PHOTOGRAPHS else ""
+            read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
+            voice.say(f"  {name:<12} {stage.summary}{only}")
+            voice.say(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
     return ExitCode.DONE

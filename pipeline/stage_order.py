@@ -6,15 +6,26 @@ import importlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from truing.formats.source import OF_IMAGES, OTHERS
+
 if TYPE_CHECKING:
     from stages.declaration import Stage
 
+_FROM_POINTS = ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report")
+OF_PHOTOGRAPHS = ("images",)  # stages that a campaign without photographs does without
+
 ORDER: dict[str, tuple[str, ...]] = {
-    "photogrammetry": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"),
+    "photogrammetry": (*OF_PHOTOGRAPHS, *_FROM_POINTS),
     "interferometer": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"),
 }
 
-RAW_READER = "ingest"  # the one stage that sees raw files, through truing.formats
+# The stages that see raw files, through truing.formats, and which tables of [files] are theirs.
+RAW_READERS: dict[str, tuple[str, ...]] = {"images": OF_IMAGES, "ingest": OTHERS}
+
+
+def order_of(kind: str, *, photographs: bool) -> tuple[str, ...]:
+    """The stages of a campaign of a kind, in order."""
+    return tuple(name for name in ORDER[kind] if photographs or name not in OF_PHOTOGRAPHS)
 
 
 def stage_module(name: str) -> ModuleType:

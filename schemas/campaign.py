@@ -12,6 +12,7 @@ from schemas.faults import CampaignFaults, Fault
 from schemas.interferometer import Interferometer
 from schemas.mapping import FileMapping
 from schemas.mechanism import LeggedMechanism, NoMechanism
+from schemas.photographs import GivenCamera, Photographs
 from schemas.quality_checks import limit_faults
 from schemas.section import Section
 from schemas.sections import (
@@ -62,6 +63,8 @@ class Campaign(Section):
     loading: Loading = Loading()
     interferometer: Interferometer = Interferometer()
     signals: Signals = Signals()
+    photographs: Photographs = Photographs()
+    cameras: tuple[GivenCamera, ...] = ()
     workspace: Workspace = Workspace()
     requirement: Requirement = Requirement()
     noise: Noise = Noise()

@@ -15,6 +15,7 @@ from schemas.columns_of_measurements import (
     REPEATS,
     RESIDUALS,
 )
+from schemas.columns_of_photographs import PHOTOGRAPHS
 from schemas.columns_of_results import (
     CALIBRATION,
     COMPARED,
@@ -33,6 +34,7 @@ COLUMNS: dict[str, Column] = {
         CAMPAIGN_LIFE,
         REPEATS,
         POINTS,
+        PHOTOGRAPHS,
         CONFIGURATIONS,
         POSES,
         RESIDUALS,

@@ -17,7 +17,7 @@ MEASUREMENT = (
         "observations",
         "normalised object points, one row per pose, body and target",
         ("pose", "body", "target", *_POINT, *_SIGMA),
-        optional=_CORRELATION,
+        optional=(*_CORRELATION, "point"),
         key=("pose", "body", "target"),
     ),
     parquet(

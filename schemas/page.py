@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from schemas.artifact import Artifact
@@ -36,7 +37,7 @@ def _artifact(artifact: Artifact) -> str:
 def _columns(artifact: Artifact) -> Iterator[str]:
     yield "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
     for name in artifact.columns:
-        if name == _COVARIANCE[0] or not name.startswith("cov_"):
+        if name == _COVARIANCE[0] or not re.match(r"cov_\d", name):
             yield _row(COLUMNS[name])
     yield from (_row(COLUMNS[name], "; where the campaign has it") for name in artifact.optional)
     yield from (_row(COLUMNS[name], "; numbered") for name in artifact.families)

@@ -69,6 +69,7 @@ class Noise(Section):
     """[noise]: one standard deviation, as specified for the instrument."""
 
     point_mm: Positive | None = Field(None, description="photogrammetry: each coordinate of a point")
+    image_px: Positive | None = Field(None, description="photographs: each image coordinate that gives no sigma itself")
     actuator_mm: NotNegative = Field(0.0, description="photogrammetry: an actuator's reading")
     linear_um: Positive | None = Field(None, description="interferometer, linear channels")
     angular_arcsec: Positive | None = Field(None, description="interferometer, angular channels")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from schemas.column import Column
 from schemas.columns import COLUMNS, find_column
@@ -15,6 +15,8 @@ _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 _MOTION = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 _SHOWN = ("shown_fx_n", "shown_fy_n", "shown_fz_n", "shown_mx_nm", "shown_my_nm", "shown_mz_nm")
 _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
+_DISTORTION = ("A1", "A2", "A3", "B1", "B2", "C1", "C2")
+_CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 # Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
 _RAW = (
     Column("survey", "text", "which of the later surveys a target was seen in"),
@@ -27,6 +29,11 @@ _RAW = (
     Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
     *(Column(f"shown_f{a}_n", "real", f"force along {a} as the sensor itself shows it", "N") for a in "xyz"),
     *(Column(f"shown_m{a}_nm", "real", f"torque about {a} as the sensor itself shows it", "N m") for a in "xyz"),
+    Column("c_mm", "real", "principal distance", "mm", minimum=0.0, nullable=True),
+    Column("focal_px", "real", "principal distance", "px", minimum=0.0, nullable=True),
+    *(Column(f"{a}0_px", "real", "principal point from the middle of the format", "px", nullable=True) for a in "xy"),
+    *(Column(name, "real", "distortion, its length in px", nullable=True) for name in _DISTORTION),
+    Column("free", "text", "parameters to estimate, separated by blanks", nullable=True),
 )
 _CARRIED_UNITS = (
     ("_mm", "mm"),
@@ -43,7 +50,8 @@ _CARRIED_UNITS = (
 class Shape:
     """A raw table: columns it must have, may have, a numbered family, and whether other numbers are carried along.
 
-    ``partial`` marks a look at a few columns of a table whose mapping says more.
+    ``partial`` marks a look at a few columns of a table whose mapping says more; ``may_be_empty`` are columns that have
+    a value in every row of other tables.
     """
 
     name: str
@@ -52,12 +60,13 @@ class Shape:
     family: str | None = None
     covariates: bool = False
     partial: bool = False
+    may_be_empty: tuple[str, ...] = ()
 
     def column(self, name: str) -> Column | None:
         """The definition of a column of this table, a covariate's included; None where there is no such column."""
         known = _defined(name)
         if known is not None and self._has(known, name):
-            return known
+            return replace(known, nullable=True) if name in self.may_be_empty else known
         return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
 
     def is_covariate(self, name: str) -> bool:
@@ -122,6 +131,35 @@ QUADRATURE = Shape(
     covariates=True,
 )
 POSITIONING = Shape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"), _SURROUNDINGS)
+
+IMAGE_POINTS = Shape(
+    "image_points",
+    ("pose", "image", "x_px", "y_px"),
+    (
+        *("camera", "point", "body", "target", "kind", "sigma_x_px", "sigma_y_px"),
+        *("cov_xx_px2", "cov_xy_px2", "cov_yy_px2", *_CIRCLE),
+    ),
+    may_be_empty=("point", "body", "target", "kind", "sigma_x_px", "sigma_y_px"),
+)
+IMAGE_TARGETS = Shape("image_targets", ("family", "code", "body", "target"), ("diameter_mm", "size_mm"))
+SCALE_BARS = Shape(
+    "scale_bars",
+    ("bar", "first", "second", "length_mm", "sigma_mm"),
+    ("repeat_sigma_mm", "serves", "expansion_per_k", "reference_temperature_c", "pose"),
+    may_be_empty=("repeat_sigma_mm", "serves"),
+)
+KNOWN_POINTS = Shape(
+    "known_points", _POINT, ("pose", "point", "body", "target", *_SPREAD), may_be_empty=("point", "body", "target")
+)
+CAMERAS = Shape(
+    "cameras",
+    ("camera",),
+    (
+        *("width_px", "height_px", "pixel_um", "c_mm", "focal_px", "x0_px", "y0_px", *_DISTORTION),
+        *("balancing_radius_px", "free"),
+    ),
+    may_be_empty=("balancing_radius_px",),
+)
 
 COORDINATES = _POINT
 SPREAD = _SPREAD

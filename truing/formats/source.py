@@ -16,10 +16,14 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mapping import FileMapping
 
-TABLES = (
+OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
+OTHERS = (
     *("points", "targets", "resurveys", "configurations", "scans", "surfaces"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning"),
 )
+TABLES = (*OTHERS, *OF_IMAGES)
+_RAYS = ("images", "image_points")  # either makes a campaign one of photographs
+_PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
 _BY_CHANNEL = "interferometer"  # the table whose rows may come side by side, a column per channel
 
 
@@ -54,9 +58,17 @@ class CampaignFiles:
             return tuple(one for entry in entries for one in entry.by_channel) if table == _BY_CHANNEL else entries
         from schemas.mapping import FileMapping
 
+        if table == "images":
+            patterns = tuple(name for name in _contract_names(table) if _expand(self.folder, name))
+            return (FileMapping(path=patterns, from_name=r"/(?P<pose>[^/]+)/[^/]+$"),) if patterns else ()
         # A link that leads nowhere (a drive that is not there) is no table that the campaign does without.
         present = [name for name in _contract_names(table) if os.path.lexists(self.folder / name)]
         return tuple(FileMapping(path=name) for name in present)
+
+    @property
+    def has_photographs(self) -> bool:
+        """Whether points come out of photographs, or out of rays that were measured in them."""
+        return any(self.entries(table) for table in _RAYS)
 
     def is_mapped(self, table: str) -> bool:
         """Whether campaign.toml says how to read a table."""
@@ -92,15 +104,29 @@ class CampaignFiles:
         return tuple(sorted({*found, *single}))
 
 
-def raw_files(folder: Path, document: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Every existing raw file that ingest would open; the parsed campaign.toml need not be valid."""
-    mapped = document.get("files")
-    mapped = mapped if isinstance(mapped, Mapping) else {}
-    patterns = [name for table in TABLES if table not in mapped for name in _contract_names(table)]
-    for entry in mapped.values():
-        patterns += _patterns(entry)
-    patterns += _files_of_mechanism(document)
+def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:
+    """Whether a campaign's points come out of photographs; the parsed campaign.toml need not be valid."""
+    mapped = _mapped(document)
+    return any(table in mapped or any(_expand(folder, name) for name in _contract_names(table)) for table in _RAYS)
+
+
+def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...] | None = None) -> tuple[Path, ...]:
+    """Every existing raw file that is opened for these tables (absent: for any, and those that [mechanism] names);
+    the parsed campaign.toml need not be valid."""
+    mapped = _mapped(document)
+    named = [table for table in TABLES if tables is None or table in tables]
+    patterns = [name for table in named if table not in mapped for name in _contract_names(table)]
+    for table, entry in mapped.items():
+        if tables is None or table in tables or (table not in TABLES and "points" in tables):
+            patterns += _patterns(entry)
+    if tables is None or "points" in tables:
+        patterns += _files_of_mechanism(document)
     return tuple(sorted({folder / name for pattern in patterns for name in _expand(folder, pattern)}))
+
+
+def _mapped(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    mapped = document.get("files")
+    return mapped if isinstance(mapped, Mapping) else {}
 
 
 def _files_of_mechanism(document: Mapping[str, Any]) -> list[str]:
@@ -117,7 +143,9 @@ def _patterns(entry: object) -> list[str]:
     return [name for part in entry for name in _patterns(part)] if isinstance(entry, list | tuple) else []
 
 
-def _contract_names(table: str) -> tuple[str, str]:
+def _contract_names(table: str) -> tuple[str, ...]:
+    if table == "images":
+        return tuple(f"images/*/*.{ending}" for name in _PICTURES for ending in (name, name.upper()))
     return f"{table}.csv", f"{table}.parquet"
 
 

@@ -1,0 +1,122 @@
+"""What is left of photographs: targets in images, the adjusted network, and how well it is known."""
+
+from __future__ import annotations
+
+from schemas.artifact import parquet
+
+_POINT = ("x_mm", "y_mm", "z_mm")
+_SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_CORRELATION = ("corr_xy", "corr_xz", "corr_yz")
+_IMAGE = ("pose", "image", "camera")
+_CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
+_COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
+_FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
+_BAR = ("bar", "first", "second", "length_mm", "sigma_mm", "repeat_sigma_mm", "serves")
+
+PHOTOGRAPHS = (
+    parquet(
+        "image_points",
+        "rays: where each image shows each target",
+        (*_IMAGE, "point", "body", "target", "kind", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2"),
+        optional=_CIRCLE,
+    ),
+    parquet(
+        "photographs",
+        "the photographs: camera, format, the principal distance that their files tell",
+        (*_IMAGE, "file", "width_px", "height_px", "principal_distance_px"),
+        key=("pose", "image"),
+    ),
+    parquet(
+        "image_rejections",
+        "what looked like a target in an image and was rejected, counted, with the reason",
+        ("pose", "image", "kind", "reason", "rows"),
+    ),
+    parquet(
+        "image_targets",
+        "which code is which target of which body, and how large",
+        ("family", "code", "body", "target"),
+        optional=("diameter_mm", "size_mm"),
+        key=("family", "code"),
+    ),
+    parquet(
+        "scale_bars",
+        "distances between two points, as calibrated",
+        _BAR,
+        optional=("pose", "expansion_per_k", "reference_temperature_c"),
+    ),
+    parquet(
+        "known_points",
+        "points whose coordinates are known beforehand; without a pose, in every pose",
+        ("point", *_POINT, *_SIGMA),
+        optional=("pose", *_CORRELATION),
+    ),
+    parquet(
+        "cameras_given",
+        "the cameras as given, to start from or to hold",
+        ("camera", "parameter", "unit", "value", "free", *_FORMAT),
+        key=("camera", "parameter"),
+    ),
+    parquet(
+        "object_points",
+        "object points of every pose, adjusted from the rays, in the pose's own measurement frame",
+        ("pose", "point", "body", "target", *_POINT, *_SIGMA, *_CORRELATION, "rays", "largest_angle_deg", "rms_px"),
+        key=("pose", "point"),
+    ),
+    parquet(
+        "point_correlations",
+        "correlations between the points of a pose, those of a point's own coordinates being in object_points",
+        ("pose", "point", "other_point", *(f"corr_{a}_{b}" for a in "xyz" for b in "xyz")),
+        key=("pose", "point", "other_point"),
+    ),
+    parquet(
+        "point_sensitivities",
+        "what the errors common to all poses, those of cameras and scale bars, do to each point",
+        ("pose", "point", "parameter", "effect_x_mm", "effect_y_mm", "effect_z_mm"),
+        key=("pose", "point", "parameter"),
+    ),
+    parquet(
+        "cameras",
+        "the cameras as adjusted",
+        ("camera", "parameter", "unit", "value", "sigma", "free", *_FORMAT),
+        key=("camera", "parameter"),
+    ),
+    parquet(
+        "camera_correlations",
+        "correlations between the parameters common to all poses: of cameras (camera and parameter) and of scale bars",
+        ("parameter", "other_parameter", "correlation"),
+        key=("parameter", "other_parameter"),
+    ),
+    parquet(
+        "image_orientations",
+        "where each camera stood in the measurement frame of its pose, camera axes x right, y down, z forward",
+        (
+            *_IMAGE,
+            *("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad"),
+            *_COVARIANCE,
+            *("rays", "rms_px", "status"),
+        ),
+        key=("pose", "image"),
+    ),
+    parquet(
+        "image_residuals",
+        "every ray: its residual, how well it is controlled, and why it was rejected where it was",
+        (
+            *_IMAGE,
+            *("point", "kind", "x_px", "y_px", "vx_px", "vy_px", "sigma_x_px", "sigma_y_px"),
+            *("redundancy_x", "redundancy_y", "test_value", "eccentricity_x_px", "eccentricity_y_px"),
+            *("rejected", "reason"),
+        ),
+    ),
+    parquet(
+        "scale_bar_lengths",
+        "every scale bar in every pose: the adjusted length against the calibrated one",
+        ("pose", *_BAR, "adjusted_mm", "adjusted_sigma_mm", "deviation_mm", "deviation_sigma_mm"),
+        key=("pose", "bar"),
+    ),
+    parquet(
+        "bundle_statistics",
+        "figures of the adjustment: unknowns, redundancy, sigma0, variance components, geometry of the network",
+        ("figure", "subject", "value", "unit"),
+        key=("figure", "subject"),
+    ),
+)

@@ -1,0 +1,185 @@
+"""What is known of a network before it is adjusted: which code is which target, scale bars, known points, cameras."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from stages.image_tables.point_names import own_names
+from stages.ingestion.tables import SmallTable, once
+from truing.estimation.bundle.camera import PARAMETERS, UNITS
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import CAMERAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.photographs import GivenCamera
+
+_FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
+
+
+def read_image_targets(source: CampaignFiles, log: FaultLog) -> SmallTable | None:
+    """Which code is which target; None where no table says so."""
+    found = gather(source, IMAGE_TARGETS, log)
+    if found is None or _lacks(found, IMAGE_TARGETS.required):
+        return None
+    once(found, log, ("family", "code"))
+    once(found, log, ("body", "target"))
+    return SmallTable(_as_artifact("image_targets", found.table), dict(found.left_out))
+
+
+def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
+    """The calibrated lengths, their ends by the names that points have; None where there are none."""
+    import pyarrow as pa
+
+    found = gather(source, SCALE_BARS, log, "pose")
+    if found is None or _lacks(found, SCALE_BARS.required):
+        return None
+    once(found, log, ("pose", "bar") if "pose" in found.table.column_names else ("bar",))
+    for name in ("length_mm", "sigma_mm"):
+        found.fault(log, _numbers(found.table, name) <= 0.0, name, "a number above 0")
+    table = found.table
+    ends = [_named(table, name, targets) for name in ("first", "second")]
+    found.fault(log, ends[0] == ends[1], "second", "another point than the first")
+    for name, values in zip(("first", "second"), ends, strict=True):
+        table = table.set_column(table.column_names.index(name), name, pa.array(values, pa.string()))
+    table = _filled(table, "repeat_sigma_mm", 0.0, pa.float64())
+    table = _filled(table, "serves", "scale", pa.string())
+    return SmallTable(_as_artifact("scale_bars", table), dict(found.left_out))
+
+
+def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
+    """Points whose coordinates are known, with their standard deviations; None where there are none."""
+    import pyarrow as pa
+
+    found = gather(source, KNOWN_POINTS, log, "pose")
+    if found is None or _lacks(found, KNOWN_POINTS.required):
+        return None
+    table = found.table
+    point = _named(table, "point", targets)
+    if {"body", "target"} <= set(table.column_names):
+        both = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
+        named = np.array([f"{body}/{target}" if body and target else "" for body, target in both], dtype=object)
+        point = np.where(named != "", named, point)
+    found.fault(log, point == "", "point", "the name of a point, or body and target")
+    if "point" in table.column_names:
+        table = table.drop_columns("point")
+    table = table.append_column("point", pa.array(point, pa.string()))
+    for name in ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"):
+        if name not in table.column_names or table.column(name).null_count:
+            log.add(Fault(found.first_file, "a standard deviation in every row", column=name))
+            return None
+        found.fault(log, _numbers(table, name) <= 0.0, name, "a standard deviation above 0")
+    table = table.drop_columns([name for name in ("body", "target") if name in table.column_names])
+    return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
+
+
+def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+    """The cameras that the table cameras or [[cameras]] give, a row per parameter; None where neither gives any."""
+    found = gather(source, CAMERAS, log)
+    rows: dict[str, dict[str, Any]] = {}
+    left_out: dict[tuple[str, str], int] = {}
+    if found is not None and not _lacks(found, CAMERAS.required):
+        once(found, log, ("camera",))
+        rows = {row["camera"]: row for row in found.table.to_pylist()}
+        left_out = dict(found.left_out)
+        for row in rows.values():
+            row["free"] = _free(row.get("free"), found.first_file, log)
+    for given in settings.cameras:
+        if given.name in rows:
+            log.add(Fault("campaign.toml", "each camera once", column="cameras.name", value=given.name))
+        rows[given.name] = _settings_row(given)
+    return SmallTable(_long(rows), left_out) if rows else None
+
+
+def _settings_row(given: GivenCamera) -> dict[str, Any]:
+    row = given.model_dump()
+    row["free"] = PARAMETERS if given.free is None else given.free
+    return row
+
+
+def _free(words: str | None, file: str, log: FaultLog) -> tuple[str, ...]:
+    if words is None:
+        return PARAMETERS
+    names = tuple(words.split())
+    for name in names:
+        if name not in (*PARAMETERS, "none"):
+            log.add(Fault(file, f"names of {' '.join(PARAMETERS)} (or none)", column="free", value=name))
+    return tuple(name for name in names if name in PARAMETERS)
+
+
+def _long(rows: dict[str, dict[str, Any]]) -> pa.Table:
+    import pyarrow as pa
+
+    long = []
+    for camera, row in rows.items():
+        about = _about(row)
+        for parameter, unit in zip(PARAMETERS, UNITS, strict=True):
+            value = _principal_distance(row) if parameter == "c" else row.get(_key(parameter)) or 0.0
+            free = parameter in row["free"]
+            long.append({"camera": camera, "parameter": parameter, "unit": unit, "value": value, "free": free} | about)
+    return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
+
+
+def _key(parameter: str) -> str:
+    return f"{parameter}_px" if parameter in ("x0", "y0") else parameter
+
+
+def _about(row: dict[str, Any]) -> dict[str, Any]:
+    """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
+    about = {name: row.get(name) for name in _FORMAT}
+    if about["balancing_radius_px"] is None:
+        known = about["width_px"] and about["height_px"]
+        about["balancing_radius_px"] = float(np.hypot(about["width_px"], about["height_px"]) / 3) if known else 0.0
+    return about
+
+
+def _principal_distance(row: dict[str, Any]) -> float | None:
+    if row.get("focal_px") is not None:
+        return float(row["focal_px"])
+    if row.get("c_mm") is not None and row.get("pixel_um"):
+        return float(1e3 * row["c_mm"] / row["pixel_um"])
+    return None
+
+
+def _lacks(found: Gathered, required: tuple[str, ...]) -> bool:
+    """Whether columns are missing, which was told when the file was read."""
+    return any(name not in found.table.column_names for name in required)
+
+
+def _named(table: pa.Table, column: str, targets: pa.Table | None) -> NDArray[np.object_]:
+    """Points by their own names, where a column may call them by their codes."""
+    if column not in table.column_names:
+        return np.full(len(table), "", dtype=object)
+    return own_names(np.array([name or "" for name in table.column(column).to_pylist()], dtype=object), targets)[0]
+
+
+def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
+    return np.asarray(table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def _filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
+    import pyarrow as pa
+
+    constant = pa.scalar(value, kind)
+    if name not in table.column_names:
+        return table.append_column(name, pa.repeat(constant, len(table)))
+    return table.set_column(table.column_names.index(name), name, table.column(name).cast(kind).fill_null(constant))
+
+
+def _as_artifact(name: str, table: pa.Table) -> pa.Table:
+    """A table in the artifact's columns and types; what is wrong with it has been noted elsewhere."""
+    import pyarrow as pa
+
+    artifact = ARTIFACTS[name]
+    names = [key for key in (*artifact.columns, *artifact.optional) if key in table.column_names]
+    text = "pose" in names and pa.types.is_string(table.schema.field("pose").type)
+    schema = artifact.arrow_schema("string" if text else "int64", tuple(names))
+    return table.select(schema.names).cast(pa.schema([field.with_nullable(True) for field in schema]))
