@@ -85,9 +85,12 @@ class Network:
 
 @dataclass(frozen=True)
 class State:
-    """Values of all unknowns: interior (C, 10) in the order of camera.PARAMETERS; points (P, 3) in m; bar_length_m (K,);
-    images seen from the measurement frame of their pose: R (I, 3, 3) turns camera axes into measurement axes, centre
-    (I, 3) in m. A camera sees X at R^T (X - centre); an image's error is (delta of the centre, theta), R <- exp(theta) R.
+    """Values of all unknowns: interior (C, 10) in the order of camera.PARAMETERS, points (P, 3) in m, bar_length_m
+    (K,).
+
+    Images are seen from the measurement frame of their pose: R (I, 3, 3) turns camera axes into measurement axes,
+    centre (I, 3) in m. A camera sees X at R^T (X - centre); an image's error is (delta of the centre, theta),
+    R <- exp(theta) R.
     """
 
     interior: Array

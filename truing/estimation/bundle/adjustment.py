@@ -1,0 +1,203 @@
+"""Bundle adjustment: the least weighted sum of squares over all rays, distances and known points.
+
+Levenberg and Marquardt's damping with gain control after Nielsen (1999), on normal equations that are reduced pose by
+pose. The datum plays no part in the iterations; it is put on what they arrive at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truing.estimation.bundle.bundle_covariance import BundleCovariance, covariance
+from truing.estimation.bundle.datum import Datum, in_datum
+from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
+from truing.estimation.bundle.layout import Layout, lay_out
+from truing.estimation.bundle.network import Array, Network, State
+from truing.estimation.bundle.normal_equations import (
+    NormalEquations,
+    Observed,
+    Step,
+    distances_at,
+    moved,
+    normal_equations,
+    observe,
+    sum_of_squares,
+)
+from truing.estimation.bundle.projection import project
+from truing.estimation.bundle.solution import eliminate_poses, freedoms, solve, tie_variances, tie_weights
+
+_START_DAMPING = 1e-4
+_LEAST_DAMPING = 1e-12
+_MOST_DAMPING = 1e12
+_SETTLED = 1e-10  # squared length of a step in units of its own standard deviation
+_ROUNDING = 1e-15  # of the sum of squares
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """An adjusted network: its state, residuals (N, 2) in px of all rays, measured less computed (NaN where a point is
+    not before its camera), which rays were used (N,) and the weights (N,) they had, iterations, whether it converged,
+    the redundancy, the defect of the datum (S,) per pose, and the weighted sum of squares."""
+
+    network: Network
+    state: State
+    datum: Datum
+    residuals_px: Array
+    used: NDArray[np.bool_]
+    weights: Array
+    iterations: int
+    converged: bool
+    redundancy: int
+    defect: NDArray[np.int64]
+    chi2: float
+    observed: Observed
+
+    @property
+    def variance_factor(self) -> float:
+        """The weighted sum of squares over the redundancy, sigma0^2: one where all standard deviations are true."""
+        return self.chi2 / self.redundancy if self.redundancy > 0 else np.nan
+
+    @property
+    def layout(self) -> Layout:
+        """Where the unknowns stand."""
+        return self.observed.layout
+
+    @cached_property
+    def covariance(self) -> BundleCovariance:
+        """The covariance of all unknowns for sigma0 = 1; times `variance_factor` where rays are to say the scale."""
+        return covariance(self.observed, self.state, self.datum)
+
+
+def adjust(
+    network: Network,
+    start: State,
+    datum: Datum = "free",
+    *,
+    used: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    variance_factor: ArrayLike | None = None,
+    max_iterations: int = 50,
+) -> Adjustment:
+    """Return the adjusted network.
+
+    used (N,): rays that take part, all where not given; images and points without any keep what they were at the start.
+    weights (N,) in [0, 1] multiply the information of rays, variance_factor (N,) their covariance. datum: "free" and
+    "minimal" leave known points aside; with "known" they are observations, and what they leave free is as in "free".
+    Raises `UndeterminedNetworkError` for points and images with too few rays, points behind cameras at the start, and
+    networks with free directions.
+    """
+    count = network.rays.count
+    w = np.ones(count) if weights is None else np.asarray(weights, float)
+    factor = np.ones(count) if variance_factor is None else np.asarray(variance_factor, float)
+    on = (np.ones(count, bool) if used is None else np.asarray(used, bool)) & (w > 0)
+    known = datum == "known"
+    check_determined(network, on, known)
+    layout = lay_out(network, on, known)
+    observed = observe(network, layout, w, factor)
+    state, iterations, converged = _iterated(observed, start, max_iterations)
+    state = in_datum(network, layout, state, start, datum, layout.known_slot)
+    residuals = network.rays.xy_px - project(network, state, network.rays.image, network.rays.point)
+    defect = np.array([free.count for free in freedoms(observed, state)])
+    redundancy = _rows(layout) - _unknowns(layout) + int(defect.sum())
+    chi2 = _total(observed, state)
+    return Adjustment(
+        network, state, datum, residuals, on, w, iterations, converged, redundancy, defect, chi2, observed
+    )
+
+
+def _rows(layout: Layout) -> int:
+    """Return how many observations there are: rays count two, known points three, distances and lengths of bars one."""
+    return 2 * len(layout.rays) + 3 * len(layout.known) + len(layout.distances) + int(np.sum(layout.bar >= 0))
+
+
+def _unknowns(layout: Layout) -> int:
+    """Return how many unknowns there are."""
+    return 6 * len(layout.images) + 3 * len(layout.points) + len(layout.common)
+
+
+def _total(observed: Observed, state: State) -> float:
+    """Return the weighted sum of squares of everything; a rigid distance has no share."""
+    misclosure, variance = distances_at(observed, state).misclosure, observed.distance_variance
+    soft = variance > 0
+    return sum_of_squares(observed, state) + float(np.sum(misclosure[soft] ** 2 / variance[soft]))
+
+
+def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, bool]:
+    """Return the state of the least sum of squares, after how many steps, and whether it settled."""
+    equations = normal_equations(observed, state)
+    if not np.isfinite(equations.chi2):
+        raise UndeterminedNetworkError(_behind(observed, state))
+    weight = tie_weights(observed, equations)
+    damping, growth = _START_DAMPING, 2.0
+    for iteration in range(1, most + 1):
+        free = freedoms(observed, state)
+        try:
+            step = solve(observed.layout, eliminate_poses(observed, equations, free, weight, damping))
+        except np.linalg.LinAlgError:
+            step = None
+        if step is not None:
+            tried = moved(observed.layout, state, step)
+            before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
+            gain = before - _merit(observed, tried, weight, step.multipliers)
+            if length <= _SETTLED + _ROUNDING * before:
+                return (tried if gain > 0 else state), iteration, True
+            if gain > 1e-4 * foreseen:
+                state, growth = tried, 2.0
+                equations = normal_equations(observed, state)
+                damping = max(_LEAST_DAMPING, damping * max(0.02, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3))
+                continue
+        damping, growth = damping * growth, growth * 2
+        if damping > _MOST_DAMPING:
+            break
+    return state, iteration, False
+
+
+def _merit(observed: Observed, state: State, weight: Array, multipliers: Array) -> float:
+    """Return the sum of squares with distances by weight and multipliers: its least value is that of all together."""
+    misclosure = distances_at(observed, state).misclosure
+    return sum_of_squares(observed, state) + _of_distances(observed, misclosure, weight, multipliers)
+
+
+def _of_distances(observed: Observed, misclosure: Array, weight: Array, multipliers: Array) -> float:
+    variance = tie_variances(observed, weight)
+    variance = np.where(np.isfinite(variance), variance, 0.0)
+    return float(np.sum(weight * misclosure**2 - 2 * multipliers * misclosure - variance * multipliers**2))
+
+
+def _foreseen(
+    observed: Observed, equations: NormalEquations, weight: Array, step: Step, damping: float
+) -> tuple[float, float, float]:
+    """Return the merit before a step, by how much it should fall, and the squared length of the step in sigmas."""
+    misclosure = equations.distances.misclosure
+    before = equations.chi2 + _of_distances(observed, misclosure, weight, step.multipliers)
+    along = (
+        np.sum(step.images * equations.image_side)
+        + np.sum(step.points * equations.point_side)
+        + step.common @ equations.common_side
+    )
+    layout = observed.layout
+    stretch = np.einsum(
+        "qi,qi->q", equations.distances.direction, step.points[layout.second] - step.points[layout.first]
+    )
+    place = layout.bar[observed.network.bars.bar[layout.distances]]
+    stretch[place >= 0] -= step.common[place[place >= 0]]
+    along += np.sum(stretch * (weight * misclosure - step.multipliers))
+    damped = damping * (
+        np.einsum("nii,ni,ni", equations.images, step.images, step.images)
+        + np.einsum("nii,ni,ni", equations.points, step.points, step.points)
+        + np.diagonal(equations.common) @ step.common**2
+    )
+    return before, float(along + damped), float(along - damped)
+
+
+def _behind(observed: Observed, state: State) -> str:
+    """Return the fault that names the rays whose point is not before its camera."""
+    rays, rows = observed.network.rays, observed.layout.rays
+    xy = project(observed.network, state, rays.image[rows], rays.point[rows])
+    bad = rows[~np.isfinite(xy).all(-1)]
+    text = ", ".join(f"ray {ray} (image {rays.image[ray]}, point {rays.point[ray]})" for ray in bad[:20])
+    return f"the start has {len(bad)} points behind their cameras, expected none: {text}"

@@ -1,0 +1,317 @@
+"""The covariance of an adjusted network: marginal, of everything, in the datum that was chosen.
+
+Of pose a all unknowns x_a have, given the common ones c, the covariance Q_a, and follow these by G_a = dx_a/dc. With
+the covariance S of c,
+
+    cov(x_a) = Q_a + G_a S G_a^T,    cov(x_a, x_b) = G_a S G_b^T,    cov(x_a, c) = G_a S.
+
+Everything is for sigma0 = 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from truing.estimation.bundle.datum import Datum, Freedom, conditions, into_datum
+from truing.estimation.bundle.determinable import UndeterminedNetworkError
+from truing.estimation.bundle.elimination import EliminatedPose
+from truing.estimation.bundle.layout import Layout
+from truing.estimation.bundle.network import Array, Index, State
+from truing.estimation.bundle.normal_equations import Observed, normal_equations, spread_interior
+from truing.estimation.bundle.projection import linearise
+from truing.estimation.bundle.solution import Reduced, eliminate_poses, freedoms, tie_variances, tie_weights
+
+_SINGULAR = 1e-13  # least eigenvalue of what is left for the common unknowns, with ones on its diagonal
+
+
+@dataclass(frozen=True)
+class PoseCovariance:
+    """Given the common unknowns: covariance of a pose's points (3 p, 3 p) in m^2, of its images with its points
+    (6 i, 3 p), of each image (i, 6, 6) in the order (centre, theta), and how points (3 p, c) and images (6 i, c) follow
+    the common unknowns."""
+
+    points: Array
+    image_points: Array
+    images: Array
+    points_by_common: Array
+    images_by_common: Array
+
+
+@dataclass(frozen=True)
+class BundleCovariance:
+    """The covariance of a network; images and points are numbered as in the network, and what takes part in a pose is
+    in the order of `image_numbers` and `point_numbers`; names (c) of the common unknowns: (camera, element) or
+    ("bar", number), and their covariance (c, c); redundancy numbers (q,) of the distances between ends of bars that
+    take part, 0 where a bar is rigid."""
+
+    observed: Observed
+    state: State
+    names: tuple[tuple[str, str | int], ...]
+    common: Array
+    poses: tuple[PoseCovariance | None, ...]
+    distance_redundancy: Array
+
+    @property
+    def _layout(self) -> Layout:
+        return self.observed.layout
+
+    def point_numbers(self, pose: int) -> Index:
+        """Return the points of a pose that take part, in the order of their covariance."""
+        start = self._layout.point_start
+        return self._layout.points[start[pose] : start[pose + 1]]
+
+    def image_numbers(self, pose: int) -> Index:
+        """Return the images of a pose that take part, in the order of their covariance."""
+        start = self._layout.image_start
+        return self._layout.images[start[pose] : start[pose + 1]]
+
+    def points(self, pose: int) -> Array:
+        """Return the covariance (3 p, 3 p) in m^2 of all points of a pose together."""
+        own = self._pose(pose)
+        return own.points + own.points_by_common @ self.common @ own.points_by_common.T
+
+    def points_given_common(self, pose: int) -> Array:
+        """Return the part (3 p, 3 p) in m^2 of the covariance of points that is the pose's own."""
+        return self._pose(pose).points
+
+    def sensitivities(self, pose: int) -> Array:
+        """Return how the points of a pose follow the common unknowns (3 p, c), m per unit of each."""
+        return self._pose(pose).points_by_common
+
+    def between(self, one: int, other: int) -> Array:
+        """Return the covariance (3 p, 3 p') in m^2 of the points of two poses."""
+        if one == other:
+            return self.points(one)
+        return self.sensitivities(one) @ self.common @ self.sensitivities(other).T
+
+    def points_common(self, pose: int) -> Array:
+        """Return the covariance (3 p, c) of the points of a pose with the common unknowns."""
+        return self.sensitivities(pose) @ self.common
+
+    def images(self, pose: int) -> Array:
+        """Return the covariance (i, 6, 6) of each image of a pose: centre in m, then theta in rad."""
+        own = self._pose(pose)
+        by_common = own.images_by_common.reshape(-1, 6, len(self.common))
+        return own.images + by_common @ self.common @ by_common.transpose(0, 2, 1)
+
+    def images_common(self, pose: int) -> Array:
+        """Return the covariance (i, 6, c) of the images of a pose with the common unknowns."""
+        return (self._pose(pose).images_by_common @ self.common).reshape(-1, 6, len(self.common))
+
+    def _pose(self, pose: int) -> PoseCovariance:
+        own = self.poses[pose]
+        if own is None:
+            raise ValueError(f"pose {pose} has no ray that takes part, expected one that has")
+        return own
+
+    def point_blocks(self) -> Array:
+        """Return the covariance (P, 3, 3) in m^2 of every point of the network, NaN for those that take no part."""
+        blocks = np.full((len(self.observed.network.point_pose), 3, 3), np.nan)
+        for pose, own in enumerate(self.poses):
+            if own is not None:
+                each = np.arange(len(own.points) // 3)
+                by_common = own.points_by_common.reshape(len(each), 3, -1)
+                given = own.points.reshape(len(each), 3, len(each), 3)[each, :, each, :]
+                blocks[self.point_numbers(pose)] = given + by_common @ self.common @ by_common.transpose(0, 2, 1)
+        return blocks
+
+    def computed_px2(self) -> Array:
+        """Return the covariance (N, 2, 2) in px^2 of computed image points, also of rays that take no part themselves;
+        NaN where their image or point does not. What is observed has covariance C less this: Q_vv."""
+        network, layout = self.observed.network, self._layout
+        image_slot, point_slot = np.full(len(network.image_pose), -1), np.full(len(network.point_pose), -1)
+        image_slot[layout.images], point_slot[layout.points] = (
+            np.arange(len(layout.images)),
+            np.arange(len(layout.points)),
+        )
+        i, p = image_slot[network.rays.image], point_slot[network.rays.point]
+        pose_of = network.image_pose[network.rays.image]
+        inside = (i >= 0) & (p >= 0) & (pose_of == network.point_pose[network.rays.point])
+        found = np.full((len(i), 2, 2), np.nan)
+        for pose, own in enumerate(self.poses):
+            rows = np.flatnonzero(inside & (pose_of == pose))
+            if own is not None and len(rows):
+                where = i[rows] - layout.image_start[pose], p[rows] - layout.point_start[pose]
+                found[rows] = self._computed(own, rows, *where)
+        return found
+
+    def _computed(self, own: PoseCovariance, rows: Index, image: Index, point: Index) -> Array:
+        """Return the covariance (n, 2, 2) of computed image points of one pose."""
+        network = self.observed.network
+        at = linearise(network, self.state, network.rays.image[rows], network.rays.point[rows])
+        camera = network.image_camera[network.rays.image[rows]]
+        m, n = len(own.images), len(own.points) // 3
+        points = own.points.reshape(n, 3, n, 3)[point, :, point, :]
+        cross = own.image_points.reshape(m, 6, n, 3)[image, :, point, :]
+        mixed = at.by_image @ cross @ at.by_point.transpose(0, 2, 1)
+        total = at.by_image @ own.images[image] @ at.by_image.transpose(0, 2, 1)
+        total += at.by_point @ points @ at.by_point.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
+        by_common = spread_interior(self._layout, camera, at.by_interior)
+        by_common += at.by_image @ own.images_by_common.reshape(m, 6, -1)[image]
+        by_common += at.by_point @ own.points_by_common.reshape(n, 3, -1)[point]
+        return total + by_common @ self.common @ by_common.transpose(0, 2, 1)
+
+    def redundancy_numbers(self) -> Array:
+        """Return the redundancy numbers (N, 2) of the rays' coordinates, the diagonal of Q_vv P; NaN for rays that take
+        no part. With those of distances and priors they add up to the redundancy."""
+        rows = self._layout.rays
+        found = np.full((self.observed.network.rays.count, 2), np.nan)
+        found[rows] = 1 - np.einsum("nij,nji->ni", self.computed_px2()[rows], self.observed.rays)
+        return found
+
+    def distance_variances(self) -> tuple[Array, Array]:
+        """Return the variance (q,) in m^2 of every distance between ends of bars that takes part, and of the distance
+        less its bar's length."""
+        layout, bars = self._layout, self.observed.network.bars
+        ends = self.state.points[layout.points]
+        between = ends[layout.second] - ends[layout.first]
+        direction = between / np.linalg.norm(between, axis=-1)[:, None]
+        of_distance, of_misclosure = np.zeros(len(between)), np.zeros(len(between))
+        for row, pose in enumerate(layout.distance_pose):
+            own, start = self._pose(int(pose)), layout.point_start[pose]
+            a = np.zeros(len(own.points))
+            a[3 * (layout.second[row] - start) :][:3] += direction[row]
+            a[3 * (layout.first[row] - start) :][:3] -= direction[row]
+            by_common = a @ own.points_by_common
+            of_distance[row] = a @ own.points @ a + by_common @ self.common @ by_common
+            place = layout.bar[bars.bar[layout.distances[row]]]
+            if place >= 0:
+                by_common[place] -= 1.0
+            of_misclosure[row] = a @ own.points @ a + by_common @ self.common @ by_common
+        return of_distance, of_misclosure
+
+    def prior_redundancy_numbers(self) -> tuple[Array, Array, Array]:
+        """Return the redundancy numbers of distances (q,), of the lengths of bars (K,), NaN where they are no unknowns,
+        and of known coordinates (m, 3)."""
+        layout, observed = self._layout, self.observed
+        free = layout.bar >= 0
+        bars = np.full(len(layout.bar), np.nan)
+        bars[free] = 1 - observed.bars[free] * np.diagonal(self.common)[layout.bar[free]]
+        known = self.point_blocks()[observed.network.known.point[layout.known]]
+        return self.distance_redundancy, bars, 1 - np.einsum("mij,mji->mi", known, observed.known)
+
+
+def covariance(observed: Observed, state: State, datum: Datum) -> BundleCovariance:
+    """Return the covariance of a network at its least sum of squares.
+
+    Raises `UndeterminedNetworkError` where something is free that the datum does not settle.
+    """
+    equations = normal_equations(observed, state)
+    free = freedoms(observed, state)
+    layout = observed.layout
+    weight = tie_weights(observed, equations)
+    try:
+        reduced = eliminate_poses(observed, equations, free, weight, 0.0)
+    except np.linalg.LinAlgError:
+        raise UndeterminedNetworkError("the network falls apart: images and points have free directions") from None
+    common = _inverse(layout, reduced.common)
+    poses = tuple(
+        None if one is None else _in_datum(_given_common(layout, pose, one), free[pose], datum)
+        for pose, one in enumerate(reduced.poses)
+    )
+    draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))
+    return replace(draft, distance_redundancy=_redundancy_of_distances(draft, reduced, weight))
+
+
+def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced, weight: Array) -> Array:
+    """Return the redundancy numbers (q,) of distances, by their multipliers where they have one: with the multiplier's
+    block -q of the inverse, 1 - a Q a^T / s^2 = (1 + r t) t q - r t, which holds its digits where s is small."""
+    observed = found.observed
+    variance = tie_variances(observed, weight)
+    _, misclosure = found.distance_variances()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        numbers = 1 - misclosure / observed.distance_variance
+    for pose, one in enumerate(reduced.poses):
+        rows = np.flatnonzero(found.observed.layout.distance_pose == pose)
+        by_multiplier = np.isfinite(variance[rows])
+        if one is not None and by_multiplier.any():
+            follow = one.multipliers[by_multiplier, :-1]
+            block = np.diagonal(np.linalg.inv(one.pinned) - follow @ found.common @ follow.T)
+            chosen = rows[by_multiplier]
+            t = variance[chosen]
+            numbers[chosen] = (1 + weight[chosen] * t) * t * block - weight[chosen] * t
+    return numbers
+
+
+def _inverse(layout: Layout, common: Array) -> Array:
+    """Return the covariance of the common unknowns; the fault names those that are not determined."""
+    if not len(common):
+        return common
+    scale = 1 / np.sqrt(np.abs(np.diagonal(common)))
+    values, vectors = np.linalg.eigh(scale[:, None] * common * scale)
+    if not values[0] > _SINGULAR:
+        share = np.abs(vectors[:, 0])
+        names = [f"{a} {b}" for (a, b), part in zip(layout.common, share, strict=True) if part > 0.1 * share.max()]
+        raise UndeterminedNetworkError(f"these images do not determine {', '.join(names)}: hold one of them fixed")
+    return scale[:, None] * (vectors / values) @ vectors.T * scale
+
+
+def _given_common(layout: Layout, pose: int, one: EliminatedPose) -> PoseCovariance:
+    """Return the covariance of a pose given the common unknowns, in the datum of its elimination."""
+    blocks = one.blocks
+    b, d, _ = blocks.own.shape
+    k = len(blocks.kept_places)
+    m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
+    kept = cho_solve(one.factor, np.eye(k), check_finite=False)
+    kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
+    turned = one.root.transpose(0, 2, 1)
+    towards = (turned @ one.reduced[:, :k].reshape(b, d, k)).reshape(b * d, k)
+    by_common = np.empty((len(blocks.own_places) + k, one.kept.shape[1] - 1))
+    by_common[blocks.kept_places] = -one.kept[:, :-1]
+    own_by_common = one.reduced[:, k:-1] - one.reduced[:, :k] @ one.kept[:, :-1]
+    by_common[blocks.own_places] = -(turned @ own_by_common.reshape(b, d, -1)).reshape(b * d, -1)
+    cross = -towards @ kept
+    alone = turned @ one.root
+    if d == 6:
+        images = alone - cross.reshape(b, 6, k) @ towards.reshape(b, 6, k).transpose(0, 2, 1)
+        return PoseCovariance(kept, cross, images, by_common[m:], by_common[:m])
+    own = -cross @ towards.T
+    own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] += alone
+    return _ordered(layout, pose, one, kept, cross, own, by_common)
+
+
+def _ordered(
+    layout: Layout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
+) -> PoseCovariance:
+    """Return the covariance of a pose whose points were eliminated, all points in their order."""
+    m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
+    n = len(by_common) - m
+    loose, tied = one.blocks.own_places - m, one.blocks.kept_places[m:] - m
+    points, image_points = np.empty((n, n)), np.empty((m, n))
+    points[np.ix_(loose, loose)] = own
+    points[np.ix_(tied, tied)] = kept[m:, m:]
+    points[np.ix_(loose, tied)] = cross[:, m:]
+    points[np.ix_(tied, loose)] = cross[:, m:].T
+    image_points[:, loose] = cross[:, :m].T
+    image_points[:, tied] = kept[:m, m:]
+    each = np.arange(m // 6)
+    images = kept[:m, :m].reshape(m // 6, 6, m // 6, 6)[each, :, each, :]
+    return PoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
+
+
+def _in_datum(one: PoseCovariance, free: Freedom, datum: Datum) -> PoseCovariance:
+    """Return the covariance of a pose in the datum chosen: S Q S^T and S G."""
+    if not free.count:
+        return one
+    back = into_datum(free, conditions(free, datum))
+    of_points = free.points.reshape(len(one.points), -1)
+    of_images = free.images.reshape(len(one.image_points), -1)
+    drawn = back @ one.points
+    across = back @ one.image_points.T
+    spread = drawn @ back.T
+    points = one.points - of_points @ drawn - drawn.T @ of_points.T + of_points @ spread @ of_points.T
+    image_points = one.image_points - of_images @ drawn
+    image_points -= (across.T - of_images @ spread) @ of_points.T
+    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(len(back), -1, 6))
+    images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
+    follow = back @ one.points_by_common
+    return PoseCovariance(
+        points,
+        image_points,
+        images,
+        one.points_by_common - of_points @ follow,
+        one.images_by_common - of_images @ follow,
+    )

@@ -1,0 +1,130 @@
+"""The datum of a pose: what rays leave free, and how coordinates and covariances pass from one choice to another.
+
+Rays alone leave a pose seven freedoms, three shifts, three turns and the scale; a bar takes the scale, known points
+take what they fix. What is left is settled by conditions B^T (p - p0) = 0 on the points: inner constraints (B the
+freedoms themselves, free network) or as many coordinates held (minimal). Any solution passes into that datum by
+S = 1 - G (B^T G)^-1 B^T (Baarda 1973; Luhmann et al., section 4.4.3); residuals and distances do not change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import expm, qr
+
+from truing.estimation.bundle.layout import Layout
+from truing.estimation.bundle.network import Array, Index, Network, State
+from truing.estimation.rotation import skew
+
+Datum = Literal["free", "minimal", "known"]
+
+_FIXED = 1e-6  # a freedom moves known points by less than this part of its movement of all points: it is left
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What the observations of a pose leave free: movements of its images (i, 6, d) and points (p, 3, d), of its points
+    as a whole orthonormal, and the combination (7, d) of the shifts, turns and scale that they are."""
+
+    images: Array
+    points: Array
+    mixture: Array
+
+    @property
+    def count(self) -> int:
+        """How many there are: the defect of the datum."""
+        return self.points.shape[-1]
+
+
+def freedom(centres: Array, points: Array, has_length: bool, known: Array) -> Freedom:
+    """Return what is left free of a pose with projection centres (i, 3) and points (p, 3) in m, where bars give the
+    length or not and the points known, by number (m,), are known."""
+    middle = points.mean(0)
+    size = np.sqrt(np.mean((points - middle) ** 2) * 3)
+    of_images, of_points = _movements((centres - middle) / size), _movements((points - middle) / size)
+    of_images = np.concatenate([of_images, np.zeros_like(of_images)], 1)
+    of_images[:, 3:, 3:6] = np.eye(3) / size
+    taken = [of_points[known].reshape(-1, 7)]
+    if has_length:
+        taken.append(np.eye(7)[6:])
+    mixture = _null_space(np.concatenate(taken))
+    flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
+    mixture = mixture @ np.linalg.inv(np.linalg.qr(flat, mode="r")) if mixture.shape[1] else mixture
+    return Freedom(of_images @ mixture, of_points @ mixture, mixture)
+
+
+def _movements(points: Array) -> Array:
+    """Return the movements (n, 3, 7) of points by shifts, turns and scale about the origin."""
+    shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    return np.concatenate([shifts, -skew(points), points[..., None]], -1)
+
+
+def _null_space(rows: Array) -> Array:
+    """Return directions (7, d) that rows (n, 7) leave free, orthonormal."""
+    if not len(rows):
+        return np.eye(7)
+    _, s, vt = np.linalg.svd(rows)
+    return vt[np.count_nonzero(s > _FIXED * s.max(initial=0)) :].T
+
+
+def conditions(free: Freedom, datum: Datum) -> Array:
+    """Return B (3 p, d): what of the points is held, so that nothing is left free."""
+    rows = free.points.reshape(-1, free.count)
+    if datum != "minimal" or not free.count:
+        return rows
+    # The coordinates that hold the network most firmly come first in a QR with pivots.
+    chosen = qr(rows.T, mode="r", pivoting=True)[1][: free.count]
+    held = np.zeros_like(rows)
+    held[chosen, np.arange(free.count)] = 1.0
+    return held
+
+
+def in_datum(network: Network, layout: Layout, state: State, start: State, datum: Datum, known: Index) -> State:
+    """Return a state moved and scaled so that it fulfils the conditions about the start, in every pose.
+
+    The similarity is exact, not linearised: Newton's method on its seven numbers.
+    """
+    R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
+    for pose in range(layout.poses):
+        images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
+        own = slice(layout.point_start[pose], layout.point_start[pose + 1])
+        chosen = layout.points[own]
+        if not len(chosen):
+            continue
+        inside = known[(known >= own.start) & (known < own.stop)] - own.start
+        free = freedom(start.centre[images], start.points[chosen], bool(np.any(layout.distance_pose == pose)), inside)
+        if free.count:
+            held = conditions(free, datum)
+            turn, scale, shift = _similarity(points[chosen], start.points[chosen], free, held)
+            points[chosen] = scale * points[chosen] @ turn.T + shift
+            centre[images] = scale * centre[images] @ turn.T + shift
+            R[images] = turn @ R[images]
+    return State(state.interior, R, centre, points, state.bar_length_m)
+
+
+def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:
+    """Return rotation, scale and shift after which the points deviate from the start by nothing that is held."""
+    whole = np.eye(4)
+    middle = start.mean(0)
+    size = np.sqrt(np.mean((start - middle) ** 2) * 3)
+    for _ in range(50):
+        now = (points - middle) @ whole[:3, :3].T + whole[:3, 3]
+        by = held.T @ (_movements(now / size) @ free.mixture).reshape(-1, free.count)
+        change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
+        generator = np.zeros((4, 4))
+        generator[:3] = np.column_stack([skew(change[3:6]) / size + change[6] / size * np.eye(3), change[:3]])
+        whole = expm(generator) @ whole  # along the freedoms exactly: what is known stays where it is
+        if np.abs(change).max() <= 1e-15 * size:
+            break
+    scale = float(np.cbrt(np.linalg.det(whole[:3, :3])))
+    turn = whole[:3, :3] / scale
+    return turn, scale, whole[:3, 3] + middle - scale * turn @ middle
+
+
+def into_datum(free: Freedom, held: Array) -> Array:
+    """Return F (d, 3 p): by how much each freedom is to be taken back from a change of the points."""
+    if not free.count:
+        return held.T
+    return np.asarray(np.linalg.solve(held.T @ free.points.reshape(-1, free.count), held.T), np.float64)

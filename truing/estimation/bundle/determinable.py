@@ -1,0 +1,85 @@
+"""Which rays, points and images of a network can take part: the others determine nothing, or are not determined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.network import Index, Network
+
+RAYS_OF_A_POINT = 2
+RAYS_OF_AN_IMAGE = 3
+
+
+class UndeterminedNetworkError(ValueError):
+    """Some points or images have too few rays, or the network has free directions; the message lists them."""
+
+
+@dataclass(frozen=True)
+class Determinable:
+    """What takes part: rays (N,), points (P,), images (I,), True where it does."""
+
+    rays: NDArray[np.bool_]
+    points: NDArray[np.bool_]
+    images: NDArray[np.bool_]
+
+
+def determinable(network: Network, used: NDArray[np.bool_] | None = None, *, known: bool = False) -> Determinable:
+    """Return the largest part of a network in which every point has two rays and every image three, counted to what
+    takes part itself; used (N,) are the rays that may, all where not given.
+
+    known: known points need one ray only. Rays of one point in one image count once. Where images share too few points
+    with the rest, counts do not tell: `adjust` finds that by its normal equations.
+    """
+    rays = network.rays
+    on = np.ones(rays.count, bool) if used is None else np.asarray(used, bool).copy()
+    on &= network.image_pose[rays.image] == network.point_pose[rays.point]
+    needed = np.full(len(network.point_pose), RAYS_OF_A_POINT)
+    if known:
+        needed[network.known.point] = 1
+    while True:
+        points, images = ray_counts(network, on)
+        stays = on & (points >= needed)[rays.point] & (images >= RAYS_OF_AN_IMAGE)[rays.image]
+        if np.array_equal(stays, on):
+            return Determinable(on, points >= needed, images >= RAYS_OF_AN_IMAGE)
+        on = stays
+
+
+def ray_counts(network: Network, used: NDArray[np.bool_]) -> tuple[Index, Index]:
+    """Return in how many images each point (P,) is seen, and how many points each image (I,) sees, by the rays used."""
+    rays = network.rays
+    pairs = np.unique(rays.image[used] * len(network.point_pose) + rays.point[used])
+    image, point = np.divmod(pairs, max(len(network.point_pose), 1))
+    of_points = np.bincount(point, minlength=len(network.point_pose))
+    return of_points, np.bincount(image, minlength=len(network.image_pose))
+
+
+def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> None:
+    """Raise `UndeterminedNetworkError` that lists every point and image with some rays, but too few of them, and every
+    ray that joins an image and a point of different poses."""
+    rays, faults = network.rays, []
+    astray = np.flatnonzero(used & (network.image_pose[rays.image] != network.point_pose[rays.point]))
+    if len(astray):
+        faults.append(f"rays {_listed(astray)} join an image and a point of different poses")
+    points, images = ray_counts(network, used)
+    needed = np.full(len(points), RAYS_OF_A_POINT)
+    if known:
+        needed[network.known.point] = 1
+    few = np.flatnonzero((points > 0) & (points < needed))
+    if len(few):
+        faults.append(f"points {_listed(few)} have one ray, expected at least {RAYS_OF_A_POINT}")
+    few = np.flatnonzero((images > 0) & (images < RAYS_OF_AN_IMAGE))
+    if len(few):
+        faults.append(f"images {_listed(few)} have fewer than {RAYS_OF_AN_IMAGE} rays")
+    if not used.any():
+        faults.append("found no ray, expected a network")
+    if faults:
+        raise UndeterminedNetworkError("; ".join(faults))
+
+
+def _listed(numbers: Index, most: int = 20) -> str:
+    """Return numbers as text, with how many are left out."""
+    text = ", ".join(map(str, numbers[:most]))
+    return f"{text} and {len(numbers) - most} more" if len(numbers) > most else text

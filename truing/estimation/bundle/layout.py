@@ -1,0 +1,100 @@
+"""Where each unknown of an adjustment stands: images and points pose by pose, then what all poses share.
+
+Only what takes part stands anywhere: images and points with rays, free interior elements of cameras with images,
+lengths of bars that are not exactly known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.camera import PARAMETERS
+from truing.estimation.bundle.network import Index, Network
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Numbers of what takes part, and slots: rays (n,), images (i,) and points (p,) by pose, with the slots where each
+    pose starts (S + 1,); the image and point slot of every ray; distances (q,) and known points by row; the place among
+    the common unknowns of every interior element (C, 10) and bar (K,), -1 where it has none."""
+
+    rays: Index
+    ray_image: Index
+    ray_point: Index
+    images: Index
+    points: Index
+    image_start: Index
+    point_start: Index
+    distances: Index
+    first: Index
+    second: Index
+    distance_pose: Index
+    known: Index
+    known_slot: Index
+    interior: Index
+    bar: Index
+    common: tuple[tuple[str, str | int], ...]
+
+    @property
+    def poses(self) -> int:
+        """How many poses there are, those without rays too."""
+        return len(self.image_start) - 1
+
+
+def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
+    """Return where the unknowns of the rays used (N,) stand; known: whether known points take part."""
+    rays = network.rays
+    rows = np.flatnonzero(used)
+    poses = 1 + max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1))
+    images, image_slot, image_start = _slots(np.unique(rays.image[rows]), network.image_pose, poses)
+    seen = np.unique(np.concatenate([rays.point[rows], network.known.point if known else rays.point[:0]]))
+    points, point_slot, point_start = _slots(seen, network.point_pose, poses)
+    bars = network.bars
+    distances = np.flatnonzero((point_slot[bars.first] >= 0) & (point_slot[bars.second] >= 0))
+    interior, bar, common = _common(network, images, distances)
+    known_rows = np.arange(len(network.known.point)) if known else np.empty(0, np.int64)
+    return Layout(
+        rays=rows,
+        ray_image=image_slot[rays.image[rows]],
+        ray_point=point_slot[rays.point[rows]],
+        images=images,
+        points=points,
+        image_start=image_start,
+        point_start=point_start,
+        distances=distances,
+        first=point_slot[bars.first[distances]],
+        second=point_slot[bars.second[distances]],
+        distance_pose=network.point_pose[bars.first[distances]],
+        known=known_rows,
+        known_slot=point_slot[network.known.point[known_rows]],
+        interior=interior,
+        bar=bar,
+        common=common,
+    )
+
+
+def _slots(numbers: Index, pose: Index, poses: int) -> tuple[Index, Index, Index]:
+    """Return numbers ordered by pose, the slot of every number there is or -1, and the slots where poses start."""
+    ordered = numbers[np.argsort(pose[numbers], kind="stable")]
+    slot = np.full(len(pose), -1)
+    slot[ordered] = np.arange(len(ordered))
+    return ordered, slot, np.searchsorted(pose[ordered], np.arange(poses + 1))
+
+
+def _common(network: Network, images: Index, distances: Index) -> tuple[Index, Index, tuple]:
+    """Return the places of interior elements and bars among the common unknowns, and what stands at each."""
+    interior = np.full((len(network.cameras), len(PARAMETERS)), -1)
+    common: list[tuple[str, str | int]] = []
+    for camera in np.unique(network.image_camera[images]):
+        for name in network.cameras[camera].free:
+            interior[camera, PARAMETERS.index(name)] = len(common)
+            common.append((network.cameras[camera].name, name))
+    bar = np.full(len(network.bars.length_m), -1)
+    for number in np.unique(network.bars.bar[distances]):
+        if network.bars.sigma_m[number] > 0:
+            bar[number] = len(common)
+            common.append(("bar", int(number)))
+    return interior, bar, tuple(common)

@@ -1,0 +1,116 @@
+"""One step of an adjustment: every pose eliminated, the common unknowns solved, the poses by back substitution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from truing.estimation.bundle.datum import Freedom, freedom
+from truing.estimation.bundle.elimination import EliminatedPose, Ties, blocks_of
+from truing.estimation.bundle.layout import Layout
+from truing.estimation.bundle.network import Array, State
+from truing.estimation.bundle.normal_equations import NormalEquations, Observed, Step
+
+# A distance's own information enters directly up to so many times that of its ends; the rest by a multiplier.
+_DIRECT = 100.0
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The poses, eliminated, and the equations (c, c) and right side (c,) left for the common unknowns."""
+
+    poses: tuple[EliminatedPose | None, ...]
+    common: Array
+    side: Array
+
+
+def freedoms(observed: Observed, state: State) -> tuple[Freedom, ...]:
+    """Return what the observations leave free of every pose."""
+    layout = observed.layout
+    found = []
+    for pose in range(layout.poses):
+        start, stop = layout.point_start[pose], layout.point_start[pose + 1]
+        known = layout.known_slot[(layout.known_slot >= start) & (layout.known_slot < stop)] - start
+        images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
+        points = state.points[layout.points[start:stop]]
+        has_length = bool(np.any(layout.distance_pose == pose))
+        if len(points):
+            found.append(freedom(state.centre[images], points, has_length, known))
+        else:
+            found.append(Freedom(np.zeros((len(images), 6, 0)), np.zeros((0, 3, 0)), np.zeros((7, 0))))
+    return tuple(found)
+
+
+def tie_weights(observed: Observed, equations: NormalEquations) -> Array:
+    """Return the weights (q,) in m^-2 with which distances enter directly."""
+    layout = observed.layout
+    of_ends = np.trace(equations.points[layout.first] + equations.points[layout.second], axis1=1, axis2=2) / 6
+    with np.errstate(divide="ignore"):
+        return np.minimum(1 / observed.distance_variance, _DIRECT * of_ends)
+
+
+def tie_variances(observed: Observed, weight: Array) -> Array:
+    """Return the variances (q,) in m^2 left to multipliers, infinite where the direct weight is all of it."""
+    with np.errstate(divide="ignore"):
+        information = 1 / observed.distance_variance
+        return np.where(information > weight, 1 / np.maximum(information - weight, 0), np.inf)
+
+
+def ties_of(observed: Observed, equations: NormalEquations, weight: Array, pose: int) -> Ties:
+    """Return the distances of a pose as rows; weight (q,) of all."""
+    layout, distances = observed.layout, equations.distances
+    rows = np.flatnonzero(layout.distance_pose == pose)
+    by_common = np.zeros((len(rows), len(layout.common)))
+    place = layout.bar[observed.network.bars.bar[layout.distances[rows]]]
+    by_common[place >= 0, place[place >= 0]] = -1.0
+    start = layout.point_start[pose]
+    return Ties(
+        layout.first[rows] - start,
+        layout.second[rows] - start,
+        distances.direction[rows],
+        by_common,
+        distances.misclosure[rows],
+        weight[rows],
+        tie_variances(observed, weight)[rows],
+    )
+
+
+def eliminate_poses(
+    observed: Observed, equations: NormalEquations, free: tuple[Freedom, ...], weight: Array, damping: float
+) -> Reduced:
+    """Return the normal equations with all poses eliminated; raises LinAlgError where they are singular."""
+    layout = observed.layout
+    common = equations.common.copy()
+    each = np.arange(len(common))
+    common[each, each] *= 1 + damping
+    common = np.concatenate([common, equations.common_side[:, None]], -1)
+    poses: list[EliminatedPose | None] = []
+    for pose in range(layout.poses):
+        if layout.image_start[pose] == layout.image_start[pose + 1]:
+            poses.append(None)
+            continue
+        ties = ties_of(observed, equations, weight, pose)
+        eliminated = EliminatedPose(blocks_of(equations, layout, pose, free[pose], ties), ties, damping)
+        common += eliminated.common
+        poses.append(eliminated)
+    return Reduced(tuple(poses), common[:, :-1], common[:, -1])
+
+
+def solve(layout: Layout, reduced: Reduced) -> Step:
+    """Return the step; raises LinAlgError where the common unknowns are not determined."""
+    scale = 1 / np.sqrt(np.diagonal(reduced.common))
+    factor = cho_factor(scale[:, None] * reduced.common * scale, lower=True) if len(scale) else None
+    common = scale * cho_solve(factor, scale * reduced.side) if factor else np.zeros(0)
+    images, points = np.zeros((len(layout.images), 6)), np.zeros((len(layout.points), 3))
+    multipliers = np.zeros(len(layout.distances))
+    for pose, eliminated in enumerate(reduced.poses):
+        if eliminated is None:
+            continue
+        x, multipliers[layout.distance_pose == pose] = eliminated.back(common)
+        own = slice(layout.image_start[pose], layout.image_start[pose + 1])
+        m = 6 * (own.stop - own.start)
+        images[own] = x[:m].reshape(-1, 6)
+        points[layout.point_start[pose] : layout.point_start[pose + 1]] = x[m:].reshape(-1, 3)
+    return Step(images, points, common, multipliers)
