@@ -1,0 +1,118 @@
+"""Length measuring errors of a photogrammetric system against calibrated lengths, after VDI/VDE 2634 part 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.network import Array, Index
+
+REFERENCE_TEMPERATURE_C = 20.0
+LINES, LENGTHS_PER_LINE = 7, 5  # what the guideline asks for
+CONFORMS, UNDECIDED, FAILS = "conforms", "undecided", "does not conform"
+
+
+@dataclass(frozen=True)
+class PermissibleError:
+    """Maximum permissible length measuring error E = A + K L, not more than B: in m, 1, m."""
+
+    a_m: float
+    k: float = 0.0
+    b_m: float = np.inf
+
+    def at(self, length_m: Array) -> Array:
+        """Return the largest error (L,) in m permitted at lengths (L,) in m."""
+        return np.minimum(self.a_m + self.k * length_m, self.b_m)
+
+
+@dataclass(frozen=True)
+class LengthErrors:
+    """Per length: error_m (L,) measured less calibrated at the reference temperature, sigma_m (L,) of it, permitted_m
+    (L,) (NaN where nothing is stated), verdict (L,) after ISO 14253-1 with twice the sigma. Of all: the largest
+    absolute error, the root mean square, chi2 of the errors against their whole covariance and its p-value, the scale
+    error that they have in common with its sigma, and what the guideline asks for and the test lacks."""
+
+    error_m: Array
+    sigma_m: Array
+    permitted_m: Array
+    verdict: tuple[str, ...]
+    largest_m: float
+    rms_m: float
+    chi2: float
+    p_value: float
+    scale: float
+    sigma_scale: float
+    lacks: tuple[str, ...]
+
+
+def length_errors(
+    measured_m: Array,
+    cov_m2: Array,
+    calibrated_m: Array,
+    sigma_calibrated_m: Array,
+    *,
+    expansion_per_k: Array | float = 0.0,
+    temperature_c: Array | float = REFERENCE_TEMPERATURE_C,
+    reference_c: float = REFERENCE_TEMPERATURE_C,
+    line: Index | None = None,
+    volume_m: Array | None = None,
+    permissible: PermissibleError | None = None,
+) -> LengthErrors:
+    """Return the length measuring errors of distances between points.
+
+    measured_m (L,) with cov_m2 (L, L), calibrated_m (L,) at the reference temperature with sigma (L,); what the test
+    body's expansion adds at its temperature is taken off what was measured. line (L,) numbers the measuring line of a
+    length, volume_m (3,) is the measured volume.
+    """
+    from scipy.special import chdtrc
+
+    growth = 1 + np.asarray(expansion_per_k) * (np.asarray(temperature_c) - reference_c)
+    error = measured_m / growth - calibrated_m
+    cov = cov_m2 + np.diag(np.square(sigma_calibrated_m))
+    sigma = np.sqrt(np.diag(cov))
+    permitted = np.full(len(error), np.nan) if permissible is None else permissible.at(calibrated_m)
+    weighted = np.linalg.solve(cov, np.stack([error, calibrated_m], axis=1))
+    information = float(calibrated_m @ weighted[:, 1])
+    chi2 = float(error @ weighted[:, 0])
+    some = len(error) > 0
+    return LengthErrors(
+        error_m=error,
+        sigma_m=sigma,
+        permitted_m=permitted,
+        verdict=_verdicts(error, sigma, permitted),
+        largest_m=float(np.abs(error).max(initial=0.0)),
+        rms_m=float(np.sqrt(np.mean(error**2))) if some else float("nan"),
+        chi2=chi2,
+        p_value=float(chdtrc(len(error), chi2)) if some else float("nan"),
+        scale=float(calibrated_m @ weighted[:, 0]) / information if some else float("nan"),
+        sigma_scale=information**-0.5 if some else float("nan"),
+        lacks=_lacks(calibrated_m, line, volume_m),
+    )
+
+
+def _verdicts(error: Array, sigma: Array, permitted: Array) -> tuple[str, ...]:
+    size, doubt = np.abs(error), 2 * sigma
+    stated = np.isfinite(permitted) | np.isposinf(permitted)
+    word = np.where(size + doubt <= permitted, CONFORMS, np.where(size - doubt > permitted, FAILS, UNDECIDED))
+    return tuple(np.where(stated, word, "").tolist())
+
+
+def _lacks(calibrated_m: Array, line: Index | None, volume_m: Array | None) -> tuple[str, ...]:
+    """Return what the guideline asks for that these lengths are not: lines, lengths per line, their extent."""
+    lacks: list[str] = []
+    many: NDArray = np.bincount(line) if line is not None and len(line) else np.ones(len(calibrated_m), int)
+    many = many[many > 0]
+    if len(many) < LINES:
+        lacks.append(f"{len(many)} measuring lines of {LINES}")
+    short = int((many < LENGTHS_PER_LINE).sum())
+    if short:
+        lacks.append(f"{short} measuring lines with fewer than {LENGTHS_PER_LINE} lengths")
+    if volume_m is not None and len(calibrated_m):
+        diagonal = float(np.linalg.norm(volume_m))
+        if calibrated_m.max() < 2 / 3 * diagonal:
+            lacks.append(
+                f"the longest is {calibrated_m.max():.3g} m, two thirds of the diagonal {2 / 3 * diagonal:.3g} m"
+            )
+    return tuple(lacks)

@@ -1,0 +1,153 @@
+"""How a network is built: rays per point and image, angles of intersection, coverage of the format, what residuals
+keep.
+
+All take plain arrays and count all points, images and rays at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.estimation.bundle.growing import format_cells
+from truing.estimation.bundle.intersection import sums
+from truing.estimation.bundle.network import Array, Index, Network, State
+
+
+@dataclass(frozen=True)
+class Intersections:
+    """Per point (P,): how many rays, the largest angle (rad) between two of them, and the condition: how many times
+    less sharp than across its best direction the rays fix the point along its worst (inf where they do not)."""
+
+    rays: Index
+    largest_angle: Array
+    condition: Array
+
+
+def intersections(network: Network, state: State, weight: Array | None = None) -> Intersections:
+    """Return how the rays of every point meet; weight (N,) 0 leaves a ray out.
+
+    The condition is the square root of the ratio of the extreme eigenvalues of sum(1 - d d^T) / distance^2.
+    """
+    rays = network.rays
+    used = np.ones(rays.count, bool) if weight is None else weight > 0
+    image, point = rays.image[used], rays.point[used]
+    d = state.points[point] - state.centre[image]
+    distance = np.linalg.norm(d, axis=1, keepdims=True)
+    d = d / distance
+    across = (np.eye(3) - d[:, :, None] * d[:, None, :]) / distance[:, :, None] ** 2
+    count = len(network.point_pose)
+    values = np.linalg.eigvalsh(sums(point, across, count))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition = np.sqrt(values[:, 2] / values[:, 0])
+    weak = ~(values[:, 0] > 1e-12 * values[:, 2])
+    return Intersections(
+        np.bincount(point, minlength=count), _largest_angles(point, d, count), np.where(weak, np.inf, condition)
+    )
+
+
+def _largest_angles(point: Index, d: Array, count: int) -> Array:
+    """Return the largest angle (P,) between two unit vectors d (N, 3) of a point; 0 where there is but one."""
+    order = np.argsort(point, kind="stable")
+    point, d = point[order], d[order]
+    many = np.bincount(point, minlength=count)
+    first = np.cumsum(many) - many
+    least = np.ones(count)
+    for step in range(1, int(many.max(initial=1))):  # each ray with the one so many places on: all pairs of all points
+        other = np.arange(len(point)) + step
+        with_other = other < (first + many)[point]
+        cosine = np.einsum("ni,ni->n", d[with_other], d[other[with_other]])
+        np.minimum.at(least, point[with_other], cosine)
+    return np.arccos(np.clip(least, -1.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How image points fill a format: rays (G,), share of its cells (G,) that hold any, area of their convex hull (G,)
+    as a share of the format; one row per image or per camera."""
+
+    rays: Index
+    cells: Array
+    hull: Array
+
+
+def image_coverage(network: Network, weight: Array | None = None, per_side: int = 5) -> Coverage:
+    """Return how the rays of each image (I) fill its format; weight (N,) 0 leaves a ray out."""
+    return _coverage(network, network.rays.image, len(network.image_camera), weight, per_side)
+
+
+def camera_coverage(network: Network, weight: Array | None = None, per_side: int = 5) -> Coverage:
+    """Return how the rays of all images of each camera (C) fill its format; weight (N,) 0 leaves a ray out."""
+    camera = network.image_camera[network.rays.image]
+    return _coverage(network, camera, len(network.cameras), weight, per_side)
+
+
+def _coverage(network: Network, group: Index, groups: int, weight: Array | None, per_side: int) -> Coverage:
+    from scipy.spatial import ConvexHull, QhullError
+
+    used = np.ones(network.rays.count, bool) if weight is None else weight > 0
+    camera = network.image_camera[network.rays.image[used]]
+    size = np.array([[c.width_px, c.height_px] for c in network.cameras], float).reshape(-1, 2)[camera]
+    xy, group = network.rays.xy_px[used], group[used]
+    cells = np.unique(np.stack([group, format_cells(xy, size[:, 0], size[:, 1], per_side)]), axis=1)[0]
+    hull = np.zeros(groups)
+    order = np.argsort(group, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        if len(members) > 2:
+            try:
+                hull[group[members[0]]] = ConvexHull(xy[members] / size[members]).volume  # in the plane: the area
+            except QhullError:  # on one line
+                continue
+    return Coverage(
+        np.bincount(group, minlength=groups), np.bincount(cells, minlength=groups) / per_side**2, hull
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ResidualRegions:
+    """Residuals by region of the format: camera, row and column (G,), rays (G,), mean_px (G, 2) of residuals, its
+    statistic chi2 (G,) of two degrees of freedom, p_value (G,) of no systematic residual, adjusted for the number of
+    regions (Holm)."""
+
+    camera: Index
+    row: Index
+    column: Index
+    rays: Index
+    mean_px: Array
+    chi2: Array
+    p_value: Array
+
+
+def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array, per_side: int = 5) -> ResidualRegions:
+    """Return what residuals (N, 2) keep in common per region of each camera's format.
+
+    cofactor_px2 (N, 2, 2) is the covariance of the residuals; correlation between rays is neglected, which makes the
+    test a little conservative (estimated parameters take up what regions have in common). Rays left out have residual
+    NaN.
+    """
+    from scipy.special import chdtrc
+
+    used = np.isfinite(residuals_px).all(axis=1)
+    camera = network.image_camera[network.rays.image[used]]
+    size = np.array([[c.width_px, c.height_px] for c in network.cameras], float).reshape(-1, 2)[camera]
+    cell = format_cells(network.rays.xy_px[used], size[:, 0], size[:, 1], per_side)
+    number = camera * per_side**2 + cell
+    every = len(network.cameras) * per_side**2
+    rays = np.bincount(number, minlength=every)
+    kept = np.flatnonzero(rays)
+    mean = sums(number, residuals_px[used], every)[kept] / rays[kept, None]
+    cov = sums(number, cofactor_px2[used], every)[kept] / rays[kept, None, None] ** 2
+    chi2 = np.einsum("gi,gi->g", mean, np.linalg.solve(cov, mean[..., None])[..., 0])
+    of_camera, cell = np.divmod(kept, per_side**2)
+    p_value = holm(chdtrc(2, chi2))
+    return ResidualRegions(of_camera, cell // per_side, cell % per_side, rays[kept], mean, chi2, p_value)
+
+
+def holm(p_value: Array) -> Array:
+    """Return p-values adjusted so that none of many true nulls falls below a level but at that level (Holm 1979)."""
+    order = np.argsort(p_value)
+    scaled = np.minimum(np.maximum.accumulate(p_value[order] * np.arange(len(order), 0, -1)), 1.0)
+    adjusted = np.empty_like(scaled)
+    adjusted[order] = scaled
+    return adjusted

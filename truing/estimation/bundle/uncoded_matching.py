@@ -1,0 +1,282 @@
+"""Circles without a code, matched over the images of a network that is oriented already.
+
+A circle seen in one image lies in any other image on a line (the epipolar line of Longuet-Higgins 1981). Pairs that fit
+within the tolerance predicted from all covariances are intersected and looked for in every image; what the most images
+agree on becomes a point, and an image point that two points claim belongs to neither (Maas 1992, for particles).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.estimation.bundle.camera import Camera
+from truing.estimation.bundle.directions import directions
+from truing.estimation.bundle.intersection import Bundle, Mask, nearest_points, refine_points, sums
+from truing.estimation.bundle.network import Array, Index
+from truing.estimation.rotation import skew
+
+NO_PARTNER = "no other image shows a circle on its line of sight"
+TOO_FEW = "too few images agree on a point"
+AMBIGUOUS = "claimed by more than one point"
+NOT_ORIENTED = "its image has no orientation"
+MATCHED = ""
+_PARTNERS = 6  # images with which an image's circles are paired
+_GOOD_ANGLE = (np.radians(4.0), np.radians(60.0))  # between viewing directions of a pair
+
+
+@dataclass(frozen=True)
+class Circles:
+    """Centres of circles without a code in the images of one pose: image (M,) by number, xy_px (M, 2), cov_px2 (M, 2,
+    2)."""
+
+    image: Index
+    xy_px: Array
+    cov_px2: Array
+
+
+@dataclass(frozen=True)
+class OrientedImages:
+    """Images of one pose with their cameras: camera (I,) by number, R (I, 3, 3), centre (I, 3) in m (NaN where not
+    oriented), covariance (I, 6, 6) of (centre, theta), interior (C, 10); box (2, 3) in m that holds all points
+    sought."""
+
+    cameras: Sequence[Camera]
+    interior: Array
+    camera: Index
+    R: Array
+    centre: Array
+    covariance: Array
+    box_m: Array
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Points found: point (M,) of each circle by number or -1, xyz_m (K, 3), cov_m2 (K, 3, 3), rays (K,) of each, and
+    per circle the reason (M,) why it has no point, "" where it has one."""
+
+    point: Index
+    xyz_m: Array
+    cov_m2: Array
+    rays: Index
+    reason: tuple[str, ...]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many circles have which reason."""
+        return dict(Counter(self.reason))
+
+
+def match_uncoded(circles: Circles, images: OrientedImages, fewest: int = 3, alpha: float = 0.001) -> Matched:
+    """Return the points that circles without a code belong to, one pose at a time.
+
+    A point needs circles in `fewest` images; alpha is the share of true partners that a single test loses.
+    """
+    usable = np.flatnonzero(np.isfinite(images.centre[circles.image, 0]))
+    some = Circles(circles.image[usable], circles.xy_px[usable], circles.cov_px2[usable])
+    sight = _sight(some, images)
+    pairs = _epipolar_pairs(sight, images, alpha)
+    claims, paired = _hypotheses(pairs, sight, images, fewest, alpha)
+    kept, contested = _undisputed(claims, len(usable), fewest)
+    X, cov, members = _intersections(kept, sight, images)
+    point = np.full(len(circles.image), -1, np.int64)
+    reason = np.full(len(circles.image), NOT_ORIENTED, dtype=object)
+    reason[usable] = np.where(contested, AMBIGUOUS, np.where(paired, TOO_FEW, NO_PARTNER))
+    point[usable[members.circle]] = members.point
+    reason[usable[members.circle]] = MATCHED
+    return Matched(point, X, cov, np.bincount(members.point, minlength=len(X)), tuple(reason.tolist()))
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """Circles as rays: image (M,), direction (M, 2) and its covariance (M, 2, 2) with that of the image's
+    orientation."""
+
+    image: Index
+    direction: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class _Members:
+    """Which circle (L,) belongs to which point (L,), both by number."""
+
+    circle: Index
+    point: Index
+
+
+def _sight(circles: Circles, images: OrientedImages) -> _Sight:
+    camera = images.camera[circles.image]
+    direction = directions(images.cameras, images.interior, camera, circles.xy_px)
+    d = np.concatenate([direction, np.ones((len(direction), 1))], axis=1)
+    middle = images.box_m.mean(axis=0)
+    depth = np.einsum("nij,ni->nj", images.R[circles.image], middle - images.centre[circles.image])[:, 2:]
+    J = _orientation_slope(images.R[circles.image], d * depth)
+    own = circles.cov_px2 / images.interior[camera, 0][:, None, None] ** 2
+    return _Sight(circles.image, direction, own + J @ images.covariance[circles.image] @ J.transpose(0, 2, 1))
+
+
+def _orientation_slope(R: Array, u: Array) -> Array:
+    """Return how X/Z, Y/Z of u = R^T (X - centre) move with (centre, theta) of the image: (n, 2, 6)."""
+    P = _projection_slope(u)
+    Rt = R.transpose(0, 2, 1)
+    return np.concatenate([-P @ Rt, P @ skew(u) @ Rt], axis=2)
+
+
+def _projection_slope(u: Array) -> Array:
+    """Return the derivative (n, 2, 3) of X/Z, Y/Z by u (n, 3)."""
+    P = np.zeros((len(u), 2, 3))
+    P[:, 0, 0] = P[:, 1, 1] = 1 / u[:, 2]
+    P[:, :, 2] = -u[:, :2] / u[:, 2:] ** 2
+    return P
+
+
+def _partners(images: OrientedImages) -> list[tuple[int, int]]:
+    """Return the pairs of images (i, j) whose rays meet at a good angle, a few per image."""
+    towards: Array = images.box_m.mean(axis=0) - images.centre
+    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    angle = np.arccos(np.clip(np.nan_to_num(towards @ towards.T, nan=1.0), -1.0, 1.0))
+    good = (angle > _GOOD_ANGLE[0]) & (angle < _GOOD_ANGLE[1])
+    order = np.argsort(np.where(good, angle, np.inf), axis=1)[:, :_PARTNERS]
+    chosen = {(min(i, int(j)), max(i, int(j))) for i in range(len(order)) for j in order[i] if good[i, j]}
+    return sorted(chosen)
+
+
+def _epipolar_pairs(sight: _Sight, images: OrientedImages, alpha: float) -> Index:
+    """Return pairs of circles (L, 2) of different images whose rays meet within their tolerance."""
+    from scipy.special import chdtri
+
+    critical, found = float(chdtri(1, alpha)), [np.empty((0, 2), np.int64)]
+    groups = {int(i): np.flatnonzero(sight.image == i) for i in np.unique(sight.image)}
+    whole = np.concatenate([sight.direction, np.ones((len(sight.direction), 1))], axis=1)
+    for i, j in _partners(images):
+        if i not in groups or j not in groups:
+            continue
+        a, b = groups[i], groups[j]
+        base = images.R[j].T @ (images.centre[i] - images.centre[j])
+        E = skew(base) @ images.R[j].T @ images.R[i]
+        line, back = whole[a] @ E.T, whole[b] @ E  # of a in image j, of b in image i
+        miss = line @ whole[b].T
+        var = np.einsum("ai,bij,aj->ab", line[:, :2], sight.covariance[b], line[:, :2], optimize=True)
+        var += np.einsum("bi,aij,bj->ab", back[:, :2], sight.covariance[a], back[:, :2], optimize=True)
+        fits = np.argwhere(miss**2 < critical * var)
+        found.append(np.stack([a[fits[:, 0]], b[fits[:, 1]]], axis=1))
+    return np.concatenate(found)
+
+
+def _rays(sight: _Sight, images: OrientedImages, members: _Members, points: int) -> Bundle:
+    image = sight.image[members.circle]
+    scale = images.interior[images.camera[image], 0]
+    return Bundle(
+        image, members.point, sight.direction[members.circle], scale, images.R, np.nan_to_num(images.centre), points
+    )
+
+
+def _located(sight: _Sight, images: OrientedImages, members: _Members, points: int) -> tuple[Array, Array]:
+    """Return points (K, 3) from their members' rays and their covariance (K, 3, 3)."""
+    rays = _rays(sight, images, members, points)
+    ones = np.ones(len(members.circle))
+    X = refine_points(rays, np.nan_to_num(nearest_points(rays, ones)[0]), ones)
+    u = np.einsum("nji,nj->ni", rays.R[rays.image], X[rays.point] - rays.centre[rays.image])
+    with np.errstate(all="ignore"):
+        J = _projection_slope(u) @ rays.R[rays.image].transpose(0, 2, 1)
+    W = np.linalg.inv(sight.covariance[members.circle])
+    N = sums(rays.point, np.nan_to_num(J.transpose(0, 2, 1) @ W @ J), points)
+    size = np.einsum("pii->p", N)[:, None, None]
+    flat = ~(np.linalg.det(N / np.where(size > 0, size, 1.0)) > 1e-15)
+    N[flat] = np.eye(3)
+    cov = np.asarray(np.linalg.inv(N), float)
+    X[flat] = np.nan
+    return X, cov
+
+
+def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages, fewest: int, alpha: float) -> tuple[Index, Mask]:
+    """Return which circle (H, I) each supposed point has in each image (-1: none), points that are the same merged, and
+    which circles (M,) have any partner."""
+    paired = np.zeros(len(sight.image), bool)
+    members = _Members(pairs.ravel(), np.repeat(np.arange(len(pairs)), 2))
+    X, cov = _located(sight, images, members, len(pairs))
+    with np.errstate(invalid="ignore"):
+        inside = np.all((X - images.box_m[0]) * (images.box_m[1] - X) >= 0, axis=1)
+    paired[pairs[inside].ravel()] = True
+    claims = _seen_in_all(X[inside], cov[inside], sight, images, alpha)
+    for _ in range(2):
+        claims = np.unique(claims[(claims >= 0).sum(axis=1) >= fewest], axis=0)
+        X, cov = _located(sight, images, _members(claims), len(claims))
+        claims = _seen_in_all(X, cov, sight, images, alpha)
+    claims = np.unique(claims[(claims >= 0).sum(axis=1) >= fewest], axis=0)
+    return claims, paired
+
+
+def _members(claims: Index) -> _Members:
+    point, image = np.nonzero(claims >= 0)
+    return _Members(claims[point, image], point.astype(np.int64))
+
+
+def _seen_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages, alpha: float) -> Index:
+    """Return the circle (H, I) that each image shows where it should show the points (H, 3), -1 where none."""
+    from scipy.spatial import cKDTree
+    from scipy.special import chdtri
+
+    critical = float(chdtri(2, alpha))
+    claims = np.full((len(X), len(images.R)), -1, np.int64)
+    for i in np.unique(sight.image):
+        here = np.flatnonzero(sight.image == i)
+        u = (X - images.centre[i]) @ images.R[i]
+        front = np.flatnonzero(u[:, 2] > 0)
+        predicted = u[front, :2] / u[front, 2:]
+        _, nearest = cKDTree(sight.direction[here]).query(predicted)
+        circle = here[nearest]
+        J = _projection_slope(u[front]) @ images.R[i].T
+        S = J @ cov[front] @ J.transpose(0, 2, 1) + sight.covariance[circle]
+        off = sight.direction[circle] - predicted
+        fits = np.einsum("hi,hi->h", off, np.linalg.solve(S, off[..., None])[..., 0]) < critical
+        claims[front[fits], i] = circle[fits]
+    return claims
+
+
+def _undisputed(claims: Index, circles: int, fewest: int) -> tuple[Index, Mask]:
+    """Return the supposed points (K, I) that stand against all others, and which circles (M,) more than one claimed.
+
+    Two that share circles of two images are the same point: the better supported stands. Of points that share one
+    circle the better supported has it, neither where they are equal; who keeps too few circles falls.
+    """
+    from scipy.sparse import csr_array
+
+    support = (claims >= 0).sum(axis=1)
+    order = np.lexsort((*claims.T[::-1], -support)) if len(claims) else np.empty(0, int)
+    claims, support = claims[order], support[order]
+    members = _members(claims)
+    B = csr_array((np.ones(len(members.circle)), (members.point, members.circle)), shape=(len(claims), circles))
+    shared = (B @ B.T).tocoo()
+    same = (shared.data >= 2) & (shared.row > shared.col)  # the other stands before this one
+    stands = np.ones(len(claims), bool)
+    stands[shared.row[same]] = False
+    contested = np.zeros(circles, bool)
+    while True:
+        open_ = stands[members.point]
+        weight = np.where(open_, support[members.point], 0)
+        most = np.zeros(circles, np.int64)
+        np.maximum.at(most, members.circle, weight)
+        wins = open_ & (weight == most[members.circle])
+        alone = np.bincount(members.circle[wins], minlength=circles)[members.circle] == 1
+        has = np.bincount(members.point[wins & alone], minlength=len(claims))
+        falls = stands & (has < fewest)
+        if not falls.any():
+            break
+        falls &= support == support[falls].min()
+        contested[claims[falls][claims[falls] >= 0]] = True
+        stands &= ~falls
+    claimants = np.bincount(members.circle[stands[members.point]], minlength=circles)
+    kept = np.where((claims >= 0) & (claimants[np.maximum(claims, 0)] > 1), -1, claims)[stands]
+    contested |= claimants > 1
+    return kept[(kept >= 0).sum(axis=1) >= fewest], contested
+
+
+def _intersections(kept: Index, sight: _Sight, images: OrientedImages) -> tuple[Array, Array, _Members]:
+    members = _members(kept)
+    X, cov = _located(sight, images, members, len(kept))
+    return X, cov, members
