@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.campaign_folder import FILE, is_safe_name
 from pipeline.file_names import bodies_and_targets, common_glob, told_apart
+from pipeline.init_networks import network_tables
 from pipeline.problems import ExitCode, environment
 from pipeline.run_folder import PRIVATE
 from pipeline.voice import Voice
@@ -59,7 +60,7 @@ def init_campaign(folder: Path) -> ExitCode:
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = _with_surfaces(_together([(group, _guess(group)) for group in raw_groups(folder)]))
+    guesses = network_tables(_with_surfaces(_together([(group, _guess(group)) for group in raw_groups(folder)])))
     text = campaign_text(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
@@ -235,6 +236,9 @@ def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[
         others = {key: value for key, value in mapping["constants"].items() if key != "run"}
         rest = {key: value for key, value in mapping.items() if key != "constants"}
         return {**rest, **({"constants": others} if others else {}), **told_apart(group.names, "run")}
+    if guess.table == "image_points" and group.count > 1 and mapping.get("constants") == {"pose": 1}:
+        rest = {key: value for key, value in mapping.items() if key != "constants"}
+        return {**rest, **told_apart(group.names, "pose")}
     if guess.table not in ("points", "scans") or group.count == 1:
         return mapping
     if group.example.suffix.lower() in (".c3d", ".trc"):

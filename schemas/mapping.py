@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Format = Literal[
-    "auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "vstars", "aicon", "metashape", "tracker", "rtl"
+    *("auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "rtl"),
+    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi"),
 ]
 
 

@@ -12,12 +12,15 @@ from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
 from truing.formats.shapes import (
+    CAMERAS,
     CONFIGURATIONS,
     DISPLACEMENT,
+    IMAGE_POINTS,
     INTERFEROMETER,
     POINTS,
     POSITIONING,
     QUADRATURE,
+    SCALE_BARS,
     SCANS,
     SIGNALS,
     SURFACES,
@@ -26,7 +29,7 @@ from truing.formats.shapes import (
 from truing.formats.source import CampaignFiles
 
 _OF_BENCHES = (DISPLACEMENT, INTERFEROMETER, SIGNALS, QUADRATURE, POSITIONING)
-_ALL = (POINTS, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES)
+_ALL = (POINTS, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES, IMAGE_POINTS, CAMERAS, SCALE_BARS)
 SHAPES = {shape.name: shape for shape in _ALL}
 
 

@@ -39,6 +39,14 @@ _PRESETS: dict[str, dict[str, Any]] = {
     "pcd": {"columns": _AXES},
     "c3d": _MOTION_CAPTURE,
     "trc": _MOTION_CAPTURE,
+    # what has no point in space is no target
+    "colmap image_points": {"select": {"point": ".+"}},
+    "colmap points": {"columns": _AXES},
+    "photomodeler points": {"columns": {**_AXES, **_SIGMAS}},
+    "gsi": {"missing": ("",), "columns": _AXES},
+    "phc": {"select": {"used": "1"}},
+    "scale": {"select": {"used": "1"}},
+    "metashape xml image_points": {"select": {"used": "1"}},
 }
 _BY_SUFFIX = {
     ".parquet": "parquet",
@@ -50,17 +58,32 @@ _BY_SUFFIX = {
     ".trc": "trc",
     ".rtl": "rtl",
     ".obc": "aicon",
+    ".phc": "phc",
+    ".ior": "ior",
+    ".scale": "scale",
+    ".gsi": "gsi",
+    ".xml": "metashape xml",
 }
+_OF_MODELS = ("cameras.bin", "images.bin", "points3d.bin")
 
 
 def format_of(raw: RawFile, entry: FileMapping) -> str:
-    """The format of a raw file: as declared, else by its name."""
-    return _BY_SUFFIX.get(raw.suffix, "delimited") if entry.format == "auto" else entry.format
+    """The format of a raw file: as declared, else by its name; a program's several kinds of file go by their
+    endings."""
+    if entry.format == "aicon":
+        return _BY_SUFFIX[raw.suffix] if raw.suffix in (".phc", ".ior", ".scale") else "aicon"
+    if entry.format == "metashape":
+        return "metashape xml" if raw.suffix == ".xml" else "metashape"
+    if entry.format != "auto":
+        return entry.format
+    if raw.path.name.lower().startswith(_OF_MODELS):
+        return "colmap"
+    return _BY_SUFFIX.get(raw.suffix, "delimited")
 
 
-def with_preset(entry: FileMapping, file_format: str) -> tuple[FileMapping, frozenset[str]]:
-    """A mapping completed with what its format settles, and the columns that only the format names."""
-    preset = _PRESETS.get(file_format, {})
+def with_preset(entry: FileMapping, file_format: str, table: str) -> tuple[FileMapping, frozenset[str]]:
+    """A mapping completed with what its format settles for a table, and the columns that only the format names."""
+    preset = _PRESETS.get(f"{file_format} {table}", _PRESETS.get(file_format, {}))
     absent = {key: value for key, value in preset.items() if key not in entry.model_fields_set}
     columns = {**preset.get("columns", {}), **entry.columns}
     missing = tuple(dict.fromkeys((*preset.get("missing", ()), *entry.missing)))

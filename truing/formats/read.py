@@ -14,6 +14,7 @@ from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog
 from truing.formats.mapping import Plan
+from truing.formats.photogrammetry import OF_PHOTOGRAPHS, read_of_photographs
 from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.formats.shapes import Shape
@@ -102,7 +103,7 @@ def _read_file(
     raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     file_format = format_of(raw, entry)
-    completed, preset = with_preset(entry, file_format)
+    completed, preset = with_preset(entry, file_format, shape.name)
     rows = FileRows(raw, completed, file_format)
     plans: list[Plan] = []
 
@@ -121,7 +122,7 @@ def _read_file(
         return None if misfits else plan.kinds
 
     try:
-        for batch in _raw_batches(rows, wanted):
+        for batch in _raw_batches(rows, wanted, shape.name):
             found = evaluate(plans[0], batch)
             for faults in found.faults:
                 log.cells(raw.name, faults, rows.locate)
@@ -132,7 +133,7 @@ def _read_file(
         log.add(_damage(raw.name, error, completed))
 
 
-def _raw_batches(rows: FileRows, wanted: Wanted) -> Iterator[RawBatch]:
+def _raw_batches(rows: FileRows, wanted: Wanted, table: str) -> Iterator[RawBatch]:
     if rows.format in _TEXT:
         with open_plain(rows.raw.path) as stream:
             yield from read_delimited(stream, rows._delimited(), wanted)
@@ -150,6 +151,8 @@ def _raw_batches(rows: FileRows, wanted: Wanted) -> Iterator[RawBatch]:
             from truing.formats.renishaw import read_rtl
 
             yield from read_rtl(path, wanted, rows.entry)
+        elif rows.format in OF_PHOTOGRAPHS:
+            yield from read_of_photographs(rows.format, rows.raw, path, wanted, table)
         else:
             from truing.formats.point_cloud import read_point_cloud
 

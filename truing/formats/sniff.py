@@ -12,6 +12,7 @@ from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
+from truing.formats.known_networks import KnownNetwork, by_format, by_look
 from truing.formats.load_columns import load_columns
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
@@ -69,12 +70,14 @@ _UNIT = re.compile(r"^(.*?)[\s_]*[\s_\[(/]\s*(mm|cm|um|µm|m|in|deg|rad|s|ms|°C
 
 @dataclass(frozen=True)
 class Guess:
-    """What a file seems to hold: keys for [files.<table>], its columns, the table, and what to look at again."""
+    """What a file seems to hold: keys for [files.<table>], its columns, the table, what to look at again, and the
+    other tables that are read from it with the same keys."""
 
     mapping: dict[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
     table: str | None = None
     notes: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
 
 
 def sniff_file(path: Path) -> Guess:
@@ -82,8 +85,10 @@ def sniff_file(path: Path) -> Guess:
     raw = RawFile(path.name, path)
     file_format = format_of(raw, FileMapping(path=path.name))
     try:
-        if file_format in ("delimited", "xyz", "aicon"):
+        if file_format in ("delimited", "xyz", "aicon", "metashape xml"):
             return _sniff_text(path)
+        if (network := by_format(file_format, path.name)) is not None:
+            return _network(network)
         return _sniff_other(path, file_format)
     except (*DAMAGED, OSError, UnicodeError) as error:
         return Guess(notes=(f"it cannot be read: {error}",))
@@ -127,6 +132,8 @@ def _sniff_text(path: Path) -> Guess:
     if "\0" in text:
         return Guess(notes=("it holds no text that can be read",))
     lines = [line for line in text.splitlines() if line.strip()]
+    if (network := by_look(lines)) is not None:
+        return _network(network)
     if (known := metashape(lines)) is not None:
         return _known_export(known, encoding)
     if sum(_INDEXED.match(line) is not None for line in lines) > len(lines) // 2:
@@ -190,6 +197,10 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     if has_header and table in (None, "configurations") and (template := wide_template(names)) is not None:
         return _side_by_side(template, names, mapping | found)
     return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _network(known: KnownNetwork) -> Guess:
+    return Guess(known.mapping, known.columns, known.tables[0], (known.note,), known.tables[1:])
 
 
 def _known_export(known: Known, encoding: str) -> Guess:

@@ -12,6 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truing.formats.companions import companions, plain_ending
+
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mapping import FileMapping
@@ -37,8 +39,7 @@ class RawFile:
     @property
     def suffix(self) -> str:
         """The ending that tells the format, without that of a compression: ``.csv`` of ``points.csv.gz``."""
-        plain = re.sub(r"\.(gz|bz2|xz|zip)$", "", self.path.name, flags=re.IGNORECASE)
-        return Path(plain).suffix.lower()
+        return plain_ending(self.path)
 
 
 class CampaignFiles:
@@ -92,11 +93,12 @@ class CampaignFiles:
     def raw_files(self) -> tuple[Path, ...]:
         """Every raw file that ingest opens."""
         found = (
-            raw.path
+            path
             for table in TABLES
             for entry in self.entries(table)
             for pattern in entry.paths
             for raw in self.resolve(pattern)
+            for path in (raw.path, *companions(raw.path))
         )
         single = [
             file.path for file in (self.earlier_model, self.compliance) if file is not None and _is_file(file.path)
@@ -121,7 +123,8 @@ def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...]
             patterns += _patterns(entry)
     if tables is None or "points" in tables:
         patterns += _files_of_mechanism(document)
-    return tuple(sorted({folder / name for pattern in patterns for name in _expand(folder, pattern)}))
+    named_files = {folder / name for pattern in patterns for name in _expand(folder, pattern)}
+    return tuple(sorted(named_files.union(*map(companions, named_files))))
 
 
 def _mapped(document: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,0 +1,152 @@
+"""AICON's files of an adjustment: image coordinates (.phc), interior orientations (.ior), scale bars (.scale).
+
+Image coordinates are in mm from the centre of the format, y upwards; what turns them into pixels is the format of the
+camera, which stands in the .ior, and which camera took an image, which stands in the .eor. The lists of object points
+(.obc) are read as text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.companions import companions, plain_ending
+from truing.formats.compression import open_plain
+from truing.formats.interior_orientation import Row, camera_row, from_millimetres
+from truing.formats.raw import RawBatch, Unusable, Wanted
+from truing.formats.source import RawFile
+from truing.formats.whole_file import one_batch
+
+_LARGEST = 1 << 28
+_RAY = "image, point, x y in mm, their sigmas, residuals, three flags"
+_INTERIOR = (
+    "five lines of a camera: number, -999, Ck, xh, yh, A1, A2, R0; A3; B1, B2; C1, C2; "
+    "width and height in mm, then in pixels"
+)
+
+
+@dataclass(frozen=True)
+class AiconCamera:
+    """A camera of a .ior: its row of the table ``cameras``, its centre (2,) in px and the pitch of its pixels in mm."""
+
+    row: Row
+    centre_px: NDArray[np.float64]
+    pitch_mm: float
+
+
+def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
+    """The image points of a .phc, in px; raises Unusable where no .ior lies beside it or where one of them is
+    damaged."""
+    beside = {plain_ending(one): one for one in companions(raw.path)}
+    if ".ior" not in beside:
+        raise Unusable("a .ior beside it, of the same name: it says how large the pixels are that mm are turned into")
+    cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}
+    lines = _lines(path)
+    rows = _numbers(lines, 11, _RAY)
+    image, point = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
+    names = _camera_of_image(beside.get(".eor"), cameras, image)
+    chosen, which = np.unique(names, return_inverse=True)
+    unknown = [name for name in chosen if name not in cameras]
+    if unknown:
+        raise Unusable(f"cameras of {beside['.ior'].name}", column="camera", value=", ".join(unknown))
+    centre = np.array([cameras[name].centre_px for name in chosen])[which]
+    pitch = np.array([cameras[name].pitch_mm for name in chosen])[which]
+    columns = {
+        "image": image.astype(str).astype(object),
+        "camera": names.astype(object),
+        "point": point.astype(str).astype(object),
+        "x_px": centre[:, 0] + rows[:, 2] / pitch,
+        "y_px": centre[:, 1] - rows[:, 3] / pitch,
+        "own_sx": rows[:, 4] / pitch,
+        "own_sy": rows[:, 5] / pitch,
+        "used": (rows[:, 8:] == 1).all(axis=1).astype(int).astype(str).astype(object),
+    }
+    yield from one_batch(columns, wanted, lines=[row for row, _ in lines])
+
+
+def read_ior(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
+    """The cameras of a .ior, in px; raises Unusable where the file is damaged."""
+    rows = [camera.row for camera in _cameras(_lines(path))]
+    yield from one_batch({name: [row[name] for row in rows] for name in rows[0]}, wanted)
+
+
+def read_scale(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
+    """The scale bars of a .scale: number, name in quotation marks, two points, length, sigma, 1 where it is used."""
+    bars: list[tuple[Any, ...]] = []
+    expected = 'a scale bar: number, "name", two points, length, sigma, flag'
+    for row, line in _lines(path):
+        before, _, after = line.rpartition('"')
+        number, _, name = before.partition('"')
+        words = after.split()
+        if not name or len(words) != 5:
+            raise Unusable(expected, row=row, value=line[:80])
+        length, sigma = _numbers([(row, " ".join(words[2:4]))], 2, expected)[0]
+        bars.append((f"{name} {number.strip()}", words[0], words[1], length, sigma, words[4]))
+    names = ("bar", "first", "second", "length_mm", "sigma_mm", "used")
+    yield from one_batch({name: [bar[i] for bar in bars] for i, name in enumerate(names)}, wanted)
+
+
+def _lines(path: Path, name: str | None = None) -> list[tuple[int, str]]:
+    with open_plain(path) as stream:
+        content = stream.read(_LARGEST + 1)
+    if len(content) > _LARGEST or b"\0" in content:
+        where = "" if name is None else f" ({name})"
+        raise Unusable(f"text of at most {_LARGEST >> 20} MB{where}")
+    lines = enumerate(content.decode("utf-8", errors="replace").splitlines(), start=1)
+    return [(row, line) for row, line in lines if line.strip()]
+
+
+def _numbers(lines: list[tuple[int, str]], count: int, expected: str) -> NDArray[np.float64]:
+    """Lines of ``count`` finite numbers each (N, count); raises Unusable at the first that is none."""
+    found = np.empty((len(lines), count))
+    for place, (row, line) in enumerate(lines):
+        try:
+            found[place] = line.split()
+        except ValueError:
+            raise Unusable(expected, row=row, value=line[:80]) from None
+        if not np.isfinite(found[place]).all():
+            raise Unusable(f"{expected}, all of them finite", row=row, value=line[:80])
+    return found
+
+
+def _cameras(lines: list[tuple[int, str]]) -> list[AiconCamera]:
+    """Cameras of five lines each."""
+    if not lines or len(lines) % 5:
+        raise Unusable(_INTERIOR, value=f"{len(lines)} lines")
+    return [_camera(lines[first : first + 5]) for first in range(0, len(lines), 5)]
+
+
+def _camera(lines: list[tuple[int, str]]) -> AiconCamera:
+    first, second, third, fourth, last = (
+        _numbers([line], count, _INTERIOR)[0] for line, count in zip(lines, (8, 1, 2, 2, 4), strict=True)
+    )
+    number, _, ck, xh, yh, a1, a2, radius = first
+    width_mm, _, width, height = last
+    if min(last) <= 0 or ck >= 0:
+        raise Unusable("Ck below 0, a width and a height above 0", row=lines[0][0], value=f"Ck = {ck}")
+    pitch = width_mm / width
+    ten = from_millimetres([-ck, xh, yh, a1, a2, second[0], *third, *fourth], pitch)
+    size = (int(width), int(height))
+    row = camera_row(str(int(number)), size, ten, radius_px=radius / pitch, pixel_um=1e3 * pitch)
+    return AiconCamera(row, np.array([(width - 1) / 2, (height - 1) / 2]), pitch)
+
+
+def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Which camera took each image: as the .eor says, else the only one there is."""
+    if eor is None:
+        if len(cameras) > 1:
+            raise Unusable("a .eor beside it: it says which of several cameras took an image")
+        return np.full(len(image), next(iter(cameras)))
+    expected = f"lines of {eor.name}: image, camera, X Y Z, omega phi kappa, three numbers"
+    table = _numbers(_lines(eor, eor.name), 11, expected)
+    order = np.argsort(table[:, 0])
+    place = np.clip(np.searchsorted(table[order, 0], image), 0, len(order) - 1)
+    known = table[order[place], 0] == image
+    if not known.all():
+        raise Unusable(f"images of {eor.name}", column="image", value=str(image[~known][0]))
+    return table[order[place], 1].astype(np.int64).astype(str)

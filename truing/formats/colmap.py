@@ -1,0 +1,91 @@
+"""COLMAP models as tables: rays of images, interior orientations of cameras, object points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truing.formats.colmap_model import ColmapCamera, read_cameras, read_images, read_points
+from truing.formats.interior_orientation import CORNER, Row, camera_row, from_pinhole
+from truing.formats.raw import RawBatch, Unusable, Wanted
+from truing.formats.whole_file import one_batch
+
+# what of (k1, k2, k3, p1, p2) each model has, by position among its parameters; one focal length or two
+_SHAPES: dict[str, tuple[int, tuple[int | None, ...]]] = {
+    "SIMPLE_PINHOLE": (1, (None,) * 5),
+    "PINHOLE": (2, (None,) * 5),
+    "SIMPLE_RADIAL": (1, (3, None, None, None, None)),
+    "RADIAL": (1, (3, 4, None, None, None)),
+    "OPENCV": (2, (4, 5, None, 6, 7)),
+    "FULL_OPENCV": (2, (4, 5, 8, 6, 7)),
+}
+_FREE = {
+    "SIMPLE_PINHOLE": "c x0 y0",
+    "PINHOLE": "c x0 y0 C1",
+    "SIMPLE_RADIAL": "c x0 y0 A1",
+    "RADIAL": "c x0 y0 A1 A2",
+    "OPENCV": "c x0 y0 A1 A2 B1 B2 C1",
+    "FULL_OPENCV": "c x0 y0 A1 A2 A3 B1 B2 C1",
+}
+
+
+def read_colmap(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
+    """The rows of ``table`` that a file of a model holds: image_points of images, cameras of cameras, else points.
+
+    Raises Unusable where the file is damaged or holds another table.
+    """
+    if table == "image_points":
+        yield from one_batch(_rays(path), wanted)
+    elif table == "cameras":
+        rows = [_camera(camera) for camera in read_cameras(path)]
+        yield from one_batch(
+            {name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}, wanted
+        )
+    else:
+        yield from one_batch(_points(path), wanted)
+
+
+def _rays(path: Path) -> dict[str, Any]:
+    images = read_images(path)
+    counts = [len(image.point) for image in images]
+    at = np.repeat(np.arange(len(images)), counts)
+    xy = np.concatenate([np.empty((0, 2)), *(image.xy for image in images)])
+    point = np.concatenate([np.empty(0, np.int64), *(image.point for image in images)])
+    names = np.array([image.name for image in images], dtype=object)
+    cameras = np.array([str(image.camera) for image in images], dtype=object)
+    return {
+        "image": names[at],
+        "camera": cameras[at],
+        "point": np.where(point < 0, "", point.astype(str)).astype(object),
+        "x_px": xy[:, 0] - CORNER,
+        "y_px": xy[:, 1] - CORNER,
+    }
+
+
+def _camera(camera: ColmapCamera) -> Row:
+    shape = _SHAPES.get(camera.model)
+    values = camera.parameters
+    if shape is None or any(values[9:]):
+        raise Unusable(
+            f"a camera of perspective and polynomials: {', '.join(_SHAPES)} with k4 k5 k6 = 0",
+            column="model",
+            value=f"camera {camera.number}: {camera.model}",
+        )
+    count, positions = shape
+    distortion = [0.0 if position is None else values[position] for position in positions]
+    ten = from_pinhole((values[0], values[count - 1]), (values[count], values[count + 1]), camera.size, distortion)
+    return {**camera_row(str(camera.number), camera.size, ten), "free": _FREE[camera.model]}
+
+
+def _points(path: Path) -> dict[str, Any]:
+    points = read_points(path)
+    xyz = np.array([point.xyz for point in points]).reshape(-1, 3)
+    return {
+        "target": np.array([str(point.number) for point in points], dtype=object),
+        **{name: xyz[:, axis] for axis, name in enumerate(("x", "y", "z"))},
+        "error": np.array([point.error for point in points]),
+        "rays": np.array([point.rays for point in points]),
+    }

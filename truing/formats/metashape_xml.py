@@ -1,0 +1,123 @@
+"""Metashape's markers as XML: where each marker is seen in each image, and the calibration of the cameras where it is
+exported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from truing.formats.interior_orientation import CORNER, Row, camera_row
+from truing.formats.raw import RawBatch, Unusable, Wanted
+from truing.formats.whole_file import one_batch
+
+_LARGEST = 1 << 27
+_CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
+_PLACES = ("location", "projection")
+_FREE = "c x0 y0 A1 A2 A3 B1 B2 C1 C2"
+_ONLY = "[files.image_points] or [files.cameras]: its projections; coordinates in it are those that somebody gave"
+
+
+def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
+    """The rows of ``table``, image_points or cameras; raises Unusable where the file is damaged or holds none."""
+    if table not in ("image_points", "cameras"):
+        raise Unusable(_ONLY)
+    root = _root(path)
+    if table == "image_points":
+        yield from one_batch(_rays(root), wanted)
+        return
+    rows = [row for sensor in root.iter("sensor") if (row := _camera(sensor)) is not None]
+    yield from one_batch({name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}, wanted)
+
+
+def _root(path: Path) -> ElementTree.Element:
+    """The document; one with declarations of its own is none of Metashape's, and may grow without end."""
+    with path.open("rb") as stream:
+        content = stream.read(_LARGEST + 1)
+    if len(content) > _LARGEST or b"\0" in content or b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise Unusable(f"XML of at most {_LARGEST >> 20} MB, in UTF-8 and without declarations")
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        row = error.position[0] if isinstance(error, ElementTree.ParseError) else None
+        raise Unusable("a whole XML file", row=row, value=str(error)[:80]) from None
+
+
+def _rays(root: ElementTree.Element) -> dict[str, Any]:
+    labels = {
+        marker.get("id"): marker.get("label") or f"marker {marker.get('id')}"
+        for marker in root.iter("marker")
+        if marker.get("id") is not None
+    }
+    cameras = {camera.get("id"): camera for camera in root.iter("camera") if camera.get("id") is not None}
+    rows = []
+    for marker in root.iter("marker"):
+        number = marker.get("marker_id", marker.get("id"))
+        for place in (one for name in _PLACES for one in marker.iter(name)):
+            camera = cameras.get(place.get("camera_id"))
+            if camera is None or number not in labels:
+                expected = "markers and cameras that the file lists, label by label"
+                raise Unusable(expected, value=f"marker {number}, camera {place.get('camera_id')}"[:80])
+            seen = place.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
+            rows.append(
+                (
+                    camera.get("label") or f"camera {camera.get('id')}",
+                    camera.get("sensor_id") or "camera",
+                    labels[number],
+                    _number(place, "x") - CORNER,
+                    _number(place, "y") - CORNER,
+                    place.get("pinned", "true"),
+                    "1" if seen else "0",
+                )
+            )
+    names = ("image", "camera", "point", "x_px", "y_px", "pinned", "used")
+    return {name: [row[i] for row in rows] for i, name in enumerate(names)}
+
+
+def _number(element: ElementTree.Element, name: str) -> float:
+    text = element.get(name, "")
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise Unusable("a number", column=name, value=text[:40])
+    return value
+
+
+def _camera(sensor: ElementTree.Element) -> Row | None:
+    """A sensor with a calibration as a camera: the adjusted one where there is one; None where there is none."""
+    found = sensor.findall("calibration")
+    calibration = next((one for one in found if one.get("class") == "adjusted"), found[0] if found else None)
+    resolution = sensor.find("resolution")
+    if calibration is None or resolution is None:
+        return None
+    name = f"sensor {sensor.get('id')}"
+    if calibration.get("type", sensor.get("type", "frame")) != "frame":
+        raise Unusable("a camera of type frame", column="type", value=f"{name}: {calibration.get('type')}")
+    value = {key: _child(calibration, key) for key in _CALIBRATION}
+    f = value["f"]
+    if f <= 0.0 or value["k4"]:
+        raise Unusable("f above 0 and no k4", column="calibration", value=f"{name}: f = {f}, k4 = {value['k4']}")
+    size = (int(_number(resolution, "width")), int(_number(resolution, "height")))
+    radial = [value[f"k{i}"] / f ** (2 * i) for i in (1, 2, 3)]
+    ten = [f, value["cx"], value["cy"], *radial, value["p1"] / f, value["p2"] / f, value["b1"] / f, value["b2"] / f]
+    pixel = next((one for one in sensor.findall("property") if one.get("name") == "pixel_width"), None)
+    pixel_um = None if pixel is None else 1e3 * _number(pixel, "value")
+    return {**camera_row(str(sensor.get("id")), size, ten, pixel_um=pixel_um), "free": _FREE}
+
+
+def _child(calibration: ElementTree.Element, name: str) -> float:
+    child = calibration.find(name)
+    if child is None:
+        return 0.0
+    try:
+        value = float(child.text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise Unusable("a number", column=name, value=(child.text or "")[:40])
+    return value
