@@ -69,6 +69,10 @@ NETWORK = (
         real(f"effect_{a}_mm", "mm", f"change of {a} by one standard deviation of the parameter common to all poses")
         for a in _AXES
     ),
+    *(
+        real(f"effect_r{a}_rad", "rad", f"rotation about {a} by one standard deviation of that parameter")
+        for a in _AXES
+    ),
     *(real(f"v{a}_px", "px", f"residual along {a}: measured minus adjusted", nullable=True) for a in "xy"),
     *(
         real(f"sigma_{a}_px", "px", f"one standard deviation of {a} that the adjustment took", minimum=0.0)

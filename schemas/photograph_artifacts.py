@@ -75,6 +75,15 @@ PHOTOGRAPHS = (
         key=("pose", "point", "parameter"),
     ),
     parquet(
+        "pose_sensitivities",
+        "what the errors common to all poses do to the default pose of each body, as its parent sees it",
+        (
+            *("pose", "body", "parent", "parameter", "effect_x_mm", "effect_y_mm", "effect_z_mm"),
+            *("effect_rx_rad", "effect_ry_rad", "effect_rz_rad"),
+        ),
+        key=("pose", "body", "parameter"),
+    ),
+    parquet(
         "cameras",
         "the cameras as adjusted",
         ("camera", "parameter", "unit", "value", "sigma", "free", *_FORMAT),

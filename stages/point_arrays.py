@@ -85,6 +85,18 @@ def pose_points(
     return dense
 
 
+def observation_rows(
+    observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
+) -> NDArray[np.int64]:
+    """(B, T) which row of the observations holds each of a body's points; -1 where it was not seen."""
+    at = np.flatnonzero(text_column(observations, "body") == body)
+    rows = observations.take(at)
+    at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
+    dense = np.full((len(poses), len(targets)), -1, np.int64)
+    dense[at_pose, at_target] = at
+    return dense
+
+
 def _points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
     """(N, 3) points in m and (N, 3, 3) covariances in m^2 from coordinates, sigmas and, where given, correlations."""
     points = np.column_stack([number_column(rows, f"{a}_mm") for a in _AXES]) * 1e-3

@@ -19,8 +19,14 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="pose",
-    reads=("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
-    leaves=("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?", "exclusion_effects?"),
+    reads=(
+        *("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
+        *("point_correlations?", "point_sensitivities?"),
+    ),
+    leaves=(
+        *("poses?", "residuals?", "pose_sensitivities?"),
+        *("displacement?", "reading_residuals?", "run_terms?", "exclusion_effects?"),
+    ),
     settings=(
         *("campaign.kind", "bodies", "mechanism.type", "exclude", "keep", "interferometer.beams"),
         *("mechanism.legs", "mechanism.height_mm", "mechanism.elements", "mechanism.tolerance"),
@@ -32,7 +38,8 @@ DECLARATION = Stage(
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit every body in every pose, relative to its survey where there is one, and see it from the reference body.
 
-    Of a loaded platform: join its readings to displacements.
+    Points that came out of a network of rays are fitted with what their errors have in common, all bodies of a pose
+    together. Of a loaded platform: join its readings to displacements.
     """
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
@@ -40,12 +47,18 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if not observations.num_rows and not scans.num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
-    from stages.point_arrays import pose_ids
+    from stages.point_arrays import observation_rows, pose_ids
+    from stages.rigid_poses.correlated_poses import with_correlations
+    from stages.rigid_poses.point_errors import point_errors
     from stages.rigid_poses.scan_poses import with_scans
-    from stages.rigid_poses.tables import poses_table, residuals_table
+    from stages.rigid_poses.tables import poses_table, residuals_table, sensitivities_table
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
     fitted = _bodies(observations, tables.get("survey"), poses, settings, progress)
+    errors = point_errors(observations, tables.get("point_correlations"), tables.get("point_sensitivities"))
+    if errors is not None:
+        rows = [observation_rows(observations, body.name, poses, body.points.targets) for body in fitted]
+        fitted = with_correlations(fitted, rows, errors, settings.reference_body)
     bodies = with_scans(fitted, scans, poses)
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
@@ -53,6 +66,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         "residuals": residuals_table(bodies, identifier),
         **_exclusion_effects(fitted, tables.get("survey"), settings),
     }
+    if errors is not None and errors.parameters:
+        of_common = (settings.reference_body, errors.parameters, identifier)
+        artifacts["pose_sensitivities"] = sensitivities_table(fitted, *of_common)
     sources = f"{observations.num_rows} points" + (f" and {scans.num_rows} dense scans" if scans.num_rows else "")
     read = f"{sources} of {len(bodies)} bodies in {len(poses)} poses"
     return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies))

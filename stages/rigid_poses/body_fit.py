@@ -28,12 +28,14 @@ _LARGEST_MOVEMENT = 30.0
 class BodyFit:
     """Fits in the measurement's frame by method, the default last; what they are relative to, and which points agreed.
 
-    source (T, 3) in m, NaN where not known; known, frame (T,): has a place, makes the body's frame; agreed (B, T);
+    source (T, 3) in m, NaN where not known, cov_source (T, 3, 3) of the survey; known, frame (T,): has a place, makes
+    the body's frame; agreed (B, T);
     judged (B,): poses in which some points agree, so that the others stand out, whether or not a pose came of it.
     """
 
     fits: dict[str, RigidFit]
     source: Array
+    cov_source: Array
     known: Mask
     frame: Mask
     agreed: Mask
@@ -56,7 +58,7 @@ def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep:
     cov_target = _noise(place, points, usable)
     fit, agreed, ratio = robust_poses(place, points.points, cov_source, cov_target, usable, keep=keep)
     fits = _by_every_method(place, points.points, cov_source, cov_target, usable, (fit, agreed), frame)
-    return BodyFit(fits, source, known, frame, agreed, _judged(fit, agreed), ratio)
+    return BodyFit(fits, source, cov_source, known, frame, agreed, _judged(fit, agreed), ratio)
 
 
 def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
@@ -78,7 +80,7 @@ def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
     joint = generalised_procrustes(points.points, cov_target, agreed & fit.ok[:, None], shape=source)
     fits = {"procrustes": joint.poses}
     source = np.where(np.isfinite(joint.shape), joint.shape, source)
-    return BodyFit(fits, source, known, known, agreed, _judged(fit, agreed), ratio)
+    return BodyFit(fits, source, exact, known, known, agreed, _judged(fit, agreed), ratio)
 
 
 def _judged(fit: RigidFit, agreed: Mask) -> Mask:

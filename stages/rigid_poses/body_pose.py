@@ -28,7 +28,10 @@ class BodyPoses:
     """One body over B poses and T targets: fits in the measurement's frame by method, and what became of its points.
 
     residual (B, T, 3) in m, body frame, NaN where there is none; used, rejected and seen (B, T); reason (B, T) of str,
-    empty where a point was used; rejections (B,) by method; noise_ratio: scatter over declared noise.
+    empty where a point was used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in
+    m, zero where not known, and cov_source (T, 3, 3): what the fits are relative to; frame (T,): makes the body's
+    frame; kept (B, T): by a person. Where points have errors in common: cross (B, 6, 6), covariance of the default pose
+    and that of the reference body; effects (B, 6, K) of one standard deviation of each parameter common to all poses.
     """
 
     name: str
@@ -41,6 +44,12 @@ class BodyPoses:
     rejections: dict[str, NDArray[np.int64]]
     reason: NDArray[np.object_]
     noise_ratio: float
+    source: Array
+    cov_source: Array
+    frame: Mask
+    kept: Mask
+    cross: Array | None = None
+    effects: Array | None = None
 
     @property
     def fit(self) -> RigidFit:
@@ -67,7 +76,10 @@ def fit_body(
     by_person = (points.seen & excluded).sum(axis=1)
     left = {method: usable.sum(axis=1) - f.n_used + by_person for method, f in fitted.fits.items()}
     left[fitted.default] = rejected.sum(axis=1)
-    return BodyPoses(body, points, fitted.fits, fitted.default, residual, used, rejected, left, why, fitted.noise_ratio)
+    return BodyPoses(
+        *(body, points, fitted.fits, fitted.default, residual, used, rejected, left, why, fitted.noise_ratio),
+        *(np.nan_to_num(fitted.source), fitted.cov_source, fitted.frame, kept),
+    )
 
 
 def _reasons(

@@ -62,4 +62,6 @@ def _without_targets(name: str, poses: tuple[int | str, ...]) -> BodyPoses:
     none = np.zeros((count, 0), bool)
     points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), none)
     residual, reason = np.zeros((count, 0, 3)), np.zeros((count, 0), dtype=object)
-    return BodyPoses(name, points, {}, METHOD, residual, none, none, {}, reason, 1.0)
+    nothing = np.zeros((none.shape[1], 3))
+    known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none)
+    return BodyPoses(name, points, {}, METHOD, residual, none, none, {}, reason, 1.0, *known)

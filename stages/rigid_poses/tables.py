@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from stages.rigid_poses.body_pose import BodyPoses
-from truing.estimation.covariance import relative
+from truing.estimation.covariance import relative, relative_of_pair, relative_slope
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import log_so3
 
@@ -33,10 +33,21 @@ def residuals_table(bodies: Sequence[BodyPoses], identifier: str) -> pa.Table:
     return _table("residuals", [_residual_columns(body) for body in bodies], identifier)
 
 
-def seen_from(base: BodyPoses, fit: RigidFit, method: str) -> tuple[Any, Any, Any, NDArray[np.object_]]:
-    """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair."""
+def seen_from(
+    base: BodyPoses, fit: RigidFit, method: str, cross: NDArray[np.float64] | None = None
+) -> tuple[Any, Any, Any, NDArray[np.object_]]:
+    """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair.
+
+    cross (B, 6, 6): covariance of the body's motion and the base's, where their errors have something in common.
+    """
     other = base.fits.get(method, base.fit)
-    R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
+    if cross is None:
+        R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
+    else:
+        between = np.where(np.isfinite(cross), cross, 0.0)
+        above = np.concatenate([other.covariance, np.swapaxes(between, 1, 2)], axis=2)
+        both = np.concatenate([above, np.concatenate([between, fit.covariance], axis=2)], axis=1)
+        R, p, covariance = relative_of_pair(other.R, other.t, fit.R, fit.t, both)
     of_base = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
     return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), of_base))
 
@@ -46,7 +57,7 @@ def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None) -> dict[
     if base is None:
         R, p, covariance, status = fit.R, fit.t, fit.covariance, fit.status.astype(object)
     else:
-        R, p, covariance, status = seen_from(base, fit, method)
+        R, p, covariance, status = seen_from(base, fit, method, body.cross if method == body.default else None)
     count = len(R)
     vector = np.full((count, 3), np.nan)
     ok = np.isfinite(R).all(axis=(1, 2))
@@ -64,6 +75,34 @@ def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None) -> dict[
         "n_used": fit.n_used,
         "n_rejected": body.rejections[method],
         "status": status,
+    }
+
+
+def sensitivities_table(
+    bodies: Sequence[BodyPoses], reference: str | None, parameters: Sequence[str], identifier: str
+) -> pa.Table:
+    """What one standard deviation of each parameter common to all poses does to each default pose."""
+    base = next((body for body in bodies if body.name == reference), None)
+    told = [body for body in bodies if body.effects is not None]
+    parts = [_effect_columns(body, None if body is base else base, parameters) for body in told]
+    return _table("pose_sensitivities", parts, identifier)
+
+
+def _effect_columns(body: BodyPoses, base: BodyPoses | None, parameters: Sequence[str]) -> dict[str, Any]:
+    effects = cast("NDArray[np.float64]", body.effects)
+    if base is not None and base.effects is not None:
+        slope = relative_slope(base.fit.R, base.fit.t, body.fit.R, body.fit.t)
+        effects = slope @ np.concatenate([base.effects, effects], axis=1)
+    at_pose, at_parameter = np.nonzero(np.isfinite(effects).all(axis=1))
+    values = effects[at_pose, :, at_parameter]
+    count = len(at_pose)
+    return {
+        "pose": np.array(body.points.poses, dtype=object)[at_pose],
+        "body": np.full(count, body.name, dtype=object),
+        "parent": np.full(count, MEASUREMENT if base is None else base.name, dtype=object),
+        "parameter": np.array(parameters, dtype=object)[at_parameter],
+        **{f"effect_{a}_mm": 1e3 * values[:, k] for k, a in enumerate("xyz")},
+        **{f"effect_r{a}_rad": values[:, 3 + k] for k, a in enumerate("xyz")},
     }
 
 

@@ -50,12 +50,12 @@ def survey_frame_covariance(
     error. R (B, 3, 3) with W (B, N, 3, 3) the weight matrices of the fit, zero where a target was not
     used; cov_target (B, N, 3, 3). Entries that are not ok (B,) get a meaningless matrix.
     """
-    own = _gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
+    own = fit_gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
     out = np.empty((len(R), 6, 6))
     for first in range(0, len(R), _POSES_AT_ONCE):
         b = slice(first, first + _POSES_AT_ONCE)
         turn = np.where(ok[b, None, None], R[b], np.eye(3))
-        gain = _gain(source @ np.swapaxes(turn, -1, -2), W[b], ok[b])
+        gain = fit_gain(source @ np.swapaxes(turn, -1, -2), W[b], ok[b])
         by_survey = _blocks(turn, np.zeros((3, 3)), turn)[:, None] @ own - gain @ turn[:, None]
         measured = np.where(np.any(W[b] != 0, axis=(-1, -2))[..., None, None], cov_target[b], 0.0)
         out[b] = np.einsum("bnij,bnjk,bnlk->bil", gain, measured, gain, optimize=True)
@@ -63,7 +63,7 @@ def survey_frame_covariance(
     return symmetric(out)
 
 
-def _gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
+def fit_gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
     """Return how each point's error moves the fitted pose: (B, N, 6, 3) of ``(sum J' W J)^-1 J' W``."""
     J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
     JW = np.swapaxes(J, -1, -2) @ W
@@ -108,6 +108,23 @@ def relative(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return ``T_wa^-1 T_wb``, the pose of b seen from a, with its covariance; a and b independent."""
     return compose(*invert(R_wa, p_wa, cov_wa), R_wb, p_wb, cov_wb)
+
+
+def relative_of_pair(
+    R_wa: NDArray, p_wa: NDArray, R_wb: NDArray, p_wb: NDArray, cov: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return ``T_wa^-1 T_wb`` as `relative`, of a and b with the covariance cov (..., 12, 12) of both together."""
+    R, p, _ = relative(R_wa, p_wa, cov[..., :6, :6], R_wb, p_wb, cov[..., 6:, 6:])
+    J = relative_slope(R_wa, p_wa, R_wb, p_wb)
+    return R, p, symmetric(_sandwich(J, cov))
+
+
+def relative_slope(R_wa: NDArray, p_wa: NDArray, R_wb: NDArray, p_wb: NDArray) -> NDArray:
+    """Return how errors of a and of b move the pose of b seen from a: (..., 6, 12)."""
+    Rt = np.swapaxes(R_wa, -1, -2)
+    zero = np.zeros((3, 3))
+    by_a = _blocks(-Rt, Rt @ skew(p_wb - p_wa), -Rt)
+    return np.concatenate([by_a, _blocks(Rt, zero, Rt)], axis=-1)
 
 
 def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a: NDArray) -> NDArray:

@@ -1,0 +1,206 @@
+"""The default poses once more, with the whole covariance of their points: pose by pose, bodies together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from stages.rigid_poses.body_pose import BodyPoses
+from stages.rigid_poses.point_errors import Index, PointErrors
+from truing.estimation.rigid_poses.correlated import JointMotions, PointsOfBodies, joint_motions, survey_part
+from truing.estimation.rigid_poses.rigid import FitStatus
+from truing.estimation.rigid_poses.robust_pose import FALSE_ALARM
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MEDIAN_TEST = float(chdtri(3, 0.5))
+_WORTH_A_RATIO = 1.2
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """What of a pose is fitted together: bodies by number, and per point (N,) its body's place among them, target and
+    row of the observations."""
+
+    number: int
+    bodies: tuple[int, ...]
+    body: Index
+    target: Index
+    row: Index
+
+    def without(self, point: int) -> _Pose:
+        keep = np.arange(len(self.body)) != point
+        return replace(self, body=self.body[keep], target=self.target[keep], row=self.row[keep])
+
+
+def with_correlations(
+    bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors, reference: str | None
+) -> list[BodyPoses]:
+    """The bodies with their default fits by generalised least squares; rows: per body (B, T) the rows of observations.
+
+    What the robust fit kept is fitted; of that, what the correlations show to be off is rejected too.
+    """
+    poses = [found for p in range(len(bodies[0].fit.ok)) if (found := _pose(p, bodies, rows)) is not None]
+    first = [_motions(pose, bodies, errors) for pose in poses]
+    limit = _limits(poses, first, bodies, errors)
+    solved = [_cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, first, strict=True)]
+    return _replaced(bodies, solved, errors, reference)
+
+
+def _pose(p: int, bodies: Sequence[BodyPoses], rows: Sequence[Index]) -> _Pose | None:
+    there = tuple(b for b, body in enumerate(bodies) if body.fit.ok[p] and body.used[p].sum() >= _FEWEST)
+    if not there:
+        return None
+    targets = [np.flatnonzero(bodies[b].used[p]) for b in there]
+    place = np.repeat(np.arange(len(there)), [len(found) for found in targets])
+    row = np.concatenate([rows[b][p][found] for b, found in zip(there, targets, strict=True)])
+    return _Pose(p, there, place, np.concatenate(targets), row)
+
+
+def _motions(pose: _Pose, bodies: Sequence[BodyPoses], errors: PointErrors) -> JointMotions:
+    p, own = pose.number, [bodies[b] for b in pose.bodies]
+    source = np.array([own[k].source[t] for k, t in zip(pose.body, pose.target, strict=True)])
+    target = np.array([own[k].points.points[p, t] for k, t in zip(pose.body, pose.target, strict=True)])
+    cov_source = np.array([own[k].cov_source[t] for k, t in zip(pose.body, pose.target, strict=True)])
+    points = PointsOfBodies(source, target, pose.body, cov_source, errors.covariance(pose.row))
+    return joint_motions(points, np.array([body.fit.R[p] for body in own]), np.array([body.fit.t[p] for body in own]))
+
+
+def _limits(
+    poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Sequence[BodyPoses], errors: PointErrors
+) -> Array:
+    """The largest test (B,) of each body that noise explains, with what the body scatters beyond it over all poses."""
+    ratio = np.ones(len(bodies))
+    for b in range(len(bodies)):
+        tests = [
+            motions.tests[pose.body == pose.bodies.index(b)]
+            for pose, motions in zip(poses, found, strict=True)
+            if b in pose.bodies
+        ]
+        told = np.concatenate([t[np.isfinite(t)] for t in tests]) if tests else np.zeros(0)
+        if len(told):
+            ratio[b] = np.median(told) / _MEDIAN_TEST
+    ratio = np.where(ratio > _WORTH_A_RATIO**2, ratio, 1.0)
+    counts = np.array([max(int(body.used.sum(axis=1).max(initial=1)), 1) for body in bodies])
+    return np.asarray(ratio * chdtri(3, FALSE_ALARM / counts))
+
+
+def _cleaned(
+    pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses], errors: PointErrors, limit: Array
+) -> tuple[_Pose, JointMotions]:
+    """A pose without the points that the correlations show to be off, the worst first, and without those of whom a body
+    would keep too few."""
+    while True:
+        over = np.nan_to_num(motions.tests) / limit[np.array(pose.bodies)[pose.body]]
+        spare = np.bincount(pose.body)[pose.body] > _FEWEST
+        decided = np.array(
+            [bodies[pose.bodies[k]].kept[pose.number, t] for k, t in zip(pose.body, pose.target, strict=True)]
+        )
+        over = np.where(spare & ~decided, over, 0.0)
+        if over.max(initial=0.0) <= 1.0:
+            return pose, motions
+        pose = pose.without(int(over.argmax()))
+        motions = _motions(pose, bodies, errors)
+
+
+def _replaced(
+    bodies: Sequence[BodyPoses],
+    solved: Sequence[tuple[_Pose, JointMotions]],
+    errors: PointErrors,
+    reference: str | None,
+) -> list[BodyPoses]:
+    new = [_Filled.of(body, len(errors.parameters)) for body in bodies]
+    base = next((b for b, body in enumerate(bodies) if body.name == reference), None)
+    for pose, motions in solved:
+        if not motions.converged:
+            continue
+        joint = _covariance(pose, motions, bodies, errors)
+        effects = (motions.gain @ errors.effects(pose.row)).reshape(len(pose.bodies), 6, -1)
+        for k, b in enumerate(pose.bodies):
+            own = slice(6 * k, 6 * k + 6)
+            new[b].take(pose, k, motions, joint[own, own], effects[k])
+            if base in pose.bodies:
+                other = 6 * pose.bodies.index(base)
+                new[b].cross[pose.number] = joint[own, other : other + 6]
+    return [filled.body_poses(body) for filled, body in zip(new, bodies, strict=True)]
+
+
+def _covariance(pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses], errors: PointErrors) -> Array:
+    """The covariance (6B, 6B) of the motions together: of the points' errors, and of the survey's."""
+    measured = motions.covariance(errors.covariance(pose.row))
+    own = [bodies[b] for b in pose.bodies]
+    known = [np.flatnonzero(body.frame) for body in own]
+    place = {(k, t): i for i, (k, t) in enumerate((k, t) for k, found in enumerate(known) for t in found.tolist())}
+    gain = np.zeros((6 * len(own), len(place), 3))
+    at = [place[key] for key in zip(pose.body.tolist(), pose.target.tolist(), strict=True)]
+    gain[:, at] = motions.gain.reshape(6 * len(own), -1, 3)
+    source = np.concatenate([body.source[found] for body, found in zip(own, known, strict=True)])
+    cov = np.concatenate([body.cov_source[found] for body, found in zip(own, known, strict=True)])
+    body = np.array([k for k, _ in place])
+    frame = np.ones(len(place), bool)
+    return measured + survey_part(source, cov, body, frame, gain.reshape(6 * len(own), -1), motions.R)
+
+
+@dataclass
+class _Filled:
+    """One body's arrays over all poses, as they are filled pose by pose."""
+
+    R: Array
+    t: Array
+    covariance: Array
+    rms: Array
+    n_used: NDArray[np.int64]
+    status: NDArray[np.object_]
+    used: Mask
+    dropped: Mask
+    cross: Array
+    effects: Array
+
+    @classmethod
+    def of(cls, body: BodyPoses, parameters: int) -> _Filled:
+        fit, count = body.fit, len(body.fit.ok)
+        return cls(
+            *(np.array(a) for a in (fit.R, fit.t, fit.covariance, fit.rms, fit.n_used)),
+            fit.status.astype(object),
+            body.used.copy(),
+            np.zeros_like(body.used),
+            np.full((count, 6, 6), np.nan),
+            np.full((count, 6, parameters), np.nan),
+        )
+
+    def take(self, pose: _Pose, k: int, motions: JointMotions, covariance: Array, effects: Array) -> None:
+        """What the joint fit made of this body, the k-th of a pose."""
+        p = pose.number
+        self.R[p], self.t[p], self.covariance[p], self.effects[p] = motions.R[k], motions.t[k], covariance, effects
+        stays = np.zeros(self.used.shape[1], bool)
+        stays[pose.target[pose.body == k]] = True
+        self.dropped[p], self.used[p], self.n_used[p] = self.used[p] & ~stays, stays, stays.sum()
+
+    def body_poses(self, body: BodyPoses) -> BodyPoses:
+        """The body with what was filled in; the residuals and reasons follow from it."""
+        fit = replace(body.fit, R=self.R, t=self.t, covariance=self.covariance, n_used=self.n_used)
+        there = np.isfinite(body.residual).all(axis=-1)
+        residual = np.where(there[..., None], fit.residuals(body.source, body.points.points), np.nan)
+        square = np.where(self.used, np.sum(np.nan_to_num(residual) ** 2, axis=-1), 0.0).sum(axis=1)
+        rms = np.where(fit.status == FitStatus.OK, np.sqrt(square / np.maximum(self.n_used, 1)), fit.rms)
+        reason = body.reason.copy()
+        off = 1e3 * np.linalg.norm(np.nan_to_num(residual[self.dropped]), axis=-1)
+        reason[self.dropped] = [f"gross error: {mm:.3f} mm off" for mm in off]
+        rejections = body.rejections | {body.default: body.rejections[body.default] + self.dropped.sum(axis=1)}
+        return replace(
+            body,
+            fits=body.fits | {body.default: replace(fit, rms=rms)},
+            residual=residual,
+            used=self.used,
+            rejected=body.rejected | self.dropped,
+            rejections=rejections,
+            reason=reason,
+            cross=self.cross,
+            effects=self.effects,
+        )

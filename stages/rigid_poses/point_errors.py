@@ -1,0 +1,117 @@
+"""Errors that object points have in common: within a pose, and through what is common to all poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column, pose_ids, positions
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_PAIRS = tuple(f"corr_{a}_{b}" for a in "xyz" for b in "xyz")
+_OWN = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """Errors of the rows of observations (N): sigma (N, 3) in m and own (N, 3, 3) correlations; first, second (M,) rows
+    whose errors are correlated by between (M, 3, 3), in the order of poses with start (P + 1,), pose (N,) by number;
+    parameters (K) common to all poses, effect (N, 3, K) in m of one standard deviation of each."""
+
+    pose: Index
+    sigma: Array
+    own: Array
+    first: Index
+    second: Index
+    between: Array
+    start: Index
+    parameters: tuple[str, ...]
+    effect: Array
+
+    def covariance(self, rows: Index) -> Array:
+        """The covariance (3n, 3n) in m^2 of n rows of one pose."""
+        count = len(rows)
+        correlation = np.zeros((count, 3, count, 3))
+        each = np.arange(count)
+        correlation[each, :, each, :] = self.own[rows]
+        pose = self.pose[rows[0]]
+        pairs = slice(self.start[pose], self.start[pose + 1])
+        place = np.full(len(self.pose), -1)
+        place[rows] = each
+        a, b = place[self.first[pairs]], place[self.second[pairs]]
+        both = (a >= 0) & (b >= 0)
+        a, b, between = a[both], b[both], self.between[pairs][both]
+        correlation[a, :, b, :] = between
+        correlation[b, :, a, :] = np.swapaxes(between, 1, 2)
+        sigma = self.sigma[rows].ravel()
+        return np.asarray(correlation.reshape(3 * count, 3 * count) * sigma[:, None] * sigma)
+
+    def effects(self, rows: Index) -> Array:
+        """What one standard deviation of each common parameter does to n rows: (3n, K) in m."""
+        return self.effect[rows].reshape(3 * len(rows), -1)
+
+    @cached_property
+    def is_correlated(self) -> bool:
+        """Whether any two points have an error in common."""
+        return len(self.first) > 0
+
+
+def point_errors(
+    observations: pa.Table, correlations: pa.Table | None, sensitivities: pa.Table | None
+) -> PointErrors | None:
+    """The errors of object points that came out of a network; None where nothing is known to be common to them."""
+    if correlations is None or "point" not in observations.column_names or not correlations.num_rows:
+        return None
+    poses, points = pose_ids(observations), tuple(dict.fromkeys(observations.column("point").to_pylist()))
+    pose = positions(observations.column("pose"), poses)
+    of_row = _Rows(pose * len(points) + positions(observations.column("point"), points), poses, points)
+    first, second = of_row.find(correlations, "point"), of_row.find(correlations, "other_point")
+    known = (first >= 0) & (second >= 0)
+    order = np.flatnonzero(known)[np.argsort(pose[first[known]], kind="stable")]
+    first, second = first[order], second[order]
+    between = np.column_stack([number_column(correlations, name) for name in _PAIRS])[order].reshape(-1, 3, 3)
+    start = np.searchsorted(pose[first], np.arange(len(poses) + 1))
+    sigma = np.column_stack([number_column(observations, f"sigma_{a}_mm") for a in "xyz"]) * 1e-3
+    own = np.broadcast_to(np.eye(3), (len(pose), 3, 3)).copy()
+    for pair, i, j in _OWN:
+        if f"corr_{pair}" in observations.column_names:
+            own[:, i, j] = own[:, j, i] = np.nan_to_num(number_column(observations, f"corr_{pair}"))
+    parameters, effect = _effects(sensitivities, of_row, len(pose))
+    return PointErrors(pose, sigma, own, first, second, between, start, parameters, effect)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Which row of observations has which pose and point, by code (N,) = pose * points + point."""
+
+    code: Index
+    poses: tuple[int | str, ...]
+    points: tuple[str, ...]
+
+    def find(self, table: pa.Table, point: str) -> Index:
+        """The rows (M,) that a table's poses and points mean; -1 where there is none."""
+        pose, name = positions(table.column("pose"), self.poses), positions(table.column(point), self.points)
+        wanted = np.where((pose >= 0) & (name >= 0), pose * len(self.points) + name, -1)
+        order = np.argsort(self.code)
+        place = np.minimum(np.searchsorted(self.code[order], wanted), len(order) - 1)
+        return np.where(self.code[order][place] == wanted, order[place], -1)
+
+
+def _effects(table: pa.Table | None, of_row: _Rows, count: int) -> tuple[tuple[str, ...], Array]:
+    if table is None or not table.num_rows:
+        return (), np.zeros((count, 3, 0))
+    parameters = tuple(dict.fromkeys(table.column("parameter").to_pylist()))
+    row, column = of_row.find(table, "point"), positions(table.column("parameter"), parameters)
+    effect = np.zeros((count, 3, len(parameters)))
+    values = np.column_stack([number_column(table, f"effect_{a}_mm") for a in "xyz"]) * 1e-3
+    effect[row[row >= 0], :, column[row >= 0]] = values[row >= 0]
+    return parameters, effect
