@@ -126,6 +126,30 @@ class AirGradient(CameraEffect):
 
 
 @dataclass(frozen=True)
+class AirProfile(CameraEffect):
+    """The air's refractive index has a curved profile along the scene's z, 1 + curvature z^2 / 2: what changes with
+    height is what a network cannot absorb.
+    """
+
+    id = "refraction"
+    curvature_per_m2: float = 2e-5
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"profile_curvature": (1e6 * self.curvature_per_m2, "ppm/m^2")}
+
+    def bend(self, seen: Array, view: View) -> Array:
+        up = rotate(view.turn, np.broadcast_to([0.0, 0.0, 1.0], seen.shape))
+        reach = np.linalg.norm(seen, axis=-1, keepdims=True)
+        along = seen / reach
+        rise = np.sum(up * seen, axis=-1, keepdims=True)
+        across = up - rise / reach * along
+        camera = np.broadcast_to(view.centre[..., 2:], rise.shape)
+        # The integral of (way from the point) x (gradient there) along the chord, heights being linear on it.
+        height = camera / 3 + (camera + rise) / 6
+        return seen - reach**2 * PER_M**2 * self.curvature_per_m2 * height * across
+
+
+@dataclass(frozen=True)
 class Window(CameraEffect):
     """A plane-parallel plate between camera and object shifts rays sideways; it turns with the camera (``normal`` in
     its axes) or stands in the scene (``normal`` there), and where along the way it stands does not matter.
