@@ -1,0 +1,93 @@
+"""Where a photograph may show a circle: outlines of what is lighter or darker than its neighbourhood."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.image_targets.outline_kernel import SHAPE, measure_outlines
+
+Array = NDArray[np.float64]
+
+# A pixel is compared with the mean of so many pixels square about it: an edge is told from its two sides at any size of
+# target and under any light, and of a large target a band along its edge remains, whose outline is the same.
+_WINDOW = 15
+_NOISE_SIGMAS = 4.0
+_OUTLINE_INSIDE = 0.5  # px from the outline, which runs through centres of pixels, to the edge
+_ROUGH = 0.6  # px, rms of an outline about its ellipse; staircases of pixels have 0.3
+_ROUGH_SHARE = 0.06  # of the semi-minor axis, what a larger outline may have
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Ellipses that outlines suggest: centre_px (N, 2), semi_axes_px (N, 2), axis_angle_rad (N,), white (N,) where
+    the inside is lighter; and how many outlines were rejected for which reason."""
+
+    centre_px: Array
+    semi_axes_px: Array
+    axis_angle_rad: Array
+    white: NDArray[np.bool_]
+    rejected: Counter[str]
+
+
+def find_candidates(
+    grey: NDArray, polarities: tuple[bool, ...], size_px: tuple[float, float], least_ratio: float, step: float
+) -> Candidates:
+    """Return ellipse-like outlines of a grey image (h, w).
+
+    polarities: True for lighter than the ground, False for darker; size_px: least semi-minor and largest semi-major
+    axis; least_ratio of the axes; step: grey levels by which a pixel must differ from its neighbourhood.
+    """
+    import cv2
+
+    smooth, mean = cv2.blur(grey, (3, 3)), cv2.blur(grey, (_WINDOW, _WINDOW))
+    shapes, white, rejected = [], [], Counter[str]()
+    for lighter in polarities:
+        difference = cv2.subtract(smooth, mean) if lighter else cv2.subtract(mean, smooth)
+        mask = (difference > step).view(np.uint8)
+        outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        found = _measured(outlines, levels, size_px, rejected)
+        shapes.append(found)
+        white.append(np.full(len(found), lighter))
+    shape = np.concatenate(shapes)
+    lighter_of = np.concatenate(white)
+    reasons = _reasons(shape, grey.shape, size_px, least_ratio)
+    for number, reason in enumerate(_REASONS, 1):
+        rejected[reason] += int((reasons == number).sum())
+    good = shape[reasons == 0]
+    return Candidates(good[:, :2], good[:, 2:4], good[:, 4], lighter_of[reasons == 0], +rejected)
+
+
+_REASONS = ("at border", "too small", "too large", "too oblique", "not elliptical")
+
+
+def _measured(outlines: Sequence, levels: NDArray | None, size_px: tuple[float, float], rejected: Counter[str]) -> Array:
+    """Return shapes (N, 10) of the outer outlines that are neither too short nor too long, counting the others."""
+    if levels is None:
+        return np.empty((0, SHAPE))
+    length = np.fromiter(map(len, outlines), np.int64, len(outlines))
+    outer = levels[0, :, 3] < 0
+    # an outline of chained pixels is shorter than the ellipse's circumference by at most a factor sqrt(2)
+    short, long = length < 4.4 * (size_px[0] - _OUTLINE_INSIDE), length > 6.3 * (size_px[1] + 2)
+    rejected["too small"] += int((outer & short).sum())
+    rejected["too large"] += int((outer & long).sum())
+    kept = np.flatnonzero(outer & ~short & ~long)
+    if not len(kept):
+        return np.empty((0, SHAPE))
+    points = np.concatenate([outlines[k] for k in kept])[:, 0, :]
+    ends = np.cumsum(length[kept])
+    return measure_outlines(points, np.concatenate([[0], ends]))
+
+
+def _reasons(shape: Array, size: tuple[int, ...], size_px: tuple[float, float], least_ratio: float) -> NDArray:
+    """Return why each shape is no candidate: 0 where it is one, or the number of the reason, from 1."""
+    a, b = shape[:, 2], shape[:, 3]
+    left, top, right, bottom = shape[:, 6:10].T
+    border = (left <= 1) | (top <= 1) | (right >= size[1] - 2) | (bottom >= size[0] - 2)
+    rough = ~(shape[:, 5] <= np.maximum(_ROUGH, _ROUGH_SHARE * b))
+    tests = (border, ~(b >= size_px[0] - _OUTLINE_INSIDE), a > size_px[1], b < least_ratio * a, rough)
+    return np.select(tests, range(1, 6), 0)

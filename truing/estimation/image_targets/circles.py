@@ -1,0 +1,260 @@
+"""Circular targets in a photograph: centres with covariance, ellipses, codes, and what was rejected and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.image_targets import edge_kernel as edge
+from truing.estimation.image_targets.candidates import Candidates, find_candidates
+from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
+from truing.estimation.image_targets.ring_codes import ROUND, Reading, RingCode, read_rings
+from truing.estimation.image_targets.surroundings import inside_image, sample_ellipses, unit_matrices
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Radii are in units of the dot's. A code's ring begins at 2 and ends at 3.
+_INSIDE, _BESIDE = (0.35, 0.5, 0.65), (1.4, 1.5)
+_RING, _BEYOND = (2.35, 2.5, 2.65), (3.3,)
+_NEAR, _FAR = 1.5, 1.9  # how far out the picture of the edge is fitted: before and after the ring is known
+_UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
+_STRAY = 0.08  # share of an edge's pixels that may be taken for something else
+_MISFIT = 0.1  # of the contrast, beyond the noise: what an ellipse's picture leaves; sharpened ones 0.05
+_SOFTEST = 0.8  # blur over semi-minor axis
+
+
+@dataclass(frozen=True)
+class CirclePlan:
+    """What is looked for: ring codes; dots without any; dots lighter than their ground (white), darker or both; least
+    semi-minor and largest semi-major axis, px; least ratio of the axes; least contrast as a share of the range of grey
+    levels that the image uses."""
+
+    codes: tuple[RingCode, ...] = ()
+    uncoded: bool = True
+    polarity: Literal["white", "black", "both"] = "both"
+    smallest_px: float = 2.5
+    largest_px: float = 120.0
+    least_axis_ratio: float = 0.25
+    least_contrast: float = 0.1
+
+    @property
+    def polarities(self) -> tuple[bool, ...]:
+        """True for lighter dots, False for darker ones."""
+        return {"white": (True,), "black": (False,), "both": (True, False)}[self.polarity]
+
+
+@dataclass(frozen=True)
+class ImageTargets:
+    """Image points of circular targets, of their ellipses' centres, first pixel's centre at (0, 0): centre_px (N, 2),
+    cov_px2 (N, 2, 2), semi_axes_px (N, 2) the major one first, axis_angle_rad (N,) of the major axis from x towards y,
+    contrast (N,) in grey levels, white (N,) where the dot is the lighter, family (N,) of code by number in the plan
+    and code (N,) itself, both -1 where there is none, confidence (N,) of the code from 0 to 1, blur_px (N,) standard
+    deviation; how many candidates were rejected for which reason; the image's noise."""
+
+    centre_px: Array
+    cov_px2: Array
+    semi_axes_px: Array
+    axis_angle_rad: Array
+    contrast: Array
+    white: Mask
+    family: NDArray[np.int64]
+    code: NDArray[np.int64]
+    confidence: Array
+    blur_px: Array
+    rejected: Counter[str]
+    noise: ImageNoise
+    codes: tuple[RingCode, ...] = field(default=())
+
+    @property
+    def count(self) -> int:
+        """How many targets there are."""
+        return len(self.code)
+
+    @property
+    def kinds(self) -> list[str]:
+        """The kind of each target: its family of codes, or circle."""
+        return [self.codes[k].family if k >= 0 else "circle" for k in self.family]
+
+    @property
+    def names(self) -> list[str]:
+        """The name of each coded target, as in ring12-17; empty without a code."""
+        return [f"{k}-{c}" if c >= 0 else "" for k, c in zip(self.kinds, self.code, strict=True)]
+
+
+def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
+    """Return the circular targets of a grey image (h, w) of 8 or 16 bits; ValueError for any other array."""
+    if grey.ndim != 2 or grey.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"a grey image has two dimensions and 8 or 16 bits, not {grey.ndim} and {grey.dtype}")
+    noise = estimate_noise(grey)
+    least = plan.least_contrast * float(np.ptp(grey[::4, ::4]))
+    # over a window the mean takes up to three quarters of the step at an edge away
+    step = max(least / 4, 4 / 3 * float(np.sqrt(noise.variance(np.array(float(grey.max()))))))
+    size = (plan.smallest_px, plan.largest_px)
+    found = find_candidates(grey, plan.polarities, size, plan.least_axis_ratio, step)
+    rejected = Counter(found.rejected)
+    start = _with_clear_sides(grey, found, least, rejected)
+    first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None)
+    first = first[_kept(_faults(first, plan, noise, least), rejected)]
+    reading, far = _surroundings(grey, first, plan, rejected)
+    ring = reading.ring if reading.ring.any() else None
+    last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, np.where(far, _FAR, _NEAR), ring)
+    coded = reading.number >= 0
+    faults = _faults(last, plan, noise, least)
+    for name, wrong in (
+        ("at border", ~_ring_inside(grey, first, plan)),
+        ("unreadable code", reading.unreadable),
+        ("no code", ~coded & ~reading.unreadable & (not plan.uncoded)),
+    ):
+        faults = np.where((faults == "") & wrong, name, faults)
+    return _targets(last, reading, _kept(faults, rejected), rejected, noise, plan)
+
+
+def _with_clear_sides(grey: NDArray, found: Candidates, least: float, rejected: Counter[str]) -> Array:
+    """Return the unknowns (N, 10) from which the fit starts, of candidates that are even inside and stand free."""
+    A = unit_matrices(found.semi_axes_px, found.axis_angle_rad)
+    inside = sample_ellipses(grey, found.centre_px, A, _INSIDE, 24).reshape(len(A), -1)
+    beside = sample_ellipses(grey, found.centre_px, A, _BESIDE, 24).mean(1)
+    level, ground = np.median(inside, axis=1), np.median(beside, axis=1)
+    contrast = level - ground
+    safe = np.where(contrast == 0, 1.0, contrast)[:, None]
+    uneven = ((inside - ground[:, None]) / safe < 0.5).mean(1) > _UNEVEN
+    blocked = ((beside - ground[:, None]) / safe > 0.5).mean(1) > _UNEVEN
+    weak = np.where(found.white, contrast, -contrast) < 0.6 * least
+    good = _kept(
+        np.select([weak, uneven, blocked], ["weak contrast", "uneven inside", "no clear ground"], ""), rejected
+    )
+    columns = (found.centre_px, A[:, 0, :], A[:, 1, 1:], np.ones((len(A), 1)), ground[:, None], contrast[:, None])
+    return np.concatenate([*columns, np.zeros((len(A), 2))], 1)[good]
+
+
+def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: Array | None) -> Array:
+    """Return the fits (N, RESULTS) of the pictures of ellipses, from start (N, UNKNOWNS), out to outer (N,) radii."""
+    results = np.zeros((len(start), edge.RESULTS))
+    if len(start):
+        coded = np.zeros(len(start), bool) if ring is None else ring.any(1)
+        rings = np.zeros((len(start), 1)) if ring is None else ring
+        a, b = _axes(start)[0].max(0)
+        most = int(4 * (1.5 * a + 20) * (1.5 * b + 20))
+        level = np.array([noise.read_var, noise.gain])
+        wide = grey.astype(np.uint16, copy=False)
+        edge.fit_edges(wide, np.ascontiguousarray(start), rings, coded, outer, level, _top(grey), most, results)
+    return results
+
+
+def _top(grey: NDArray) -> float:
+    """Return the highest grey level there is: that of the whole bits which the image needs, 8 at least."""
+    return float((1 << max(8, int(grey.max(initial=0)).bit_length())) - 1)
+
+
+def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float) -> NDArray[np.str_]:
+    """Return why each fit (N, RESULTS) is no target, the first reason that holds; empty where it is one."""
+    axes, _ = _axes(fit)
+    contrast = np.abs(fit[:, edge.CONTRAST])
+    light = fit[:, edge.GROUND] + np.maximum(fit[:, edge.CONTRAST], 0)
+    excess = fit[:, edge.MISFIT] ** 2 - noise.variance(light) / np.maximum(contrast, 1e-9) ** 2
+    tests = {
+        "no ellipse fits": fit[:, edge.SETTLED] < 0.5,
+        "weak contrast": contrast < least,
+        "too small": axes[:, 1] < plan.smallest_px,
+        "too large": axes[:, 0] > plan.largest_px,
+        "too oblique": axes[:, 1] < plan.least_axis_ratio * axes[:, 0],
+        "partly hidden": fit[:, edge.HIDDEN] > _STRAY,
+        "merged": fit[:, edge.MERGED] > _STRAY,
+        "unsharp": fit[:, edge.BLUR] > _SOFTEST * axes[:, 1],
+        "not elliptical": excess > _MISFIT**2,
+        "found twice": _doubles(fit, axes),
+    }
+    return np.select(list(tests.values()), list(tests), "")
+
+
+def _doubles(fit: Array, axes: Array) -> Mask:
+    """Return which fits (N,) lie on another one that fits better."""
+    from scipy.spatial import cKDTree
+
+    double = np.zeros(len(fit), bool)
+    settled = np.flatnonzero(fit[:, edge.SETTLED] > 0.5)
+    pairs = cKDTree(fit[settled, :2]).query_pairs(4.0, output_type="ndarray") if len(settled) else np.empty((0, 2), int)
+    i, j = settled[pairs].T
+    near = np.hypot(*(fit[i, :2] - fit[j, :2]).T) < 0.5 * np.minimum(axes[i, 1], axes[j, 1])
+    worse = np.where(fit[i, edge.MISFIT] > fit[j, edge.MISFIT], i, j)
+    double[worse[near]] = True
+    return double
+
+
+def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan, rejected: Counter[str]) -> tuple[Reading, Mask]:
+    """Return what the rings about dots (N, RESULTS) say, and which dots are free, or known, out to the ring."""
+    A, centre = _matrices(fit), fit[:, :2]
+
+    def levels(radii: tuple[float, ...]) -> Array:
+        grey_levels = sample_ellipses(grey, centre, A, radii, ROUND).mean(1)
+        return (grey_levels - fit[:, [edge.GROUND]]) / fit[:, [edge.CONTRAST]]
+
+    ring = levels(_RING)
+    reading = read_rings(ring, plan.codes)
+    closed = (levels(_BEYOND) < 0.5).mean(1) > 1 - _UNEVEN
+    broken = (reading.number >= 0) & ~closed
+    reading = replace(
+        reading,
+        number=np.where(broken, -1, reading.number),
+        family=np.where(broken, -1, reading.family),
+        ring=reading.ring * ~broken[:, None],
+        unreadable=reading.unreadable | broken,
+    )
+    free = (levels((1.7, _FAR)) < 0.3).all(1) & (ring < 0.5).all(1)
+    return reading, free | (reading.number >= 0)
+
+
+def _ring_inside(grey: NDArray, fit: Array, plan: CirclePlan) -> Mask:
+    """Return which rings (N,) lie in the image whole; where no codes are looked for, all do."""
+    return inside_image(grey, fit[:, :2], _matrices(fit), 3.0) | (not plan.codes)
+
+
+def _targets(
+    fit: Array, reading: Reading, good: NDArray[np.int64], rejected: Counter[str], noise: ImageNoise, plan: CirclePlan
+) -> ImageTargets:
+    """Return the targets of fits (N, RESULTS), those of `good` numbers."""
+    fit = fit[good]
+    axes, angle = _axes(fit)
+    # what the picture of an ellipse leaves beyond the image's noise is taken for noise as well, independent by pixel
+    factor = noise.correlation + np.maximum(0.0, fit[:, edge.CHI2] - 1)
+    covariance = fit[:, [[edge.C_XX, edge.C_XY], [edge.C_XY, edge.C_YY]]] * factor[:, None, None]
+    return ImageTargets(
+        fit[:, :2],
+        covariance,
+        axes,
+        angle,
+        np.abs(fit[:, edge.CONTRAST]),
+        fit[:, edge.CONTRAST] > 0,
+        reading.family[good],
+        reading.number[good],
+        reading.confidence[good],
+        fit[:, edge.BLUR],
+        +rejected,
+        noise,
+        plan.codes,
+    )
+
+
+def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> NDArray[np.int64]:
+    """Return the numbers of candidates without a fault, and count the others by theirs."""
+    rejected.update(faults[faults != ""].tolist())
+    return np.flatnonzero(faults == "")
+
+
+def _matrices(fit: Array) -> Array:
+    """Return the matrices (N, 2, 2) that turn the ellipses into unit circles."""
+    return fit[:, [[edge.AXX, edge.AXY], [edge.AXY, edge.AYY]]]
+
+
+def _axes(fit: Array) -> tuple[Array, Array]:
+    """Return semi-axes (N, 2), the major one first, and the angles (N,) of the major ones in (-pi/2, pi/2]."""
+    values, vectors = np.linalg.eigh(_matrices(fit))
+    x, y = vectors[:, 0, 0], vectors[:, 1, 0]
+    angle = np.arctan2(y, x)
+    angle = np.where(angle > np.pi / 2, angle - np.pi, np.where(angle <= -np.pi / 2, angle + np.pi, angle))
+    return 1 / np.maximum(values, 1e-12), angle

@@ -1,0 +1,292 @@
+"""The picture of a blurred ellipse fitted to the pixels of its edge, compiled: one target after the other.
+
+A pixel at x shows
+
+    I = (ground + contrast (M + T)) (1 + slope . (x - x_start) / size),        M = Phi(-(d + s^2 k / 2) / s)
+
+with d the distance of x from the ellipse |A (x - centre)| = 1 (outside positive), s the standard deviation of the blur
+(optics, and the pixel's own area with 1/12 px^2), and k the curvature there: a blurred edge recedes towards its hollow
+side. T is the light of the code's ring, where its word is known. Every pixel counts once, with its own noise, so that
+the inverse normal equations are the covariance. Above the top of the range the picture is clipped, and says nothing.
+Importing this module imports numba.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from truing.estimation import lane_arithmetic
+from truing.estimation.image_targets import edge_picture
+from truing.estimation.image_targets.edge_picture import (
+    INV_SQRT2,
+    MOST_NODES,
+    count_nodes,
+    edge_light,
+    ring_light,
+    set_nodes,
+)
+from truing.estimation.lane_arithmetic import compiled, inner
+
+# Unknowns: centre x, y; A xx, xy, yy; blur s; ground; contrast; slope x, y
+UNKNOWNS = 10
+CX, CY, AXX, AXY, AYY, BLUR, GROUND, CONTRAST, SLOPE_X, SLOPE_Y = range(UNKNOWNS)
+# What a fit leaves after its unknowns: covariance xx xy yy of the centre; mean square of weighted residuals and its
+# degrees of freedom; share of outlying pixels inside and outside the edge; rms of residuals over the contrast; settled
+RESULTS = UNKNOWNS + 9
+C_XX, C_XY, C_YY, CHI2, FREEDOM, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
+_MIN_BLUR, _MAX_BLUR = 0.3, 6.0
+_STEPS = 16
+_SMALL_STEP = 1e-4  # px: of the centre, a hundredth of the best scatter there is
+_STRIP = 0.5  # px, width of a strip along the edge
+# Illumination changes by so much of itself from one pixel to the next, one sigma: what is known of it beforehand. The
+# picture of a small blurred target cannot tell a slope from a shift.
+_SLOPE_SIGMA = 0.001
+_OUTLYING = 0.25  # of the contrast; what sharpens a picture in a camera overshoots by up to 0.2
+_OUTLYING_SIGMAS = 5.0
+
+
+@inner
+def _solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
+    """Replace normal (n, n) by its Cholesky factor and step by the solution; False where it is not positive."""
+    for i in range(n):
+        for j in range(i + 1):
+            total = normal[i, j]
+            for k in range(j):
+                total -= normal[i, k] * normal[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                normal[i, i] = math.sqrt(total)
+            else:
+                normal[i, j] = total / normal[j, j]
+    for i in range(n):
+        total = rhs[i]
+        for k in range(i):
+            total -= normal[i, k] * step[k]
+        step[i] = total / normal[i, i]
+    for i in range(n - 1, -1, -1):
+        total = step[i]
+        for k in range(i + 1, n):
+            total -= normal[k, i] * step[k]
+        step[i] = total / normal[i, i]
+    return True
+
+
+@inner
+def _evaluate(p, origin, size, n, pixels, top, nodes, count, normal, rhs):  # type: ignore[no-untyped-def]
+    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal and rhs."""
+    for i in range(UNKNOWNS):
+        rhs[i] = 0.0
+        for j in range(UNKNOWNS):
+            normal[i, j] = 0.0
+    if count:
+        set_nodes(p, nodes, count)
+    row = np.empty(UNKNOWNS)
+    known = 1.0 / (_SLOPE_SIGMA * size) ** 2
+    cost = known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
+    for i in (SLOPE_X, SLOPE_Y):
+        normal[i, i], rhs[i] = known, -known * p[i]
+    for m in range(n):
+        weight = pixels[3, m]
+        if weight == 0.0:
+            continue
+        dx, dy = pixels[0, m] - p[CX], pixels[1, m] - p[CY]
+        edge = edge_light(p, dx, dy, nodes, count, row)
+        edge += pixels[4, m]
+        rx, ry = (pixels[0, m] - origin[0]) / size, (pixels[1, m] - origin[1]) / size
+        light = 1.0 + p[SLOPE_X] * rx + p[SLOPE_Y] * ry
+        flat = p[GROUND] + p[CONTRAST] * edge
+        model = flat * light
+        if model >= top:
+            cost += weight * (pixels[2, m] - top) ** 2
+            continue
+        r = pixels[2, m] - model
+        cost += weight * r * r
+        for i in range(GROUND):
+            row[i] *= p[CONTRAST] * light
+        row[GROUND], row[CONTRAST] = light, edge * light
+        row[SLOPE_X], row[SLOPE_Y] = flat * rx, flat * ry
+        for i in range(UNKNOWNS):
+            rhs[i] += weight * row[i] * r
+            for j in range(i + 1):
+                normal[i, j] += weight * row[i] * row[j]
+    return cost
+
+
+@inner
+def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-untyped-def]
+    """Fill pixels (5, most) with those about the edge, out to `outer` radii; return how many there are."""
+    det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
+    reach = 3.0 * p[BLUR] + 1.0
+    half_x = math.hypot(p[AYY], p[AXY]) / det + reach
+    half_y = math.hypot(p[AXX], p[AXY]) / det + reach
+    rows, columns = grey.shape
+    n = 0
+    for y in range(max(0, math.ceil(p[CY] - half_y)), min(rows - 1, math.floor(p[CY] + half_y)) + 1):
+        for x in range(max(0, math.ceil(p[CX] - half_x)), min(columns - 1, math.floor(p[CX] + half_x)) + 1):
+            dx, dy = x - p[CX], y - p[CY]
+            ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
+            q = math.sqrt(ux * ux + uy * uy)
+            slope = math.hypot(p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy) / max(q, 1e-9)
+            if q > outer or abs(q - 1.0) > reach * slope or n == pixels.shape[1]:
+                continue
+            light = ring_light(p, dx, dy, ring) if coded else 0.0
+            depth = (q - 1.0) / max(slope, 1e-9) / p[BLUR]
+            expected = p[GROUND] + p[CONTRAST] * (0.5 * math.erfc(depth * INV_SQRT2) + light)
+            pixels[0, n], pixels[1, n], pixels[2, n] = x, y, grey[y, x]
+            pixels[3, n] = 1.0 / (noise[0] + noise[1] * max(expected, 0.0))
+            pixels[4, n] = light
+            n += 1
+    return n
+
+
+@inner
+def _descend(p, origin, size, n, pixels, top, work):  # type: ignore[no-untyped-def]
+    """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
+    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes = work
+    count = count_nodes(p)
+    cost = _evaluate(p, origin, size, n, pixels, top, nodes, count, normal, rhs)
+    damping, moved = 1e-3, 0.0
+    for _ in range(_STEPS):
+        for i in range(UNKNOWNS):
+            for j in range(i + 1):
+                factor[i, j] = normal[i, j]
+            factor[i, i] = normal[i, i] * (1 + damping) + 1e-30
+        if not _solve(factor, rhs, step, UNKNOWNS):
+            return -1.0
+        for i in range(UNKNOWNS):
+            trial[i] = p[i] + step[i]
+        trial[BLUR] = min(max(trial[BLUR], _MIN_BLUR), _MAX_BLUR)
+        moved = abs(step[CX]) + abs(step[CY])
+        if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > size:
+            damping *= 10
+            continue
+        trial_cost = _evaluate(trial, origin, size, n, pixels, top, nodes, count, trial_normal, trial_rhs)
+        gained = cost - trial_cost
+        if gained >= 0:
+            p[:], normal[:], rhs[:], cost = trial, trial_normal, trial_rhs, trial_cost
+        damping *= 0.1 if gained >= 0 else 10.0
+        if moved < _SMALL_STEP and abs(gained) < 1e-4 * cost:
+            return cost
+    return cost if moved < 10 * _SMALL_STEP else -1.0
+
+
+@inner
+def _expected(p, origin, size, top, x, y, ring, nodes, count, row):  # type: ignore[no-untyped-def]
+    """Return the grey level of a pixel, clipped, and the squared radius at which it lies."""
+    dx, dy = x - p[CX], y - p[CY]
+    edge = edge_light(p, dx, dy, nodes, count, row) + ring
+    light = 1.0 + (p[SLOPE_X] * (x - origin[0]) + p[SLOPE_Y] * (y - origin[1])) / size
+    ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
+    return min((p[GROUND] + p[CONTRAST] * edge) * light, top), ux * ux + uy * uy
+
+
+@inner
+def _drop_outlying(p, origin, size, n, pixels, top, nodes, result):  # type: ignore[no-untyped-def]
+    """Take the weight from pixels that are far from the picture; set the shares of them inside and outside."""
+    inside = outside = hidden = merged = 0
+    row, count = np.empty(UNKNOWNS), count_nodes(p)
+    if count:
+        set_nodes(p, nodes, count)
+    for m in range(n):
+        x, y, ring = pixels[0, m], pixels[1, m], pixels[4, m]
+        model, radius2 = _expected(p, origin, size, top, x, y, ring, nodes, count, row)
+        far = abs(pixels[2, m] - model)
+        out = far > _OUTLYING * abs(p[CONTRAST]) and far * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
+        if out:
+            pixels[3, m] = 0.0
+        if radius2 < 1.0:
+            inside += 1
+            hidden += out
+        else:
+            outside += 1
+            merged += out
+    result[HIDDEN], result[MERGED] = hidden / max(inside, 1), merged / max(outside, 1)
+    return inside + outside - hidden - merged
+
+
+@inner
+def _uneven_square(p, origin, size, n, pixels, top, nodes):  # type: ignore[no-untyped-def]
+    """Return the mean square of weighted residuals without what is the same on opposite sides, and its freedom.
+
+    What sharpening, or a blur that is no Gaussian, leaves at a distance from the edge is the same all round, or at
+    least on opposite sides: it moves no centre. Means over strips along the edge, opposite arcs together, take it away.
+    """
+    row, count = np.empty(UNKNOWNS), count_nodes(p)
+    if count:
+        set_nodes(p, nodes, count)
+    strips = int(2 * (3.0 * p[BLUR] + 1.0) / _STRIP) + 2
+    arcs = min(max(n // (8 * strips), 1), 12)
+    sums, weights = np.zeros((arcs, strips)), np.zeros((arcs, strips))
+    square, used = 0.0, -UNKNOWNS
+    for m in range(n):
+        weight = pixels[3, m]
+        if weight == 0.0:
+            continue
+        x, y = pixels[0, m], pixels[1, m]
+        model, radius2 = _expected(p, origin, size, top, x, y, pixels[4, m], nodes, count, row)
+        dx, dy, q = x - p[CX], y - p[CY], max(math.sqrt(radius2), 1e-9)
+        ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
+        distance = (q - 1.0) * q / math.hypot(p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy)
+        strip = min(max(int(distance / _STRIP + 0.5 * strips), 0), strips - 1)
+        arc = min(int((math.atan2(uy, ux) / math.pi + 1.0) * arcs) % arcs, arcs - 1)
+        r = pixels[2, m] - model
+        square += weight * r * r
+        sums[arc, strip] += weight * r
+        weights[arc, strip] += weight
+        used += 1
+    for arc in range(arcs):
+        for strip in range(strips):
+            if weights[arc, strip] > 0:
+                square -= sums[arc, strip] ** 2 / weights[arc, strip]
+                used -= 1
+    return square / max(used, 1), used
+
+
+@compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
+def fit_edges(grey, start, ring, coded, outer, noise, top, most, results):  # type: ignore[no-untyped-def]
+    """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
+    to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; most pixels."""
+    pixels = np.empty((5, most))
+    shape = (UNKNOWNS, UNKNOWNS)
+    normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
+    rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    nodes = np.empty((6, MOST_NODES))
+    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes)
+    unit = np.empty(UNKNOWNS)
+    for t in range(len(start)):
+        result = results[t]
+        p = result[:UNKNOWNS]
+        p[:] = start[t]
+        result[SETTLED] = 0.0
+        origin = (p[CX], p[CY])
+        size = 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
+        n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
+        if n <= 2 * UNKNOWNS or _descend(p, origin, size, n, pixels, top, work) < 0:
+            continue
+        n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
+        left = _drop_outlying(p, origin, size, n, pixels, top, nodes, result)
+        if left <= 2 * UNKNOWNS:
+            continue
+        cost = _descend(p, origin, size, n, pixels, top, work)
+        if cost < 0:
+            continue
+        weights = pixels[3, :n].sum()
+        result[CHI2], result[FREEDOM] = cost / (left - UNKNOWNS), left - UNKNOWNS
+        uneven, freedom = _uneven_square(p, origin, size, n, pixels, top, nodes)
+        if freedom > UNKNOWNS:
+            result[CHI2], result[FREEDOM] = uneven, freedom
+        result[MISFIT] = math.sqrt(cost / weights) / max(abs(p[CONTRAST]), 1e-9)
+        good = True
+        for axis in range(2):
+            for i in range(UNKNOWNS):
+                unit[i] = 0.0
+                for j in range(i + 1):
+                    factor[i, j] = normal[i, j]
+            unit[axis] = 1.0
+            good = good and _solve(factor, unit, step, UNKNOWNS)
+            result[C_XX + axis], result[C_XY + axis] = step[0], step[1]
+        if good:
+            result[SETTLED] = 1.0

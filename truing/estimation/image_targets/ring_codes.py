@@ -1,0 +1,147 @@
+"""Ring codes: which words a ring of segments may say, and reading them from a photograph.
+
+A coded target is a dot of radius 1, a gap to radius 2 and a ring of n equal segments from radius 2 to 3. Segment k
+covers the angles 2 pi k/n to 2 pi (k+1)/n, counted clockwise as seen from the front (in the image of an upright target
+from x towards y, which points down). The word is read clockwise, the most significant bit first; a segment in the dot's
+colour is a one. A turn of the target turns the word around: all turns are the same code, named by the smallest of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROUND = 168  # samples round a ring: each segment of 8, 12 and 14 has a whole number of them
+# Of a segment, the share read: neighbours shine into the rest.
+_CORE = 0.6
+# Levels are in units of the dot's contrast: 0 the ground, 1 the dot.
+_CLEAR = 0.2  # how far the mean of a segment must be from one half
+_ROUGH = 0.22  # rms of the samples about the word they were read as
+_RIVAL = 1.6  # another number of segments that explains the ring to this factor of the rms makes the code ambiguous
+
+
+@dataclass(frozen=True)
+class RingCode:
+    """The codes of a ring of so many segments: words (W,), each the smallest of its turns, and numbers (W,) they name.
+
+    Vendors number differently: with `RingCode.of_table` another table takes the place of `ring_code`'s.
+    """
+
+    bits: int
+    words: tuple[int, ...]
+    numbers: tuple[int, ...]
+
+    @classmethod
+    def of_table(cls, bits: int, table: Mapping[int, int]) -> RingCode:
+        """Return the codes of a table from word (any of its turns) to number; ValueError where words or turns clash."""
+        words = [smallest_turn(word, bits) for word in table]
+        if len(set(words)) != len(words):
+            raise ValueError(f"two words of a table of {bits} bits are turns of one another")
+        return cls(bits, tuple(words), tuple(table.values()))
+
+    @property
+    def family(self) -> str:
+        """The name of the family, as in `ring12`."""
+        return f"ring{self.bits}"
+
+
+def smallest_turn(word: int, bits: int) -> int:
+    """Return the smallest of the turns of a word of so many bits; ValueError where the word has more."""
+    if not 0 <= word < 1 << bits:
+        raise ValueError(f"{word} is no word of {bits} bits")
+    mask = (1 << bits) - 1
+    return min((word << k | word >> (bits - k)) & mask for k in range(bits))
+
+
+def ring_code(bits: int) -> RingCode:
+    """Return the codes of industrial photogrammetry of 8, 12 or 14 bits, numbered from 1 by ascending word.
+
+    A word has an even number of ones, a pair of opposite segments that both are ones, and a zero: 13, 147 and 516 of
+    them. DE 197 33 466 A1 (1997).
+    """
+    if bits not in (8, 12, 14):
+        raise ValueError(f"ring codes have 8, 12 or 14 bits, not {bits}")
+    half = bits // 2
+    word = np.arange(1, (1 << bits) - 1)
+    turns = np.stack([(word << k | word >> (bits - k)) & ((1 << bits) - 1) for k in range(bits)])
+    even = np.bitwise_count(word) % 2 == 0
+    opposite = word & word >> half & ((1 << half) - 1) != 0
+    words = word[even & opposite & (word == turns.min(0))].tolist()
+    return RingCode(bits, tuple(words), tuple(range(1, len(words) + 1)))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What rings say: family (N,) by number, -1 without; number (N,), -1 without; confidence (N,) from 0 to 1; ring
+    (N, ROUND) of the word read, 0 or 1 at every sample; unreadable (N,) where something is there that is no code."""
+
+    family: NDArray[np.int64]
+    number: NDArray[np.int64]
+    confidence: Array
+    ring: Array
+    unreadable: NDArray[np.bool_]
+
+
+def read_rings(levels: Array, codes: tuple[RingCode, ...], nothing: float = 0.3) -> Reading:
+    """Return what rings say whose levels (N, ROUND) were sampled clockwise at radius 2.5.
+
+    Levels are in units of the dot's contrast. Every number of segments at every phase is fitted; the best decides
+    unless another explains the ring nearly as well, a segment is neither set nor unset, or the word is no code.
+    A ring whose levels stay under `nothing` is none.
+    """
+    n = len(levels)
+    family, number = np.full(n, -1), np.full(n, -1)
+    empty = (levels < nothing).all(1)
+    fits = [_fit(levels, code.bits) for code in codes]
+    if not codes or not n:
+        return Reading(family, number, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool))
+    rms = np.stack([fit[2] for fit in fits])  # (families, N)
+    best = rms.argmin(0)
+    each = np.arange(n)
+    ring = np.stack([fit[3] for fit in fits])[best, each]
+    clearness = np.stack([fit[1] for fit in fits])[best, each]
+    smallest = rms[best, each]
+    for i, (code, fit) in enumerate(zip(codes, fits, strict=True)):
+        mine = (best == i) & ~empty
+        family[mine], number[mine] = i, _look_up(code, fit[0][mine])
+    same = np.array([[a.bits == b.bits for b in codes] for a in codes])[:, best]
+    rivals = np.where(same, np.inf, rms).min(0)
+    sure = (clearness > _CLEAR) & (smallest < _ROUGH) & (rivals > _RIVAL * smallest) & (number >= 0)
+    confidence = np.where(sure, np.clip(2 * clearness, 0, 1) * np.clip(1 - smallest, 0, 1), 0.0)
+    read = sure & ~empty
+    return Reading(
+        np.where(read, family, -1), np.where(read, number, -1), confidence, ring * read[:, None], ~read & ~empty
+    )
+
+
+def _fit(levels: Array, bits: int) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Return, at the phase that fits best: words (N,), the least distance (N,) of a segment's mean from one half, the
+    rms (N,) of the cores of segments about the word, and the word as a ring (N, ROUND)."""
+    wide = ROUND // bits
+    skip = int(wide * (1 - _CORE) / 2)
+    at = (np.arange(wide)[:, None, None] + np.arange(bits)[:, None] * wide + np.arange(wide)) % ROUND
+    segments = levels[:, at]  # (N, phase, segment, sample)
+    core = segments[..., skip : wide - skip]
+    mean = core.mean(-1)
+    bit = mean > 0.5
+    misfit = np.square(core - bit[..., None]).mean((-1, -2))
+    # edges count as well: a phase is right where whole segments, not cores alone, are even
+    whole = np.square(segments - bit[..., None]).mean((-1, -2))
+    phase = whole.argmin(1)
+    each = np.arange(len(levels))
+    bit = bit[each, phase]
+    word = bit @ (1 << np.arange(bits)[::-1])
+    ring = np.zeros_like(levels)
+    ring[each[:, None, None], at[phase]] = bit[..., None]
+    return word, np.abs(mean[each, phase] - 0.5).min(1), np.sqrt(misfit[each, phase]), ring
+
+
+def _look_up(code: RingCode, words: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the numbers (N,) of words (N,) at any turn, -1 where a word is no code."""
+    table = dict(zip(code.words, code.numbers, strict=True))
+    return np.array([table.get(smallest_turn(int(word), code.bits), -1) for word in words], np.int64)
