@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.bundle.bundle_covariance import BundleCovariance, covariance
-from truing.estimation.bundle.datum import Datum, in_datum
+from truing.estimation.bundle.datum import Datum, conditions, freedoms, in_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
 from truing.estimation.bundle.layout import Layout, lay_out
 from truing.estimation.bundle.network import Array, Network, State
@@ -28,7 +28,7 @@ from truing.estimation.bundle.normal_equations import (
     sum_of_squares,
 )
 from truing.estimation.bundle.projection import project
-from truing.estimation.bundle.solution import eliminate_poses, freedoms, solve, tie_variances, tie_weights
+from truing.estimation.bundle.solution import eliminate_poses, solve, tie_variances, tie_weights
 
 _START_DAMPING = 1e-4
 _LEAST_DAMPING = 1e-12
@@ -41,7 +41,7 @@ _ROUNDING = 1e-15  # of the sum of squares
 class Adjustment:
     """An adjusted network: its state, residuals (N, 2) in px of all rays, measured less computed (NaN where a point is
     not before its camera), which rays were used (N,) and the weights (N,) they had, iterations, whether it converged,
-    the redundancy, the defect of the datum (S,) per pose, and the weighted sum of squares."""
+    the redundancy, the defect of the datum (S,) and its conditions B (3 p, d) per pose, the weighted sum of squares."""
 
     network: Network
     state: State
@@ -53,6 +53,7 @@ class Adjustment:
     converged: bool
     redundancy: int
     defect: NDArray[np.int64]
+    held: tuple[Array, ...]
     chi2: float
     observed: Observed
 
@@ -69,7 +70,7 @@ class Adjustment:
     @cached_property
     def covariance(self) -> BundleCovariance:
         """The covariance of all unknowns for sigma0 = 1; times `variance_factor` where rays are to say the scale."""
-        return covariance(self.observed, self.state, self.datum)
+        return covariance(self.observed, self.state, self.held)
 
 
 def adjust(
@@ -99,13 +100,16 @@ def adjust(
     layout = lay_out(network, on, known)
     observed = observe(network, layout, w, factor)
     state, iterations, converged = _iterated(observed, start, max_iterations)
-    state = in_datum(network, layout, state, start, datum, layout.known_slot)
+    held = tuple(conditions(free, datum) for free in freedoms(layout, start))
+    state = in_datum(layout, state, start, held)
+    if datum != "minimal":  # inner constraints are those of the adjusted network
+        held = tuple(conditions(free, datum) for free in freedoms(layout, state))
     residuals = network.rays.xy_px - project(network, state, network.rays.image, network.rays.point)
-    defect = np.array([free.count for free in freedoms(observed, state)])
+    defect = np.array([one.shape[1] for one in held])
     redundancy = _rows(layout) - _unknowns(layout) + int(defect.sum())
     chi2 = _total(observed, state)
     return Adjustment(
-        network, state, datum, residuals, on, w, iterations, converged, redundancy, defect, chi2, observed
+        network, state, datum, residuals, on, w, iterations, converged, redundancy, defect, held, chi2, observed
     )
 
 
@@ -132,9 +136,9 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
     weight = tie_weights(observed, equations)
-    damping, growth = _START_DAMPING, 2.0
+    damping, growth, iteration = _START_DAMPING, 2.0, 0
     for iteration in range(1, most + 1):
-        free = freedoms(observed, state)
+        free = freedoms(observed.layout, state)
         try:
             step = solve(observed.layout, eliminate_poses(observed, equations, free, weight, damping))
         except np.linalg.LinAlgError:

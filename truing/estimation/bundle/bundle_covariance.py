@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_solve
 
-from truing.estimation.bundle.datum import Datum, Freedom, conditions, into_datum
+from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array, Index, State
 from truing.estimation.bundle.normal_equations import Observed, normal_equations, spread_interior
 from truing.estimation.bundle.projection import linearise
-from truing.estimation.bundle.solution import Reduced, eliminate_poses, freedoms, tie_variances, tie_weights
+from truing.estimation.bundle.solution import Reduced, eliminate_poses, tie_variances, tie_weights
 
 _SINGULAR = 1e-13  # least eigenvalue of what is left for the common unknowns, with ones on its diagonal
 
@@ -194,14 +194,15 @@ class BundleCovariance:
         return self.distance_redundancy, bars, 1 - np.einsum("mij,mji->mi", known, observed.known)
 
 
-def covariance(observed: Observed, state: State, datum: Datum) -> BundleCovariance:
-    """Return the covariance of a network at its least sum of squares.
+def covariance(observed: Observed, state: State, held: tuple[Array, ...]) -> BundleCovariance:
+    """Return the covariance of a network at its least sum of squares, in the datum of the conditions held, B (3 p, d)
+    per pose.
 
     Raises `UndeterminedNetworkError` where something is free that the datum does not settle.
     """
-    equations = normal_equations(observed, state)
-    free = freedoms(observed, state)
     layout = observed.layout
+    equations = normal_equations(observed, state)
+    free = freedoms(layout, state)
     weight = tie_weights(observed, equations)
     try:
         reduced = eliminate_poses(observed, equations, free, weight, 0.0)
@@ -209,7 +210,7 @@ def covariance(observed: Observed, state: State, datum: Datum) -> BundleCovarian
         raise UndeterminedNetworkError("the network falls apart: images and points have free directions") from None
     common = _inverse(layout, reduced.common)
     poses = tuple(
-        None if one is None else _in_datum(_given_common(layout, pose, one), free[pose], datum)
+        None if one is None else _in_datum(_given_common(layout, pose, one), free[pose], held[pose])
         for pose, one in enumerate(reduced.poses)
     )
     draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))
@@ -240,7 +241,7 @@ def _inverse(layout: Layout, common: Array) -> Array:
     """Return the covariance of the common unknowns; the fault names those that are not determined."""
     if not len(common):
         return common
-    scale = 1 / np.sqrt(np.abs(np.diagonal(common)))
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(common), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(scale[:, None] * common * scale)
     if not values[0] > _SINGULAR:
         share = np.abs(vectors[:, 0])
@@ -292,26 +293,27 @@ def _ordered(
     return PoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
 
 
-def _in_datum(one: PoseCovariance, free: Freedom, datum: Datum) -> PoseCovariance:
+def _in_datum(one: PoseCovariance, free: Freedom, held: Array) -> PoseCovariance:
     """Return the covariance of a pose in the datum chosen: S Q S^T and S G."""
     if not free.count:
         return one
-    back = into_datum(free, conditions(free, datum))
+    back = into_datum(free, held)
     of_points = free.points.reshape(len(one.points), -1)
     of_images = free.images.reshape(len(one.image_points), -1)
     drawn = back @ one.points
     across = back @ one.image_points.T
     spread = drawn @ back.T
-    points = one.points - of_points @ drawn - drawn.T @ of_points.T + of_points @ spread @ of_points.T
+    points = one.points - of_points @ drawn
+    points -= (points @ back.T) @ of_points.T
+    points = (points + points.T) / 2
+    certain = np.any(held == 1.0, axis=1)  # a coordinate that is held by itself, which has no error at all
+    points[certain] = points[:, certain] = 0.0
     image_points = one.image_points - of_images @ drawn
     image_points -= (across.T - of_images @ spread) @ of_points.T
+    image_points[:, certain] = 0.0
     mixed = np.einsum("nia,anj->nij", free.images, across.reshape(len(back), -1, 6))
     images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
     follow = back @ one.points_by_common
-    return PoseCovariance(
-        points,
-        image_points,
-        images,
-        one.points_by_common - of_points @ follow,
-        one.images_by_common - of_images @ follow,
-    )
+    by_common = one.points_by_common - of_points @ follow
+    by_common[certain] = 0.0
+    return PoseCovariance(points, image_points, images, by_common, one.images_by_common - of_images @ follow)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import expm, qr
 
 from truing.estimation.bundle.layout import Layout
-from truing.estimation.bundle.network import Array, Index, Network, State
+from truing.estimation.bundle.network import Array, Index, State
 from truing.estimation.rotation import skew
 
 Datum = Literal["free", "minimal", "known"]
@@ -38,9 +38,11 @@ class Freedom:
         return self.points.shape[-1]
 
 
-def freedom(centres: Array, points: Array, has_length: bool, known: Array) -> Freedom:
+def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Freedom:
     """Return what is left free of a pose with projection centres (i, 3) and points (p, 3) in m, where bars give the
     length or not and the points known, by number (m,), are known."""
+    if not len(points):
+        return Freedom(np.zeros((len(centres), 6, 0)), np.zeros((0, 3, 0)), np.zeros((7, 0)))
     middle = points.mean(0)
     size = np.sqrt(np.mean((points - middle) ** 2) * 3)
     of_images, of_points = _movements((centres - middle) / size), _movements((points - middle) / size)
@@ -50,8 +52,9 @@ def freedom(centres: Array, points: Array, has_length: bool, known: Array) -> Fr
     if has_length:
         taken.append(np.eye(7)[6:])
     mixture = _null_space(np.concatenate(taken))
-    flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
-    mixture = mixture @ np.linalg.inv(np.linalg.qr(flat, mode="r")) if mixture.shape[1] else mixture
+    if mixture.shape[1]:
+        flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
+        mixture = mixture @ np.linalg.inv(np.linalg.qr(flat, mode="r"))
     return Freedom(of_images @ mixture, of_points @ mixture, mixture)
 
 
@@ -71,7 +74,7 @@ def _null_space(rows: Array) -> Array:
 
 def conditions(free: Freedom, datum: Datum) -> Array:
     """Return B (3 p, d): what of the points is held, so that nothing is left free."""
-    rows = free.points.reshape(-1, free.count)
+    rows = free.points.reshape(3 * len(free.points), free.count)
     if datum != "minimal" or not free.count:
         return rows
     # The coordinates that hold the network most firmly come first in a QR with pivots.
@@ -81,24 +84,30 @@ def conditions(free: Freedom, datum: Datum) -> Array:
     return held
 
 
-def in_datum(network: Network, layout: Layout, state: State, start: State, datum: Datum, known: Index) -> State:
-    """Return a state moved and scaled so that it fulfils the conditions about the start, in every pose.
+def freedoms(layout: Layout, state: State) -> tuple[Freedom, ...]:
+    """Return what the observations leave free of every pose."""
+    found = []
+    for pose in range(layout.poses):
+        start, stop = layout.point_start[pose], layout.point_start[pose + 1]
+        known = layout.known_slot[(layout.known_slot >= start) & (layout.known_slot < stop)] - start
+        images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
+        has_length = bool(np.any(layout.distance_pose == pose))
+        found.append(freedom(state.centre[images], state.points[layout.points[start:stop]], has_length, known))
+    return tuple(found)
+
+
+def in_datum(layout: Layout, state: State, start: State, held: tuple[Array, ...]) -> State:
+    """Return a state moved and scaled so that nothing that is held, B (3 p, d) per pose, deviates from the start.
 
     The similarity is exact, not linearised: Newton's method on its seven numbers.
     """
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
-    for pose in range(layout.poses):
-        images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
-        own = slice(layout.point_start[pose], layout.point_start[pose + 1])
-        chosen = layout.points[own]
-        if not len(chosen):
-            continue
-        inside = known[(known >= own.start) & (known < own.stop)] - own.start
-        free = freedom(start.centre[images], start.points[chosen], bool(np.any(layout.distance_pose == pose)), inside)
+    for pose, free in enumerate(freedoms(layout, state)):
         if free.count:
-            held = conditions(free, datum)
-            turn, scale, shift = _similarity(points[chosen], start.points[chosen], free, held)
-            points[chosen] = scale * points[chosen] @ turn.T + shift
+            images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
+            own = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
+            turn, scale, shift = _similarity(points[own], start.points[own], free, held[pose])
+            points[own] = scale * points[own] @ turn.T + shift
             centre[images] = scale * centre[images] @ turn.T + shift
             R[images] = turn @ R[images]
     return State(state.interior, R, centre, points, state.bar_length_m)
@@ -107,8 +116,8 @@ def in_datum(network: Network, layout: Layout, state: State, start: State, datum
 def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:
     """Return rotation, scale and shift after which the points deviate from the start by nothing that is held."""
     whole = np.eye(4)
-    middle = start.mean(0)
-    size = np.sqrt(np.mean((start - middle) ** 2) * 3)
+    middle = points.mean(0)
+    size = np.sqrt(np.mean((points - middle) ** 2) * 3)
     for _ in range(50):
         now = (points - middle) @ whole[:3, :3].T + whole[:3, 3]
         by = held.T @ (_movements(now / size) @ free.mixture).reshape(-1, free.count)

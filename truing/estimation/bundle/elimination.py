@@ -66,7 +66,7 @@ def blocks_of(equations: NormalEquations, layout: Layout, pose: int, free: Freed
     m, n, width = 6 * len(images), 3 * len(points), of_images.shape[-1]
     of_images, of_points = of_images.reshape(m, width), of_points.reshape(n, width)
     coupling = equations.couplings[pose]
-    freedoms = np.concatenate([free.images.reshape(m, -1), free.points.reshape(n, -1)])
+    freedoms = np.concatenate([free.images.reshape(m, free.count), free.points.reshape(n, free.count)])
     rows = _rows(ties, m, n)
     if n <= m:
         kept = np.arange(m, m + n)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from truing.estimation.bundle.datum import Freedom, freedom
+from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.elimination import EliminatedPose, Ties, blocks_of
 from truing.estimation.bundle.layout import Layout
-from truing.estimation.bundle.network import Array, State
+from truing.estimation.bundle.network import Array
 from truing.estimation.bundle.normal_equations import NormalEquations, Observed, Step
 
 # A distance's own information enters directly up to so many times that of its ends; the rest by a multiplier.
@@ -24,23 +24,6 @@ class Reduced:
     poses: tuple[EliminatedPose | None, ...]
     common: Array
     side: Array
-
-
-def freedoms(observed: Observed, state: State) -> tuple[Freedom, ...]:
-    """Return what the observations leave free of every pose."""
-    layout = observed.layout
-    found = []
-    for pose in range(layout.poses):
-        start, stop = layout.point_start[pose], layout.point_start[pose + 1]
-        known = layout.known_slot[(layout.known_slot >= start) & (layout.known_slot < stop)] - start
-        images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
-        points = state.points[layout.points[start:stop]]
-        has_length = bool(np.any(layout.distance_pose == pose))
-        if len(points):
-            found.append(freedom(state.centre[images], points, has_length, known))
-        else:
-            found.append(Freedom(np.zeros((len(images), 6, 0)), np.zeros((0, 3, 0)), np.zeros((7, 0))))
-    return tuple(found)
 
 
 def tie_weights(observed: Observed, equations: NormalEquations) -> Array:
