@@ -1,4 +1,4 @@
-"""The words of ring codes, by number."""
+"""The words of ring codes, by number, as the patent DE 197 33 466 A1 has them."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from functools import cache
 
 @cache
 def ring_words(bits: int) -> tuple[int, ...]:
-    """Words with an even number of ones, neither none nor all, that no rotation makes smaller, in ascending order;
-    code number n stands for the n-th.
+    """Words that no rotation makes smaller, with an even number of ones and a pair of opposite ones, not all ones, in
+    ascending order; code number n stands for the n-th.
     """
-    return tuple(
-        word for word in range(1, 2**bits - 1) if word.bit_count() % 2 == 0 and word == _smallest_rotation(word, bits)
-    )
+    return tuple(word for word in range(1, 2**bits - 1) if _is_one(word, bits))
 
 
-def _smallest_rotation(word: int, bits: int) -> int:
-    full = 2**bits - 1
-    return min(((word << k) | (word >> (bits - k))) & full for k in range(bits))
+def _is_one(word: int, bits: int) -> bool:
+    if word.bit_count() % 2 or not word & (word >> bits // 2):
+        return False
+    turned = (((word << k) | (word >> (bits - k))) & (2**bits - 1) for k in range(1, bits))
+    return all(word <= other for other in turned)
 
 
 def segments(bits: int, number: int) -> tuple[bool, ...]:
-    """Which of the ring's segments have the dot's colour, clockwise as seen from the front."""
+    """Which of the ring's segments have the dot's colour, clockwise as seen from the front, highest bit first."""
     word = ring_words(bits)[number - 1]
-    return tuple(bool(word >> k & 1) for k in range(bits))
+    return tuple(bool(word >> (bits - 1 - k) & 1) for k in range(bits))
