@@ -178,12 +178,10 @@ def _foreseen(
     """Return the merit before a step, by how much it should fall, and the squared length of the step in sigmas."""
     misclosure = equations.distances.misclosure
     before = equations.chi2 + _of_distances(observed, misclosure, weight, step.multipliers)
-    along = (
-        np.sum(step.images * equations.image_side)
-        + np.sum(step.points * equations.point_side)
-        + step.common @ equations.common_side
-    )
     layout = observed.layout
+    image_side = np.concatenate([rows[:, -1] for rows in equations.image_rows])
+    along = step.images.ravel() @ image_side + step.common @ equations.common[:, -1]
+    along += np.sum(step.points * equations.point_rows[..., -1])
     stretch = np.einsum(
         "qi,qi->q", equations.distances.direction, step.points[layout.second] - step.points[layout.first]
     )

@@ -24,7 +24,7 @@ from truing.estimation.bundle.normal_equations import Observed, normal_equations
 from truing.estimation.bundle.projection import linearise
 from truing.estimation.bundle.solution import Reduced, eliminate_poses, tie_variances, tie_weights
 
-_SINGULAR = 1e-13  # least eigenvalue of what is left for the common unknowns, with ones on its diagonal
+_SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,8 @@ def covariance(observed: Observed, state: State, held: tuple[Array, ...]) -> Bun
         reduced = eliminate_poses(observed, equations, free, weight, 0.0)
     except np.linalg.LinAlgError:
         raise UndeterminedNetworkError("the network falls apart: images and points have free directions") from None
-    common = _inverse(layout, reduced.common)
+    _check_pivots(layout, reduced)
+    common = _inverse(layout, reduced.common, np.diagonal(equations.common))
     poses = tuple(
         None if one is None else _in_datum(_given_common(layout, pose, one), free[pose], held[pose])
         for pose, one in enumerate(reduced.poses)
@@ -237,11 +238,31 @@ def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced, weight: 
     return numbers
 
 
-def _inverse(layout: Layout, common: Array) -> Array:
-    """Return the covariance of the common unknowns; the fault names those that are not determined."""
+def _check_pivots(layout: Layout, reduced: Reduced) -> None:
+    """Raise `UndeterminedNetworkError` that names the images and points of which nothing but rounding is left."""
+    faults = []
+    for pose, one in enumerate(reduced.poses):
+        if one is None:
+            continue
+        blocks = one.blocks
+        own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
+        kept = np.diagonal(one.factor[0]) ** 2 / np.diagonal(blocks.kept)
+        bad = np.concatenate([blocks.own_places[own.ravel() < _SINGULAR], blocks.kept_places[kept < _SINGULAR]])
+        images = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
+        faults += [f"image {layout.images[layout.image_start[pose] + n]}" for n in np.unique(bad[bad < images] // 6)]
+        rest = (bad[bad >= images] - images) // 3
+        faults += [f"point {layout.points[layout.point_start[pose] + n]}" for n in np.unique(rest)]
+    if faults:
+        more = f" and {len(faults) - 20} more" if len(faults) > 20 else ""
+        raise UndeterminedNetworkError(f"free directions are left, seen at {', '.join(faults[:20])}{more}")
+
+
+def _inverse(layout: Layout, common: Array, alone: Array) -> Array:
+    """Return the covariance of the common unknowns, alone (c,) being the information of each if all else were known;
+    the fault names those that are not determined."""
     if not len(common):
         return common
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(common), np.finfo(float).tiny))
+    scale = 1 / np.sqrt(alone)
     values, vectors = np.linalg.eigh(scale[:, None] * common * scale)
     if not values[0] > _SINGULAR:
         share = np.abs(vectors[:, 0])

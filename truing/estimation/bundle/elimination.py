@@ -41,13 +41,12 @@ class Ties:
 
 @dataclass(frozen=True)
 class Blocks:
-    """A pose's equations: independent blocks (b, d, d) to eliminate, their coupling (b d, k) with what is kept (k, k),
-    the common unknowns' share (., c) of both with the right side as last column; places (k,) and (b d,) of both within
-    the pose's unknowns, images before points; freedoms (k, f), and rows (q, k) of distances."""
+    """A pose's equations: independent blocks (b, d, d) to eliminate and their rows (b d, k + c + 1) by what is kept,
+    the common unknowns and the right side; what is kept (k, k), with its border (k, c + 1) by the same; places (b d,)
+    and (k,) of both within the pose's unknowns, images before points; freedoms (k, f), rows (q, k) of distances."""
 
     own: Array
-    coupling: Array
-    own_border: Array
+    own_rows: Array
     kept: Array
     kept_border: Array
     own_places: Index
@@ -60,20 +59,15 @@ def blocks_of(equations: NormalEquations, layout: Layout, pose: int, free: Freed
     """Return the equations of a pose, in the order of what is eliminated and what is kept."""
     i = slice(layout.image_start[pose], layout.image_start[pose + 1])
     p = slice(layout.point_start[pose], layout.point_start[pose + 1])
-    images, points = equations.images[i], equations.points[p]
-    of_images = np.concatenate([equations.image_common[i], equations.image_side[i, :, None]], -1)
-    of_points = np.concatenate([equations.point_common[p], equations.point_side[p, :, None]], -1)
-    m, n, width = 6 * len(images), 3 * len(points), of_images.shape[-1]
-    of_images, of_points = of_images.reshape(m, width), of_points.reshape(n, width)
-    coupling = equations.couplings[pose]
+    images, points, rows = equations.images[i], equations.points[p], equations.image_rows[pose]
+    m, n = len(rows), 3 * len(points)
+    of_points = equations.point_rows[p].reshape(n, -1)
     freedoms = np.concatenate([free.images.reshape(m, free.count), free.points.reshape(n, free.count)])
-    rows = _rows(ties, m, n)
+    tied_rows = _rows(ties, m, n)
     if n <= m:
         kept = np.arange(m, m + n)
         own = np.arange(m)
-        return Blocks(
-            images, coupling, of_images, _diagonal(points), of_points, own, kept, freedoms[kept], rows[:, kept]
-        )
+        return Blocks(images, rows, _diagonal(points), of_points, own, kept, freedoms[kept], tied_rows[:, kept])
     ends = np.zeros(len(points), bool)
     ends[ties.first] = ends[ties.second] = True
     tied, loose = np.repeat(ends, 3), np.repeat(~ends, 3)
@@ -81,13 +75,14 @@ def blocks_of(equations: NormalEquations, layout: Layout, pose: int, free: Freed
     dense = np.zeros((len(kept), len(kept)))
     dense[:m, :m] = _diagonal(images)
     dense[m:, m:] = _diagonal(points[ends])
-    dense[:m, m:] = coupling[:, tied]
-    dense[m:, :m] = coupling[:, tied].T
-    beside = np.zeros((int(loose.sum()), len(kept)))
-    beside[:, :m] = coupling[:, loose].T
-    border = np.concatenate([of_images, of_points[tied]])
+    dense[:m, m:] = rows[:, :n][:, tied]
+    dense[m:, :m] = rows[:, :n][:, tied].T
+    beside = np.zeros((int(loose.sum()), len(kept) + of_points.shape[1]))
+    beside[:, :m] = rows[:, :n][:, loose].T
+    beside[:, len(kept) :] = of_points[loose]
+    border = np.concatenate([rows[:, n:], of_points[tied]])
     own = m + np.flatnonzero(loose)
-    return Blocks(points[~ends], beside, of_points[loose], dense, border, own, kept, freedoms[kept], rows[:, kept])
+    return Blocks(points[~ends], beside, dense, border, own, kept, freedoms[kept], tied_rows[:, kept])
 
 
 def _rows(ties: Ties, m: int, n: int) -> Array:
@@ -113,11 +108,12 @@ class EliminatedPose:
     def __init__(self, blocks: Blocks, ties: Ties, damping: float) -> None:
         """Eliminate; damping adds this part of the diagonal. Raises LinAlgError where a block has free directions."""
         self.blocks = blocks
-        b, d, _ = blocks.own.shape
+        from truing.estimation.bundle.accumulation_kernel import forward
+
         k = len(blocks.kept)
-        self.root = np.linalg.inv(np.linalg.cholesky(_damped(blocks.own, damping)))
-        right = np.concatenate([blocks.coupling, blocks.own_border], -1)
-        self.reduced = (self.root @ right.reshape(b, d, -1)).reshape(b * d, -1)
+        self.root, self.reduced = np.empty_like(blocks.own), np.empty_like(blocks.own_rows)
+        if not forward(blocks.own, blocks.own_rows, damping, self.root, self.reduced):
+            raise np.linalg.LinAlgError("a block that is not positive definite")
         product = self.reduced.T @ self.reduced
         weighted = blocks.rows.T * ties.weight
         kept = _damped(blocks.kept, damping) - product[:k, :k] + weighted @ blocks.rows

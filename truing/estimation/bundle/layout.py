@@ -17,13 +17,15 @@ from truing.estimation.bundle.network import Index, Network
 
 @dataclass(frozen=True)
 class Layout:
-    """Numbers of what takes part, and slots: rays (n,), images (i,) and points (p,) by pose, with the slots where each
-    pose starts (S + 1,); the image and point slot of every ray; distances (q,) and known points by row; the place among
-    the common unknowns of every interior element (C, 10) and bar (K,), -1 where it has none."""
+    """Numbers of what takes part, and slots: rays (n,) by image, images (i,) and points (p,) by pose, with the slots
+    where each pose starts (S + 1,); the image and point slot of every ray, and where each image's rays start (i + 1,);
+    distances (q,) and known points by row; the place among the common unknowns of every interior element (C, 10) and
+    bar (K,), -1 where it has none."""
 
     rays: Index
     ray_image: Index
     ray_point: Index
+    first_ray: Index
     images: Index
     points: Index
     image_start: Index
@@ -47,9 +49,10 @@ class Layout:
 def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
     """Return where the unknowns of the rays used (N,) stand; known: whether known points take part."""
     rays = network.rays
-    rows = np.flatnonzero(used)
     poses = 1 + max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1))
-    images, image_slot, image_start = _slots(np.unique(rays.image[rows]), network.image_pose, poses)
+    images, image_slot, image_start = _slots(np.unique(rays.image[used]), network.image_pose, poses)
+    rows = np.flatnonzero(used)
+    rows = rows[np.argsort(image_slot[rays.image[rows]], kind="stable")]
     seen = np.unique(np.concatenate([rays.point[rows], network.known.point if known else rays.point[:0]]))
     points, point_slot, point_start = _slots(seen, network.point_pose, poses)
     bars = network.bars
@@ -60,6 +63,7 @@ def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
         rays=rows,
         ray_image=image_slot[rays.image[rows]],
         ray_point=point_slot[rays.point[rows]],
+        first_ray=np.searchsorted(image_slot[rays.image[rows]], np.arange(len(images) + 1)),
         images=images,
         points=points,
         image_start=image_start,

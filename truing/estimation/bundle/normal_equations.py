@@ -12,19 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.layout import Layout
-from truing.estimation.bundle.network import Array, Network, State
-from truing.estimation.bundle.projection import linearise, project
+from truing.estimation.bundle.network import Array, Index, Network, State
+from truing.estimation.bundle.projection import format_centres
 from truing.estimation.rotation import exp_so3
 
 
 @dataclass(frozen=True)
 class Observed:
-    """What is adjusted, with its information: that of the rays (n, 2, 2) in px^-2, of known points (m, 3, 3) in m^-2
-    and of the lengths of bars (K,) in m^-2, zero for those that are no unknowns; distances have their variance (q,) in
-    m^2."""
+    """What is adjusted: image points (n, 2) in px and their information (n, 2, 2) in px^-2, the information of known
+    points (m, 3, 3) in m^-2 and of the lengths of bars (K,) in m^-2, zero for those that are no unknowns, and the
+    variance of distances (q,) in m^2."""
 
     network: Network
     layout: Layout
+    xy_px: Array
     rays: Array
     known: Array
     bars: Array
@@ -42,18 +43,15 @@ class Distances:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Blocks of images (i, 6, 6) and points (p, 3, 3), of both per pose (6 i, 3 p), of each with the common unknowns
-    (i, 6, c) and (p, 3, c), of these (c, c); right sides likewise; the weighted sum of squares without distances."""
+    """Blocks of images (i, 6, 6) and points (p, 3, 3); rows of the images per pose (6 i, 3 p + c + 1), by the points of
+    the pose, the common unknowns and the right side; rows of points (p, 3, c + 1) and of the common unknowns
+    (c, c + 1), by these and the right side; the weighted sum of squares without distances."""
 
     images: Array
     points: Array
-    couplings: tuple[Array, ...]
-    image_common: Array
-    point_common: Array
+    image_rows: tuple[Array, ...]
+    point_rows: Array
     common: Array
-    image_side: Array
-    point_side: Array
-    common_side: Array
     distances: Distances
     chi2: float
 
@@ -77,7 +75,15 @@ def observe(network: Network, layout: Layout, weights: Array, variance_factor: A
     free = layout.bar >= 0
     lengths[free] = network.bars.sigma_m[free] ** -2
     known = np.asarray(np.linalg.inv(network.known.cov_m2[layout.known]), np.float64)
-    return Observed(network, layout, rays, known, lengths, network.bars.repeat_sigma_m[layout.distances] ** 2)
+    return Observed(
+        network,
+        layout,
+        network.rays.xy_px[rows],
+        rays,
+        known,
+        lengths,
+        network.bars.repeat_sigma_m[layout.distances] ** 2,
+    )
 
 
 def distances_at(observed: Observed, state: State) -> Distances:
@@ -91,11 +97,26 @@ def distances_at(observed: Observed, state: State) -> Distances:
 
 def sum_of_squares(observed: Observed, state: State) -> float:
     """Return the weighted sum of squares without distances; infinite where a point is not before its camera."""
-    network, layout = observed.network, observed.layout
-    rays = network.rays
-    v = rays.xy_px[layout.rays] - project(network, state, rays.image[layout.rays], rays.point[layout.rays])
-    total = np.einsum("ni,nij,nj", v, observed.rays, v) + _of_priors(observed, state)
-    return float(total) if np.isfinite(total) else np.inf
+    from truing.estimation.bundle.accumulation_kernel import weighted_squares
+
+    seen = _seen(observed, state)
+    rays = observed.xy_px, observed.rays, observed.layout.first_ray, observed.layout.ray_point
+    return float(weighted_squares(*rays, *seen.cameras, *seen.places)) + _of_priors(observed, state)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the compiled code takes of a state: camera of every image, interior, centre of format, balancing radius;
+    rotations and centres of images, points."""
+
+    cameras: tuple[Index, Array, Array, Array]
+    places: tuple[Array, Array, Array]
+
+
+def _seen(observed: Observed, state: State) -> _Seen:
+    layout, network = observed.layout, observed.network
+    cameras = network.image_camera[layout.images], np.ascontiguousarray(state.interior), *format_centres(network)
+    return _Seen(cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points]))
 
 
 def _of_priors(observed: Observed, state: State) -> float:
@@ -112,29 +133,34 @@ def _misclosure_of_known(observed: Observed, state: State) -> Array:
 
 
 def normal_equations(observed: Observed, state: State) -> NormalEquations:
-    """Return the normal equations at a state."""
-    network, layout = observed.network, observed.layout
-    rays = network.rays
-    image, point = rays.image[layout.rays], rays.point[layout.rays]
-    at = linearise(network, state, image, point)
-    v = rays.xy_px[layout.rays] - at.xy_px
-    by_common = spread_interior(layout, network.image_camera[image], at.by_interior)
-    of_image = np.einsum("nki,nkl->nil", at.by_image, observed.rays)
-    of_point = np.einsum("nki,nkl->nil", at.by_point, observed.rays)
-    of_common = np.einsum("nki,nkl->nil", by_common, observed.rays)
+    """Return the normal equations at a state; its sum of squares is infinite, and the rest void, where a point is not
+    before its camera."""
+    from truing.estimation.bundle.accumulation_kernel import accumulate
+
+    layout, seen = observed.layout, _seen(observed, state)
     i, p, c = len(layout.images), len(layout.points), len(layout.common)
+    shapes = list(zip(6 * np.diff(layout.image_start), 3 * np.diff(layout.point_start) + c + 1, strict=True))
+    starts = np.concatenate([[0], np.cumsum([rows * columns for rows, columns in shapes])])
+    pose = np.repeat(np.arange(layout.poses), np.diff(layout.image_start))
+    stride = np.array([columns for _, columns in shapes])[pose]
+    image_row = starts[pose] + 6 * (np.arange(i) - layout.image_start[pose]) * stride
+    column = 3 * (np.arange(p) - np.repeat(layout.point_start[:-1], np.diff(layout.point_start)))
+    images, points, point_rows = np.empty((i, 6, 6)), np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1))
+    common, flat = np.zeros((c, c + 1)), np.zeros(starts[-1])
+    chi2 = accumulate(
+        *(observed.xy_px, observed.rays, layout.first_ray, layout.ray_point),
+        *(*seen.cameras, layout.interior, *seen.places),
+        *(column, image_row, stride, images, points, point_rows, common, flat),
+    )
+    image_rows = tuple(flat[a:b].reshape(shape) for a, b, shape in zip(starts[:-1], starts[1:], shapes, strict=True))
     blocks = NormalEquations(
-        _summed(i, layout.ray_image, of_image @ at.by_image),
-        _summed(p, layout.ray_point, of_point @ at.by_point),
-        _couplings(layout, of_image @ at.by_point),
-        _summed(i, layout.ray_image, of_image @ by_common),
-        _summed(p, layout.ray_point, of_point @ by_common),
-        np.einsum("nik,nkj->ij", of_common, by_common) if c else np.zeros((0, 0)),
-        _summed(i, layout.ray_image, np.einsum("nik,nk->ni", of_image, v)),
-        _summed(p, layout.ray_point, np.einsum("nik,nk->ni", of_point, v)),
-        np.einsum("nik,nk->i", of_common, v),
+        images,
+        points,
+        image_rows,
+        point_rows,
+        common,
         distances_at(observed, state),
-        float(np.einsum("ni,nij,nj", v, observed.rays, v)) + _of_priors(observed, state),
+        chi2 + _of_priors(observed, state),
     )
     _add_priors(observed, state, blocks)
     return blocks
@@ -147,44 +173,17 @@ def spread_interior(layout: Layout, camera: NDArray[np.int64], by_interior: Arra
     return spread[..., :-1]
 
 
-def _summed(count: int, slot: NDArray[np.int64], terms: Array) -> Array:
-    """Return the sums (count, ...) of terms (n, ...) by slot."""
-    total = np.zeros((count, *terms.shape[1:]))
-    np.add.at(total, slot, terms)
-    return total
-
-
-def _couplings(layout: Layout, terms: Array) -> tuple[Array, ...]:
-    """Return the blocks of images with points (6 i, 3 p) per pose, of terms (n, 6, 3) per ray."""
-    per_pose, width, pose, start = coupling_places(layout)
-    flat = np.zeros(start[-1])
-    column = 3 * (layout.ray_point - layout.point_start[pose])
-    row = 6 * (layout.ray_image - layout.image_start[pose])
-    corner = start[pose] + row * width[pose] + column
-    places = corner[:, None, None] + np.arange(6)[:, None] * width[pose][:, None, None] + np.arange(3)
-    np.add.at(flat, places, terms)
-    return tuple(flat[a:b].reshape(shape) for a, b, shape in zip(start[:-1], start[1:], per_pose, strict=True))
-
-
-def coupling_places(layout: Layout) -> tuple[list[tuple[int, int]], NDArray, NDArray, NDArray]:
-    """Return the shape and the width of every pose's coupling, the pose of every ray, and where couplings start."""
-    images, points = 6 * np.diff(layout.image_start), 3 * np.diff(layout.point_start)
-    start = np.concatenate([[0], np.cumsum(images * points)])
-    pose = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
-    return list(zip(images.tolist(), points.tolist(), strict=True)), points, pose, start
-
-
 def _add_priors(observed: Observed, state: State, blocks: NormalEquations) -> None:
     """Add known points and the lengths of bars."""
     layout = observed.layout
     np.add.at(blocks.points, layout.known_slot, observed.known)
     known = np.einsum("mij,mj->mi", observed.known, _misclosure_of_known(observed, state))
-    np.add.at(blocks.point_side, layout.known_slot, known)
+    np.add.at(blocks.point_rows[..., -1], layout.known_slot, known)
     free = np.flatnonzero(layout.bar >= 0)
     place = layout.bar[free]
     blocks.common[place, place] += observed.bars[free]
     misclosure = observed.network.bars.length_m[free] - state.bar_length_m[free]
-    blocks.common_side[place] += observed.bars[free] * misclosure
+    blocks.common[place, -1] += observed.bars[free] * misclosure
 
 
 def moved(layout: Layout, state: State, step: Step) -> State:

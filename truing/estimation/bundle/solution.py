@@ -68,7 +68,6 @@ def eliminate_poses(
     common = equations.common.copy()
     each = np.arange(len(common))
     common[each, each] *= 1 + damping
-    common = np.concatenate([common, equations.common_side[:, None]], -1)
     poses: list[EliminatedPose | None] = []
     for pose in range(layout.poses):
         if layout.image_start[pose] == layout.image_start[pose + 1]:

@@ -1,0 +1,266 @@
+"""Rays into normal equations, compiled: residual, exact derivatives and their products, image after image.
+
+The equations are those of `truing.estimation.bundle.projection`. A ray is two rows of 20 numbers, by point (3), image
+(6), interior (10) and misclosure (1), whitened by its information; products are summed per image in a small square,
+and per point as they come. Importing this module imports numba; compiled code is kept in numba's cache on disk.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation import lane_arithmetic
+from truing.estimation.lane_arithmetic import compiled, inner
+
+POINT, IMAGE, INTERIOR, MISCLOSURE = 0, 3, 9, 19  # where each part of a row starts
+WIDTH = 24  # of a row: three vectors
+
+
+@inner
+def direct(X: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
+    """Fill the point in camera axes (3)."""
+    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    for i in range(3):
+        X[i] = R[0, i] * a + R[1, i] * b + R[2, i] * c
+
+
+@inner
+def image_point(interior: NDArray, radius: float, X: NDArray) -> tuple[float, float]:
+    """Return image coordinates in px from the centre of the format."""
+    xi, eta = interior[0] * X[0] / X[2], interior[0] * X[1] / X[2]
+    s, s0 = xi * xi + eta * eta, radius * radius
+    p1, p2, p3 = s - s0, s * s - s0 * s0, s * s * s - s0 * s0 * s0
+    radial = 1.0 + interior[3] * p1 + interior[4] * p2 + interior[5] * p3
+    b1, b2 = interior[6], interior[7]
+    x = (
+        interior[1]
+        + xi * radial
+        + b1 * (s + 2.0 * xi * xi)
+        + 2.0 * b2 * xi * eta
+        + interior[8] * xi
+        + interior[9] * eta
+    )
+    y = interior[2] + eta * radial + b2 * (s + 2.0 * eta * eta) + 2.0 * b1 * xi * eta
+    return x, y
+
+
+@inner
+def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray) -> None:
+    """Fill derivatives (2, .) by the direction, in the place of the point, and by the interior."""
+    c, b1, b2 = interior[0], interior[6], interior[7]
+    u, v = X[0] / X[2], X[1] / X[2]
+    xi, eta = c * u, c * v
+    s, s0 = xi * xi + eta * eta, radius * radius
+    p1, p2, p3 = s - s0, s * s - s0 * s0, s * s * s - s0 * s0 * s0
+    radial = 1.0 + interior[3] * p1 + interior[4] * p2 + interior[5] * p3
+    slope = 2.0 * (interior[3] + 2.0 * interior[4] * s + 3.0 * interior[5] * s * s)
+    mixed = slope * xi * eta
+    xx = radial + slope * xi * xi + 6.0 * b1 * xi + 2.0 * b2 * eta + interior[8]
+    xy = mixed + 2.0 * b1 * eta + 2.0 * b2 * xi + interior[9]
+    yx = mixed + 2.0 * b2 * xi + 2.0 * b1 * eta
+    yy = radial + slope * eta * eta + 6.0 * b2 * eta + 2.0 * b1 * xi
+    per = c / X[2]
+    row[0, 0], row[0, 1], row[0, 2] = xx * per, xy * per, -(xx * u + xy * v) * per
+    row[1, 0], row[1, 1], row[1, 2] = yx * per, yy * per, -(yx * u + yy * v) * per
+    row[0, 9], row[0, 10], row[0, 11] = xx * u + xy * v, 1.0, 0.0
+    row[1, 9], row[1, 10], row[1, 11] = yx * u + yy * v, 0.0, 1.0
+    row[0, 12], row[0, 13], row[0, 14] = xi * p1, xi * p2, xi * p3
+    row[1, 12], row[1, 13], row[1, 14] = eta * p1, eta * p2, eta * p3
+    row[0, 15], row[0, 16], row[0, 17], row[0, 18] = s + 2.0 * xi * xi, 2.0 * xi * eta, xi, eta
+    row[1, 15], row[1, 16], row[1, 17], row[1, 18] = 2.0 * xi * eta, s + 2.0 * eta * eta, 0.0, 0.0
+
+
+@inner
+def turned(row: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
+    """Turn derivatives by the direction into those by the point, and fill those by the image."""
+    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    for k in range(2):
+        d0, d1, d2 = row[k, 0], row[k, 1], row[k, 2]
+        p0 = d0 * R[0, 0] + d1 * R[0, 1] + d2 * R[0, 2]
+        p1 = d0 * R[1, 0] + d1 * R[1, 1] + d2 * R[1, 2]
+        p2 = d0 * R[2, 0] + d1 * R[2, 1] + d2 * R[2, 2]
+        row[k, 0], row[k, 1], row[k, 2] = p0, p1, p2
+        row[k, 3], row[k, 4], row[k, 5] = -p0, -p1, -p2
+        row[k, 6], row[k, 7], row[k, 8] = p1 * c - p2 * b, p2 * a - p0 * c, p0 * b - p1 * a
+
+
+@inner
+def whitened(row: NDArray, information: NDArray) -> None:
+    """Multiply both rows by the upper root of their information."""
+    u = np.sqrt(information[0, 0])
+    v = information[0, 1] / u
+    w = np.sqrt(information[1, 1] - v * v)
+    for b in range(WIDTH):
+        row[0, b] = u * row[0, b] + v * row[1, b]
+        row[1, b] = w * row[1, b]
+
+
+@inner
+def add_to_image(square: NDArray, row: NDArray) -> None:
+    """Add the products of both rows."""
+    for a in range(IMAGE, MISCLOSURE + 1):
+        f, g = row[0, a], row[1, a]
+        for b in range(WIDTH):
+            square[a, b] += f * row[0, b] + g * row[1, b]
+
+
+@inner
+def add_to_point(
+    row: NDArray, products: NDArray, block: NDArray, side: NDArray, place: NDArray, flat: NDArray, at: int, stride: int
+) -> None:
+    """Add the products with the point to its block (3, 3), its side (3, c + 1) and the image's rows from at."""
+    last = side.shape[1] - 1
+    for a in range(3):
+        f, g = row[0, a], row[1, a]
+        for b in range(WIDTH):
+            products[b] = f * row[0, b] + g * row[1, b]
+        for b in range(3):
+            block[a, b] += products[b]
+        for b in range(6):
+            flat[at + b * stride + a] += products[IMAGE + b]
+        for b in range(10):
+            if place[b] >= 0:
+                side[a, place[b]] += products[INTERIOR + b]
+        side[a, last] += products[MISCLOSURE]
+
+
+@inner
+def put_image(
+    square: NDArray, block: NDArray, place: NDArray, common: NDArray, flat: NDArray, at: int, stride: int
+) -> None:
+    """Write an image's sums: its block (6, 6), its rows' columns of the common unknowns from at, and these alone."""
+    last = common.shape[1] - 1
+    for a in range(6):
+        for b in range(6):
+            block[a, b] = square[IMAGE + a, IMAGE + b]
+        for b in range(10):
+            if place[b] >= 0:
+                flat[at + a * stride + place[b]] = square[IMAGE + a, INTERIOR + b]
+        flat[at + a * stride + last] = square[IMAGE + a, MISCLOSURE]
+    for a in range(10):
+        if place[a] >= 0:
+            for b in range(10):
+                if place[b] >= 0:
+                    common[place[a], place[b]] += square[INTERIOR + a, INTERIOR + b]
+            common[place[a], last] += square[INTERIOR + a, MISCLOSURE]
+
+
+@compiled(lane_arithmetic.__file__, __file__)
+def accumulate(
+    xy: NDArray,
+    information: NDArray,
+    first_ray: NDArray,
+    ray_point: NDArray,
+    camera: NDArray,
+    interior: NDArray,
+    format_centre: NDArray,
+    radius: NDArray,
+    place: NDArray,
+    R: NDArray,
+    centre: NDArray,
+    points: NDArray,
+    column: NDArray,
+    image_row: NDArray,
+    stride: NDArray,
+    images: NDArray,
+    blocks: NDArray,
+    sides: NDArray,
+    common: NDArray,
+    flat: NDArray,
+) -> float:
+    """Fill the normal equations and return the weighted sum of squares, infinite where a point is behind its camera.
+
+    Rays (n) are in the order of their images, first_ray (i + 1); camera, R, centre of every image; place (C, 10) of
+    interior elements among the common unknowns; column (p,) of a point in its pose's rows, image_row (i,) where an
+    image's rows start in flat, stride (i,) their length, the last c + 1 columns being those of the common unknowns.
+    """
+    row, products, square, X = np.zeros((2, WIDTH)), np.zeros(WIDTH), np.zeros((WIDTH, WIDTH)), np.zeros(3)
+    total = 0.0
+    for i in range(len(camera)):
+        k = camera[i]
+        square[:] = 0.0
+        for n in range(first_ray[i], first_ray[i + 1]):
+            p = ray_point[n]
+            direct(X, R[i], points[p], centre[i])
+            if not X[2] > 0.0:
+                return np.inf
+            linearised(row, interior[k], radius[k], X)
+            turned(row, R[i], points[p], centre[i])
+            x, y = image_point(interior[k], radius[k], X)
+            row[0, MISCLOSURE] = xy[n, 0] - format_centre[k, 0] - x
+            row[1, MISCLOSURE] = xy[n, 1] - format_centre[k, 1] - y
+            whitened(row, information[n])
+            add_to_image(square, row)
+            add_to_point(row, products, blocks[p], sides[p], place[k], flat, image_row[i] + column[p], stride[i])
+        put_image(square, images[i], place[k], common, flat, image_row[i] + stride[i] - common.shape[1], stride[i])
+        total += square[MISCLOSURE, MISCLOSURE]
+    return total
+
+
+@compiled(lane_arithmetic.__file__, __file__)
+def weighted_squares(
+    xy: NDArray,
+    information: NDArray,
+    first_ray: NDArray,
+    ray_point: NDArray,
+    camera: NDArray,
+    interior: NDArray,
+    format_centre: NDArray,
+    radius: NDArray,
+    R: NDArray,
+    centre: NDArray,
+    points: NDArray,
+) -> float:
+    """Return the weighted sum of squares alone."""
+    X = np.zeros(3)
+    total = 0.0
+    for i in range(len(camera)):
+        k = camera[i]
+        for n in range(first_ray[i], first_ray[i + 1]):
+            direct(X, R[i], points[ray_point[n]], centre[i])
+            if not X[2] > 0.0:
+                return np.inf
+            x, y = image_point(interior[k], radius[k], X)
+            a, b = xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y
+            total += information[n, 0, 0] * a * a + 2.0 * information[n, 0, 1] * a * b + information[n, 1, 1] * b * b
+    return total
+
+
+@compiled(lane_arithmetic.__file__, __file__)
+def forward(own: NDArray, rows: NDArray, damping: float, root: NDArray, reduced: NDArray) -> bool:
+    """Fill the inverse (b, d, d) of the Cholesky factor of blocks whose diagonal is enlarged by a part of it, and its
+    product (b d, w) with their rows; return whether all of them are positive definite."""
+    count, d, _ = own.shape
+    lower = np.zeros((d, d))
+    for n in range(count):
+        for i in range(d):
+            for j in range(i + 1):
+                value = own[n, i, j]
+                if i == j:
+                    value *= 1.0 + damping
+                for k in range(j):
+                    value -= lower[i, k] * lower[j, k]
+                if i > j:
+                    lower[i, j] = value / lower[j, j]
+                elif value > 0.0:
+                    lower[i, i] = np.sqrt(value)
+                else:
+                    return False
+        for i in range(d):
+            for j in range(i + 1, d):
+                root[n, i, j] = 0.0
+            for j in range(i + 1):
+                value = 1.0 if i == j else 0.0
+                for k in range(j, i):
+                    value -= lower[i, k] * root[n, k, j]
+                root[n, i, j] = value / lower[i, i]
+        for i in range(d):
+            target = reduced[n * d + i]
+            target[:] = 0.0
+            for j in range(i + 1):
+                f = root[n, i, j]
+                source = rows[n * d + j]
+                for b in range(len(target)):
+                    target[b] += f * source[b]
+    return True
