@@ -88,4 +88,21 @@ NETWORK = (
     real("deviation_sigma_mm", "mm", "one standard deviation of that", minimum=0.0),
 )
 
-PHOTOGRAPHS = (*IMAGES, *CAMERAS, *KNOWN_BEFOREHAND, *NETWORK)
+RAYS = (
+    Column("shared_number", "text", "a number that poses should share: what it is of, which one, its name"),
+    Column("other_number", "text", "the number that it is told together with"),
+    Column("shared_unit", "text", "its unit"),
+    real("shared_scale", "", "how much of it counts as one, in its unit", minimum=0.0),
+    real(
+        "shared_sigma",
+        "",
+        "how well the adjustment knew it beforehand, in its unit; empty: not at all",
+        minimum=0.0,
+        nullable=True,
+    ),
+    real("score", "", "slope of the log likelihood of the rays by it, at its adjusted value, per scale"),
+    real("information", "", "curvature of that by the two numbers, per scale of each"),
+    *(real(f"moves_{a}_mm", "mm", f"change of {a} per scale of the number in this pose alone") for a in _AXES),
+)
+
+PHOTOGRAPHS = (*IMAGES, *CAMERAS, *KNOWN_BEFOREHAND, *NETWORK, *RAYS)

@@ -128,4 +128,22 @@ PHOTOGRAPHS = (
         ("figure", "subject", "value", "unit"),
         key=("figure", "subject"),
     ),
+    parquet(
+        "ray_statistics",
+        "what the rays of each pose say of numbers that all poses should share: cameras, scale bars, air",
+        ("pose", "shared_number", "shared_unit", "shared_scale", "shared_sigma", "score"),
+        key=("pose", "shared_number"),
+    ),
+    parquet(
+        "ray_information",
+        "how surely the rays of each pose say it, by pairs of numbers",
+        ("pose", "shared_number", "other_number", "information"),
+        key=("pose", "shared_number", "other_number"),
+    ),
+    parquet(
+        "ray_effects",
+        "how the points of a pose would move if one of these numbers were another one in it",
+        ("pose", "point", "shared_number", "moves_x_mm", "moves_y_mm", "moves_z_mm"),
+        key=("pose", "point", "shared_number"),
+    ),
 )

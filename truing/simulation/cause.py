@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from truing.simulation.bench.reading_state import LoadSteps
     from truing.simulation.chain import State
     from truing.simulation.legs import Change
+    from truing.simulation.photographs.ray_poses import RayPoses
     from truing.simulation.targets import Targets
 
 
@@ -26,7 +27,7 @@ LEG_FIELDS = frozenset({"indicated", "rho", "a", "b", "u", "l", "delta_bz"})
 
 
 # What a cause may act on.
-POINTS, READINGS = "points", "readings"
+POINTS, READINGS, RAYS = "points", "readings", "rays"
 
 
 class Step(StrEnum):
@@ -96,6 +97,9 @@ class Scene:
     loads: LoadSteps | None = None  # of a bench that loads a sensor, whose steps stand for poses
     placed: tuple[str, ...] = ()  # bodies whose places x, y, z are known as columns, seen from another one
     word_of_target: str = "target"  # what one of the K is called: a target, a channel
+    rays: RayPoses | None = None  # of photographs, in place of points
+    scale_bars: tuple[str, ...] = ()  # that the points' scale was taken from
+    photographed: bool = False  # whether points were computed from photographs
 
     @property
     def legs(self) -> int:
@@ -142,7 +146,7 @@ class Cause:
     kind: ClassVar[Kind] = Kind.LINEAR
     share: ClassVar[float] = 1.0
     reach: ClassVar[float] = 10.0  # plausible scales that its fit is held within: its prior must not shrink it
-    acts_on: ClassVar[str] = POINTS  # of bodies in space, or READINGS of a bench
+    acts_on: ClassVar[str] = POINTS  # of bodies in space, READINGS of a bench, or RAYS of photographs
     catalogued: ClassVar[bool] = True  # False: a dependence in a form that nobody declared
     reads: ClassVar[frozenset[str]] = LEG_FIELDS | {"shape"}
 

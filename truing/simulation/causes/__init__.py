@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truing.simulation.cause import POINTS, READINGS, Cause
+from truing.simulation.cause import POINTS, RAYS, READINGS, Cause
 from truing.simulation.causes.base_deformation import BaseDeformation
 from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
 from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, ZeroDrift
@@ -24,6 +24,10 @@ from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, Perio
 from truing.simulation.causes.flexure_shift import FlexureShift
 from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.measurement_scale import MeasurementScale
+from truing.simulation.causes.photographs.camera_instability import CameraInstability
+from truing.simulation.causes.photographs.refraction import EvenAir, Refraction
+from truing.simulation.causes.photographs.scale_bar_temperature import AllBars, OneBar
+from truing.simulation.causes.photographs.unexplained_rays import UnexplainedRays
 from truing.simulation.causes.platform_deformation import (
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
@@ -73,6 +77,9 @@ OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
     RowsExchanged(),
     UnexplainedReadings(),
 )
+# What rays of photographs tell by themselves, and what points do that were computed from them.
+OWN_CAUSES_OF_RAYS: tuple[Cause, ...] = (CameraInstability(), OneBar(), Refraction(), UnexplainedRays())
+OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[Cause, ...] = (AllBars(), EvenAir())
 # Of those of mechanisms, what a body without a mechanism knows.
 _OF_BODIES = (
     "thermal-expansion",
@@ -107,6 +114,19 @@ def catalogue_of_readings() -> dict[str, Cause]:
     Raises ValueError where two causes have the same id.
     """
     return _with_installed(OWN_CAUSES_OF_READINGS, READINGS)
+
+
+def catalogue_of_rays() -> dict[str, Cause]:
+    """Return all causes that rays of photographs may tell of by themselves, by id.
+
+    Raises ValueError where two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES_OF_RAYS, RAYS)
+
+
+def of_photographed_points() -> dict[str, Cause]:
+    """Return the causes, by id, that points know beside all others where they come from photographs."""
+    return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
 
 
 def _with_installed(own: tuple[Cause, ...], acts_on: str) -> dict[str, Cause]:

@@ -1,0 +1,147 @@
+"""Tables of what rays tell, pose by pose, of numbers that all poses should share: made and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from stages.point_arrays import number_column, positions
+from truing.simulation.photographs.ray_poses import RayParameter
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.estimation.bundle.network import Network, State
+    from truing.estimation.bundle.normal_equations import Observed
+    from truing.estimation.bundle.ray_statistics import RayStatistics, SharedNumber
+
+Array = NDArray[np.float64]
+_MM = 1e3
+
+
+def ray_tables(
+    observed: Observed, state: State, poses: Sequence[int | str], points: Sequence[str], bars: Sequence[str]
+) -> dict[str, pa.Table]:
+    """The artifacts ray_statistics, ray_information and ray_effects of an adjusted network.
+
+    Names of its poses, points (by number) and scale bars; points without a name are left out.
+    """
+    from truing.estimation.bundle.ray_statistics import ray_statistics
+
+    found = ray_statistics(observed, state)
+    names = np.array([_called(number, observed.network, bars) for number in found.numbers], object)
+    told = np.flatnonzero(np.any(found.information != 0.0, (1, 2)))
+    return {
+        "ray_statistics": _statistics(found, names, poses, told),
+        "ray_information": _information(found, names, poses, told),
+        "ray_effects": _effects(found, names, poses, points, observed.network.point_pose),
+    }
+
+
+def _called(number: SharedNumber, network: Network, bars: Sequence[str]) -> str:
+    owners = {"camera": [camera.name for camera in network.cameras], "bar": list(bars)}
+    owners["window"] = owners["camera"]
+    owner = owners[number.kind][number.owner] if number.kind in owners else ""
+    return " ".join(filter(None, (number.kind, owner, number.name)))
+
+
+def _statistics(found: RayStatistics, names: Array, poses: Sequence[int | str], told: NDArray) -> pa.Table:
+    count, scale = len(names), np.array([number.scale for number in found.numbers])
+    columns = {
+        "pose": _repeated(poses, told, count),
+        "shared_number": np.tile(names, len(told)).tolist(),
+        "shared_unit": [number.unit for number in found.numbers] * len(told),
+        "shared_scale": np.tile(scale, len(told)),
+        "shared_sigma": [number.sigma for number in found.numbers] * len(told),
+        "score": (found.score[told] * scale).ravel(),
+    }
+    return _table("ray_statistics", columns, poses)
+
+
+def _information(found: RayStatistics, names: Array, poses: Sequence[int | str], told: NDArray) -> pa.Table:
+    first, second = np.triu_indices(len(names))
+    scale = np.array([number.scale for number in found.numbers])
+    values = found.information[told][:, first, second] * (scale[first] * scale[second])
+    columns = {
+        "pose": _repeated(poses, told, len(first)),
+        "shared_number": np.tile(names[first], len(told)).tolist(),
+        "other_number": np.tile(names[second], len(told)).tolist(),
+        "information": values.ravel(),
+    }
+    return _table("ray_information", columns, poses)
+
+
+def _effects(
+    found: RayStatistics, names: Array, poses: Sequence[int | str], points: Sequence[str], pose: NDArray
+) -> pa.Table:
+    kept = np.flatnonzero(np.isfinite(found.by_point).all((1, 2)) & np.array([bool(name) for name in points]))
+    scale = np.array([number.scale for number in found.numbers])
+    moves = np.swapaxes(found.by_point[kept] * scale, 1, 2).reshape(-1, 3) * _MM
+    columns: dict[str, Any] = {
+        "pose": _repeated(poses, pose[kept], len(names)),
+        "point": np.repeat(np.array(points, object)[kept], len(names)).tolist(),
+        "shared_number": np.tile(names, len(kept)).tolist(),
+    }
+    columns |= {f"moves_{axis}_mm": moves[:, k] for k, axis in enumerate("xyz")}
+    return _table("ray_effects", columns, poses)
+
+
+def _repeated(poses: Sequence[int | str], chosen: NDArray, times: int) -> list[Any]:
+    return np.repeat(np.array(poses, object)[chosen], times).tolist()
+
+
+def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]) -> pa.Table:
+    import pyarrow as pa
+
+    identifier = "int64" if all(isinstance(pose, int) for pose in poses) else "string"
+    return pa.Table.from_pydict(dict(columns), schema=ARTIFACTS[artifact].arrow_schema(identifier))
+
+
+def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
+    """The numbers of ray_statistics, each once, in their order."""
+    found: dict[str, RayParameter] = {}
+    for row in table.select(["shared_number", "shared_unit", "shared_scale", "shared_sigma"]).to_pylist():
+        name = row["shared_number"]
+        if name not in found:
+            kind, _, rest = name.partition(" ")
+            owner, _, own = rest.rpartition(" ")
+            found[name] = RayParameter(kind, owner, own, row["shared_unit"], row["shared_scale"], row["shared_sigma"])
+    return tuple(found.values())
+
+
+def information_and_score(
+    tables: Mapping[str, pa.Table], poses: Sequence[int | str], numbers: Sequence[RayParameter]
+) -> tuple[Array, Array]:
+    """Information (B, T, T) and score (B, T), per scale of each number; zero for poses without rays."""
+    at = {number.called: place for place, number in enumerate(numbers)}
+    information, score = np.zeros((len(poses), len(at), len(at))), np.zeros((len(poses), len(at)))
+    table = tables["ray_statistics"]
+    row, place = positions(table.column("pose"), tuple(poses)), _places(table, "shared_number", at)
+    score[row[row >= 0], place[row >= 0]] = number_column(table, "score")[row >= 0]
+    table = tables["ray_information"]
+    row = positions(table.column("pose"), tuple(poses))
+    first, second = _places(table, "shared_number", at), _places(table, "other_number", at)
+    values, known = number_column(table, "information"), row >= 0
+    information[row[known], first[known], second[known]] = values[known]
+    information[row[known], second[known], first[known]] = values[known]
+    return information, score
+
+
+def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple[list[tuple[Any, str]], Array]:
+    """Pose and name (N) of the points of ray_effects, and how they move (N, 3, T), m per scale of each number."""
+    at = {number.called: place for place, number in enumerate(numbers)}
+    keys = list(zip(table.column("pose").to_pylist(), table.column("point").to_pylist(), strict=True))
+    rows = {key: n for n, key in enumerate(dict.fromkeys(keys))}
+    found = np.zeros((len(rows), 3, len(at)))
+    row, place = np.array([rows[key] for key in keys], int), _places(table, "shared_number", at)
+    for k, axis in enumerate("xyz"):
+        found[row, k, place] = number_column(table, f"moves_{axis}_mm") / _MM
+    return list(rows), found
+
+
+def _places(table: pa.Table, column: str, at: Mapping[str, int]) -> NDArray:
+    return np.array([at[name] for name in table.column(column).to_pylist()], int)

@@ -1,0 +1,215 @@
+"""What the rays of each pose tell of numbers that all poses should share: cameras, bars, air.
+
+With v what an adjustment leaves of a pose's observations, W their weights, A their derivatives by what is the pose's
+own (points, orientations of images) and B those by the numbers theta, everything about theta in the pose is in
+
+    information N = B^T Q B,   score n = B^T Q v,   Q = W - W A (A^T W A)^-1 A^T W,
+
+for n is normal about N (theta in this pose - theta of the adjustment) with covariance N, independent from pose to pose
+and of the adjusted points. These follow theta by G = -(A^T W A)^-1 A^T W B. Neither N nor n depends on the datum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from truing.estimation.bundle.bent_rays import CURVATURES, by_curvature, by_thickness
+from truing.estimation.bundle.camera import PARAMETERS, UNITS
+from truing.estimation.bundle.datum import Freedom
+from truing.estimation.bundle.network import Array, Index, State
+from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
+from truing.estimation.bundle.projection import Linearised, linearise, seen
+from truing.estimation.bundle.solution import freedoms
+
+CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
+# A rigid distance is held by so many times the information of its ends.
+_RIGID = 1e4
+# Sizes that matter: a millionth of the index per square metre, a millimetre of glass, 10 um of a metre;
+# of an interior element what moves the edge of the format by a pixel, by these powers of half the width.
+_CURVATURE, _THICKNESS, _STRAIN = 1e-6, 1e-3, 1e-5
+_POWERS = (0, 0, 0, -3, -5, -7, -2, -2, -1, -1)
+
+
+@dataclass(frozen=True)
+class SharedNumber:
+    """A number that poses should share: kind (camera, bar, air, window), which camera or bar by number (-1 for air),
+    its name and unit in SI or px; scale: of what size it matters; sigma: how well it was known before the adjustment,
+    None where not at all, 0 where it was taken as exact."""
+
+    kind: str
+    owner: int
+    name: str
+    unit: str
+    scale: float
+    sigma: float | None
+
+
+@dataclass(frozen=True)
+class RayStatistics:
+    """By pose (S): information (S, T, T) and score (S, T) of T numbers, and how points (P, 3, T) of the network follow
+    them in m per unit, NaN for points that take no part."""
+
+    numbers: tuple[SharedNumber, ...]
+    information: Array
+    score: Array
+    by_point: Array
+
+
+def ray_statistics(observed: Observed, state: State) -> RayStatistics:
+    """Return what each pose tells at an adjusted state."""
+    network, layout = observed.network, observed.layout
+    numbers = _numbers(observed)
+    rays = network.rays
+    image, point = rays.image[layout.rays], rays.point[layout.rays]
+    at = linearise(network, state, image, point)
+    rows = _Rows(at, rays.xy_px[layout.rays] - at.xy_px, _by_numbers(observed, state, numbers, at, image, point))
+    distances, free = distances_at(observed, state), freedoms(observed, state)
+    pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
+    information = np.zeros((layout.poses, len(numbers), len(numbers)))
+    score, by_point = np.zeros(information.shape[:2]), np.full((len(state.points), 3, len(numbers)), np.nan)
+    for pose in range(layout.poses):
+        own = np.flatnonzero(pose_of_ray == pose)
+        if len(own):
+            points = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
+            found = _of_pose(observed, state, numbers, rows, own, pose, distances, free[pose])
+            information[pose], score[pose], by_point[points] = found
+    return RayStatistics(numbers, information, score, by_point)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    at: Linearised
+    left: Array  # (n, 2) px, measured less computed
+    by_numbers: Array  # (n, 2, T)
+
+
+def _numbers(observed: Observed) -> tuple[SharedNumber, ...]:
+    """Return the numbers; what an adjustment can hardly tell apart from the rest comes first, cameras' c last."""
+    network, layout = observed.network, observed.layout
+    cameras = np.unique(network.image_camera[layout.images]).tolist()
+    bars, lengths = np.unique(network.bars.bar[layout.distances]).tolist(), network.bars
+    found = [SharedNumber(AIR, -1, name, "1/m^2", _CURVATURE, 0.0) for name in CURVATURES]
+    found += [SharedNumber(WINDOW, camera, "thickness", "m", _THICKNESS, 0.0) for camera in cameras]
+    sigma = lengths.sigma_m / lengths.length_m
+    found += [SharedNumber(BAR, bar, "strain", "1", _STRAIN, float(sigma[bar])) for bar in bars]
+    for k in (*range(3, len(PARAMETERS)), 1, 2, 0):
+        for camera in cameras:
+            own, name = network.cameras[camera], PARAMETERS[k]
+            scale = (own.width_px / 2) ** _POWERS[k]
+            found.append(SharedNumber(CAMERA, camera, name, UNITS[k], scale, None if name in own.free else 0.0))
+    return tuple(found)
+
+
+def _by_numbers(
+    observed: Observed, state: State, numbers: tuple[SharedNumber, ...], at: Linearised, image: Index, point: Index
+) -> Array:
+    """Return the derivatives of rays (n, 2, T) by the numbers, none by those of bars."""
+    camera, points = observed.network.image_camera[image], state.points[point]
+    origin = points.mean(0) if len(points) else np.zeros(3)
+    air = at.by_point @ by_curvature(points, state.centre[image], origin)
+    axis = state.R[image][:, :, 2]
+    pane = np.einsum("nki,ni->nk", at.by_point, axis) * by_thickness(seen(state, image, point))[:, None]
+    found = np.zeros((len(image), 2, len(numbers)))
+    for place, number in enumerate(numbers):
+        own = camera == number.owner
+        if number.kind == AIR:
+            found[..., place] = air[..., CURVATURES.index(number.name)]
+        elif number.kind == WINDOW:
+            found[own, :, place] = pane[own]
+        elif number.kind == CAMERA:
+            found[own, :, place] = at.by_interior[own, :, PARAMETERS.index(number.name)]
+    return found
+
+
+def _of_pose(
+    observed: Observed,
+    state: State,
+    numbers: tuple[SharedNumber, ...],
+    rows: _Rows,
+    own: Index,
+    pose: int,
+    distances: Distances,
+    free: Freedom,
+) -> tuple[Array, Array, Array]:
+    """Return information (T, T), score (T,) and derivatives of the points (p, 3, T) of a pose; own: its rays."""
+    layout = observed.layout
+    first_image, first_point = layout.image_start[pose], layout.point_start[pose]
+    images, points = layout.image_start[pose + 1] - first_image, layout.point_start[pose + 1] - first_point
+    size = 6 * images + 3 * points
+    # Rows of rays are dense in nine unknowns: the image's six and the point's three.
+    places = np.concatenate(
+        [
+            6 * (layout.ray_image[own] - first_image)[:, None] + np.arange(6),
+            6 * images + 3 * (layout.ray_point[own] - first_point)[:, None] + np.arange(3),
+        ],
+        1,
+    )
+    by_own = np.concatenate([rows.at.by_image[own], rows.at.by_point[own]], -1)
+    by_numbers, left, weight = rows.by_numbers[own], rows.left[own], observed.rays[own]
+    weighed = np.einsum("nki,nkl->nil", by_own, weight)
+    of_numbers = np.einsum("nkt,nkl->ntl", by_numbers, weight)
+    normal, sides = np.zeros((size, size)), np.zeros((size, len(numbers) + 1))
+    np.add.at(normal, (places[:, :, None], places[:, None]), weighed @ by_own)
+    both = np.concatenate([by_numbers, left[..., None]], -1)
+    np.add.at(sides, places, weighed @ both)
+    whole = np.einsum("ntl,nls->ts", of_numbers, both)
+    _add_known(observed, state, pose, normal, sides, 6 * images)
+    whole += _add_distances(observed, numbers, pose, distances, normal, sides, 6 * images)
+    scale = 1 / np.sqrt(np.diagonal(normal))
+    normal *= scale * scale[:, None]
+    sides *= scale[:, None]
+    # What nothing holds is held at what it is: rows of unit weight along the datum's freedoms.
+    loose = np.concatenate([free.images.reshape(-1, free.count), free.points.reshape(-1, free.count)]) / scale[:, None]
+    loose = np.linalg.qr(loose)[0]
+    normal += loose @ loose.T
+    solved = cho_solve(cho_factor(normal, lower=True), sides)
+    reduced = whole - sides[:, :-1].T @ solved
+    information = (reduced[:, :-1] + reduced[:, :-1].T) / 2
+    moved = -(solved[:, :-1] * scale[:, None])[6 * images :]
+    # The datum of the pose: no shift, turn or growth of all points that the observations leave free.
+    held = free.points.reshape(-1, free.count)
+    moved -= held @ (held.T @ moved)
+    return information, reduced[:, -1], moved.reshape(points, 3, -1)
+
+
+def _add_known(observed: Observed, state: State, pose: int, normal: Array, sides: Array, first: int) -> None:
+    """Add known points of a pose to its normal equations."""
+    layout, known = observed.layout, observed.network.known
+    start, stop = layout.point_start[pose], layout.point_start[pose + 1]
+    for row in np.flatnonzero((layout.known_slot >= start) & (layout.known_slot < stop)):
+        own = first + 3 * (layout.known_slot[row] - start) + np.arange(3)
+        number = layout.known[row]
+        normal[np.ix_(own, own)] += observed.known[row]
+        sides[own, -1] += observed.known[row] @ (known.xyz_m[number] - state.points[known.point[number]])
+
+
+def _add_distances(
+    observed: Observed,
+    numbers: tuple[SharedNumber, ...],
+    pose: int,
+    distances: Distances,
+    normal: Array,
+    sides: Array,
+    first: int,
+) -> Array:
+    """Add distances of a pose to its normal equations; return what they add to those (T, T + 1) of the numbers."""
+    layout, bars = observed.layout, observed.network.bars
+    start, strain = layout.point_start[pose], {n.owner: place for place, n in enumerate(numbers) if n.kind == BAR}
+    added = np.zeros((len(numbers), len(numbers) + 1))
+    for row in np.flatnonzero(layout.distance_pose == pose):
+        ends = np.array([layout.first[row], layout.second[row]]) - start
+        own = (first + 3 * ends[:, None] + np.arange(3)).ravel()
+        along = np.concatenate([-distances.direction[row], distances.direction[row]])
+        most = _RIGID * float(np.sum(np.diagonal(normal)[own])) / len(own)
+        weight = min(1 / max(float(observed.distance_variance[row]), 1e-300), most)
+        bar = int(bars.bar[layout.distances[row]])
+        # The distance less the bar's length is what was observed: nothing.
+        both = np.zeros(len(numbers) + 1)
+        both[strain[bar]], both[-1] = -bars.length_m[bar], distances.misclosure[row]
+        normal[np.ix_(own, own)] += weight * np.outer(along, along)
+        sides[own] += weight * np.outer(along, both)
+        added += weight * np.outer(both[:-1], both)
+    return added

@@ -1,0 +1,1 @@
+"""Causes that photographs show: of cameras, of scale bars, of what rays pass through."""

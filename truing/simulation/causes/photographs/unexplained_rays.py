@@ -1,0 +1,158 @@
+"""What no cause of the catalogue explains of rays: a number of a camera or bar follows columns, in no declared form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Parameter, Scene
+from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
+from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
+from truing.simulation.photographs.ray_poses import BAR, CAMERA, ORDER, TEMPERATURE, TIME, RayPoses
+
+# What of a camera or a bar may follow something, each by itself, and how much of it is plausible.
+_PLAUSIBLE = {"c": 0.3, "x0": 0.3, "y0": 0.3, "strain": 1e-4}
+_POLYNOMIALS, _WAVES = (1, 2, 3), (2, 4)
+_PER_FUNCTION = 4  # poses
+_IN_PROPORTION = 4.0
+_FURTHER = 2
+_MOST_DRIVES = 8
+_EDGE = 1e-6
+
+
+@dataclass(frozen=True)
+class UnexplainedRays(RayCause):
+    """A number of a camera or a bar follows columns (several: their product), brought to -1 .. 1 by centre and half
+    range: Chebyshev polynomials of degree ``first`` .. ``degree``, or so many slow waves (cosines)."""
+
+    owner_kind: str = CAMERA
+    owner: str = ""
+    name: str = "c"
+    unit: str = "px"
+    columns: tuple[str, ...] = (TIME,)
+    centres: tuple[float, ...] = (0.0,)
+    half_ranges: tuple[float, ...] = (1.0,)
+    form: str = POLYNOMIAL
+    degree: int = 1
+    first: int = 1
+
+    id = "unexplained"
+    catalogued = False
+    reach = 100.0
+
+    @property
+    def subject(self) -> str:
+        """Return the camera or the bar."""
+        return f"{self.owner_kind} {self.owner}"
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells it from others of its kind."""
+        degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
+        return f"{self.id} {self.subject} {self.name} {' '.join(self.columns)} {self.form} {degrees}"
+
+    @property
+    def goes_on(self) -> bool:
+        """Return whether it holds the further terms of a form of lower degree."""
+        return self.first > 1
+
+    @property
+    def lasts(self) -> bool:
+        """Return whether it stays with the camera: not what follows the time."""
+        return not {TIME, ORDER} & set(self.columns)
+
+    @property
+    def says(self) -> str:
+        """Return what the data show of it."""
+        return f"{self.name} of {self.subject} follows {self._followed}"
+
+    @property
+    def confirm(self) -> str:
+        """Return what to measure next."""
+        if set(self.columns) <= {TIME, ORDER}:
+            return "Repeat some poses in another order: does it go with the time, or with the pose?"
+        return f"Repeat some poses with another value of {self._followed}, everything else unchanged."
+
+    @property
+    def _followed(self) -> str:
+        said = [column.removesuffix("_s").removesuffix("_c").replace("_", " ") for column in self.columns]
+        if len(said) == 1:
+            return said[0]
+        return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
+
+    def follows(self, legs: int) -> tuple[str, ...]:
+        """Return the columns that it follows."""
+        return tuple(dict.fromkeys(TIME if column == ORDER else column for column in self.columns))
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: what a camera does moves no machine."""
+        return ()
+
+    def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
+        """Return the poses (B,) within the range of what it follows, beyond which its form says nothing."""
+        inside = np.ones(poses, bool)
+        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
+            inside &= np.abs(covariates[column] - centre) <= half * (1.0 + _EDGE)
+        return inside
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return everything that each number may follow, as far as its poses allow."""
+        rays = rays_of(scene)
+        found: list[Cause] = []
+        for place, number in enumerate(rays.parameters):
+            if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.tells[place]:
+                continue
+            count = int(rays.poses_of(number.kind, number.owner).sum())
+            bare = UnexplainedRays(number.kind, number.owner, number.name, number.unit)
+            for columns, form, degree in _followings(rays):
+                if count >= _PER_FUNCTION * degree:
+                    ranges = [_range(rays, column) for column in columns]
+                    centres, halves = tuple(c for c, _ in ranges), tuple(h for _, h in ranges)
+                    found.append(
+                        replace(bare, columns=columns, centres=centres, half_ranges=halves, form=form, degree=degree)
+                    )
+        return found
+
+    def further(self, scene: Scene) -> Sequence[Cause]:
+        """Return its next terms."""
+        return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, _FURTHER + 1)]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight: what is in proportion to one column is likelier than other forms."""
+        return _IN_PROPORTION if self.form == POLYNOMIAL and len(self.columns) == self.degree == 1 else 1.0
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return one amplitude per function."""
+        letter = "wave" if self.form == WAVES else "degree"
+        scale = _PLAUSIBLE[self.name]
+        return tuple(Parameter(f"{letter}{k}", self.unit, scale) for k in range(self.first, self.degree + 1))
+
+    def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
+        """Return the functions' values at every pose."""
+        x = np.ones(len(rays.poses))
+        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
+            x = x * ((rays.covariates[column] - centre) / half)
+        basis = (waves if self.form == WAVES else chebyshev)(x, self.degree)[:, self.first - 1 :]
+        place = rays.places(self.owner_kind, self.owner, (self.name,))
+        return np.concatenate([at_numbers(rays, place, column) for column in basis.T], -1)
+
+
+def _followings(rays: RayPoses) -> list[tuple[tuple[str, ...], str, int]]:
+    """Return columns, form and degree of what a campaign's numbers may follow; named causes know straight courses in
+    time and temperature, which count here as well."""
+    single = [column for column, values in rays.covariates.items() if np.ndim(values) == 1 and rays.varies(column)]
+    timed = [column for column in single if column != ORDER or TIME not in single]
+    found = [((column,), POLYNOMIAL, degree) for column in timed for degree in _POLYNOMIALS]
+    found += [((column,), WAVES, count) for column in timed if column in (TIME, ORDER) for count in _WAVES]
+    drives = [column for column in timed if column not in (TIME, ORDER, TEMPERATURE)]
+    pairs = [(a, b) for n, a in enumerate(drives) for b in drives[n + 1 :]] if len(drives) <= _MOST_DRIVES else []
+    return found + [(pair, POLYNOMIAL, 1) for pair in pairs]
+
+
+def _range(rays: RayPoses, column: str) -> tuple[float, float]:
+    values = rays.covariates[column]
+    low, high = float(np.min(values)), float(np.max(values))
+    return (low + high) / 2.0, (high - low) / 2.0
