@@ -1,0 +1,136 @@
+"""How exactly each kind of target was measured by each camera: variance components of rays, and the test of sigma0.
+
+The components are those of Helmert's estimation in Foerstner's simplified form (Foerstner 1979; Luhmann et al., section
+2.4.2.5): a group's weighted squares over its share of the redundancy, iterated with the adjustment until it is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truing.estimation.bundle.adjustment import Adjustment
+from truing.estimation.bundle.intersection import Mask
+from truing.estimation.bundle.network import Array, Index, Network
+
+POOLED = -1  # instead of a camera's or a kind's number: several were too small
+_FEWEST = 30.0  # redundancy below which a group is pooled: its component would be known to 25 % at best
+_BOUNDS = (1e-4, 1e4)  # of a factor; what lies outside is no matter of measuring noise
+
+
+@dataclass(frozen=True)
+class VarianceComponents:
+    """Factors of the rays' covariances: component (N,) of each ray; per component camera (G,) and kind (G,) by number
+    (POOLED where several small groups share it), factor (G,) with its standard deviation sigma (G,), redundancy (G,)
+    and rays (G,), and whether the factor stands at a bound (G,)."""
+
+    component: Index
+    camera: Index
+    kind: Index
+    factor: Array
+    sigma: Array
+    redundancy: Array
+    rays: Index
+    bounded: Mask
+
+    def of_rays(self) -> Array:
+        """Return the factor (N,) of every ray's covariance."""
+        return self.factor[self.component]
+
+
+@dataclass(frozen=True)
+class GlobalTest:
+    """The weighted sum of squares against its redundancy: sigma0^2, its two-sided limits at level alpha, the p-value,
+    and whether the stated standard deviations pass."""
+
+    variance_factor: float
+    low: float
+    high: float
+    p_value: float
+    alpha: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether sigma0^2 lies within its limits."""
+        return self.low <= self.variance_factor <= self.high
+
+
+def global_test(chi2: float, redundancy: int, alpha: float = 0.05) -> GlobalTest:
+    """Return the two-sided chi-square test of sigma0^2 = chi2 / redundancy against one."""
+    from scipy.stats import chi2 as distribution
+
+    low, high = distribution.ppf([alpha / 2, 1 - alpha / 2], redundancy) / redundancy
+    below = float(distribution.cdf(chi2, redundancy))
+    p_value = 2 * min(below, float(distribution.sf(chi2, redundancy)))
+    return GlobalTest(chi2 / redundancy, float(low), float(high), p_value, alpha)
+
+
+def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponents:
+    """Return components of factor one: a group per camera and kind of target, those of little redundancy pooled.
+
+    used (N,) rays count; redundancy (N,) of each. Small groups are pooled with the others of their camera that are
+    small, and, where that is not enough, with the largest group of their camera, or of all.
+    """
+    camera = network.image_camera[network.rays.image]
+    pairs, component = np.unique(np.stack([camera, network.rays.kind], axis=1), axis=0, return_inverse=True)
+    component = component.ravel()
+    names = [(int(c), int(k)) for c, k in pairs]
+    weight = np.bincount(component, np.where(used, redundancy, 0.0), minlength=len(names))
+    target = np.arange(len(names))
+    for c in np.unique(pairs[:, 0]):
+        small = np.flatnonzero((pairs[:, 0] == c) & (weight < _FEWEST))
+        if len(small) == 0 or (len(small) == 1 and len(names) == 1):
+            continue
+        large = np.flatnonzero((pairs[:, 0] == c) & (weight >= _FEWEST))
+        if weight[small].sum() < _FEWEST:
+            large = large if len(large) else np.flatnonzero(weight >= _FEWEST)
+            target[small] = large[np.argmax(weight[large])] if len(large) else small[0]
+        else:
+            target[small] = small[0]
+    kept, component = np.unique(target[component], return_inverse=True)
+    joint = [np.flatnonzero(target == k) for k in kept]
+    first, second = zip(*((_common(pairs[m, 0]), _common(pairs[m, 1])) for m in joint), strict=True)
+    rays = np.bincount(component[used], minlength=len(kept))
+    ones, nothing = np.ones(len(kept)), np.zeros(len(kept))
+    return VarianceComponents(
+        component, np.array(first), np.array(second), ones, np.full(len(kept), np.nan), nothing, rays, nothing > 0
+    )
+
+
+def _common(numbers: Index) -> int:
+    return int(numbers[0]) if (numbers == numbers[0]).all() else POOLED
+
+
+def updated(
+    components: VarianceComponents, adjusted: Adjustment, redundancy: Array, cut: float = 1.0
+) -> VarianceComponents:
+    """Return the components after one step: what an adjustment with the present factors says of each.
+
+    redundancy (N, 2, 2) is Q_vv C^-1 of every ray, C with its factor. cut is the mean of a good ray's squares, of those
+    that a test lets pass, over that of all. The standard deviations neglect how groups share what rays have in common:
+    exact for one group, and what several share is spread by its size.
+    """
+    used, group = adjusted.used, components.component[adjusted.used]
+    G = len(components.factor)
+    v = adjusted.residuals_px[used]
+    P = np.linalg.inv(adjusted.network.rays.cov_px2[used]) / components.of_rays()[used][:, None, None]
+    squares = np.bincount(group, np.einsum("ni,nij,nj->n", v, P, v), minlength=G)
+    r = np.bincount(group, np.einsum("nii->n", redundancy[used]), minlength=G).astype(float)
+    own = np.bincount(group, np.einsum("nij,nji->n", redundancy[used], redundancy[used]), minlength=G)
+    enough = r > 1e-6
+    ratio = np.where(enough, squares / np.where(enough, r, 1.0) / cut, 1.0)
+    factor = np.clip(components.factor * ratio, *_BOUNDS)
+    shared = np.maximum(r - own, 0.0)
+    S = np.diag(np.where(enough, own, 1.0)) + np.outer(shared, shared) / max(float(shared.sum()), 1e-12)
+    spread = np.sqrt(2 * np.diag(np.linalg.inv(S)))
+    rays = np.bincount(group, minlength=G)
+    bounded = (factor <= _BOUNDS[0]) | (factor >= _BOUNDS[1])
+    return replace(
+        components,
+        factor=factor,
+        sigma=np.where(enough, factor * spread, np.inf),
+        redundancy=r,
+        rays=rays,
+        bounded=bounded,
+    )
