@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ def find_candidates(
 _REASONS = ("at border", "too small", "too large", "too oblique", "not elliptical")
 
 
-def _measured(outlines: Sequence, levels: NDArray | None, size_px: tuple[float, float], rejected: Counter[str]) -> Array:
+def _measured(outlines: Any, levels: NDArray | None, size_px: tuple[float, float], rejected: Counter[str]) -> Array:
     """Return shapes (N, 10) of the outer outlines that are neither too short nor too long, counting the others."""
     if levels is None:
         return np.empty((0, SHAPE))

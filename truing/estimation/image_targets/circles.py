@@ -21,7 +21,9 @@ Mask = NDArray[np.bool_]
 # Radii are in units of the dot's. A code's ring begins at 2 and ends at 3.
 _INSIDE, _BESIDE = (0.35, 0.5, 0.65), (1.4, 1.5)
 _RING, _BEYOND = (2.35, 2.5, 2.65), (3.3,)
-_NEAR, _FAR = 1.5, 1.9  # how far out the picture of the edge is fitted: before and after the ring is known
+# How far out the picture of the edge is fitted: before anything is known; where there is no ring; inside a known one.
+_NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
+_HELD = 0.1  # of the contrast: levels in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
 _STRAY = 0.08  # share of an edge's pixels that may be taken for something else
 _MISFIT = 0.1  # of the contrast, beyond the noise: what an ellipse's picture leaves; sharpened ones 0.05
@@ -98,16 +100,17 @@ def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
     found = find_candidates(grey, plan.polarities, size, plan.least_axis_ratio, step)
     rejected = Counter(found.rejected)
     start = _with_clear_sides(grey, found, least, rejected)
-    first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None)
+    first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None, _HELD)
     first = first[_kept(_faults(first, plan, noise, least), rejected)]
-    reading, far = _surroundings(grey, first, plan, rejected)
+    reading, outer = _surroundings(grey, first, plan)
     ring = reading.ring if reading.ring.any() else None
-    last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, np.where(far, _FAR, _NEAR), ring)
+    last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, outer, ring, 0.0)
     coded = reading.number >= 0
     faults = _faults(last, plan, noise, least)
     for name, wrong in (
         ("at border", ~_ring_inside(grey, first, plan)),
         ("unreadable code", reading.unreadable),
+        ("part of a ring", _on_rings(first, reading) & ~coded),
         ("no code", ~coded & ~reading.unreadable & (not plan.uncoded)),
     ):
         faults = np.where((faults == "") & wrong, name, faults)
@@ -132,7 +135,7 @@ def _with_clear_sides(grey: NDArray, found: Candidates, least: float, rejected: 
     return np.concatenate([*columns, np.zeros((len(A), 2))], 1)[good]
 
 
-def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: Array | None) -> Array:
+def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: Array | None, held: float) -> Array:
     """Return the fits (N, RESULTS) of the pictures of ellipses, from start (N, UNKNOWNS), out to outer (N,) radii."""
     results = np.zeros((len(start), edge.RESULTS))
     if len(start):
@@ -142,7 +145,7 @@ def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: 
         most = int(4 * (1.5 * a + 20) * (1.5 * b + 20))
         level = np.array([noise.read_var, noise.gain])
         wide = grey.astype(np.uint16, copy=False)
-        edge.fit_edges(wide, np.ascontiguousarray(start), rings, coded, outer, level, _top(grey), most, results)
+        edge.fit_edges(wide, np.ascontiguousarray(start), rings, coded, outer, level, _top(grey), held, most, results)
     return results
 
 
@@ -186,15 +189,20 @@ def _doubles(fit: Array, axes: Array) -> Mask:
     return double
 
 
-def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan, rejected: Counter[str]) -> tuple[Reading, Mask]:
-    """Return what the rings about dots (N, RESULTS) say, and which dots are free, or known, out to the ring."""
+def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading, Array]:
+    """Return what the rings about dots (N, RESULTS) say, and out to which radii (N,) all light is known."""
+    from scipy.special import erf
+
     A, centre = _matrices(fit), fit[:, :2]
 
     def levels(radii: tuple[float, ...]) -> Array:
         grey_levels = sample_ellipses(grey, centre, A, radii, ROUND).mean(1)
         return (grey_levels - fit[:, [edge.GROUND]]) / fit[:, [edge.CONTRAST]]
 
-    ring = levels(_RING)
+    # of a narrow ring the blur leaves this much
+    width = _axes(fit)[0].prod(1) ** 0.5
+    left = np.maximum(erf(width / 2 / np.sqrt(2) / fit[:, edge.BLUR]), 0.5)
+    ring = levels(_RING) / left[:, None]
     reading = read_rings(ring, plan.codes)
     closed = (levels(_BEYOND) < 0.5).mean(1) > 1 - _UNEVEN
     broken = (reading.number >= 0) & ~closed
@@ -206,7 +214,23 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan, rejected: Counter
         unreadable=reading.unreadable | broken,
     )
     free = (levels((1.7, _FAR)) < 0.3).all(1) & (ring < 0.5).all(1)
-    return reading, free | (reading.number >= 0)
+    return reading, np.select([reading.number >= 0, free], [_TO_RING, _FAR], _NEAR)
+
+
+def _on_rings(fit: Array, reading: Reading) -> Mask:
+    """Return which dots (N,) lie on the ring of another, be it readable or not."""
+    from scipy.spatial import cKDTree
+
+    owner = np.flatnonzero((reading.number >= 0) | reading.unreadable)
+    lies = np.zeros(len(fit), bool)
+    if len(owner):
+        reach = 3.5 * _axes(fit[owner])[0][:, 0]
+        near = cKDTree(fit[:, :2]).query_ball_point(fit[owner, :2], reach)
+        i = np.repeat(owner, [len(part) for part in near])
+        j = np.concatenate(near).astype(np.int64)
+        radius = np.linalg.norm(np.einsum("nij,nj->ni", _matrices(fit[i]), fit[j, :2] - fit[i, :2]), axis=1)
+        lies[j[(radius > 1.5) & (radius < 3.2)]] = True
+    return lies
 
 
 def _ring_inside(grey: NDArray, fit: Array, plan: CirclePlan) -> Mask:

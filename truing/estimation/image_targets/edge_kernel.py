@@ -26,6 +26,7 @@ from truing.estimation.image_targets.edge_picture import (
     edge_light,
     ring_light,
     set_nodes,
+    set_spokes,
 )
 from truing.estimation.lane_arithmetic import compiled, inner
 
@@ -39,10 +40,12 @@ C_XX, C_XY, C_YY, CHI2, FREEDOM, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWN
 _MIN_BLUR, _MAX_BLUR = 0.3, 6.0
 _STEPS = 16
 _SMALL_STEP = 1e-4  # px: of the centre, a hundredth of the best scatter there is
+_RELAID = 2
 _STRIP = 0.5  # px, width of a strip along the edge
 # Illumination changes by so much of itself from one pixel to the next, one sigma: what is known of it beforehand. The
 # picture of a small blurred target cannot tell a slope from a shift.
 _SLOPE_SIGMA = 0.001
+_HELD_BLUR = 0.5  # px, where levels are held: a narrow strip cannot tell blur, levels and size apart
 _OUTLYING = 0.25  # of the contrast; what sharpens a picture in a camera overshoots by up to 0.2
 _OUTLYING_SIGMAS = 5.0
 
@@ -75,7 +78,7 @@ def _solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _evaluate(p, origin, size, n, pixels, top, nodes, count, normal, rhs):  # type: ignore[no-untyped-def]
+def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs):  # type: ignore[no-untyped-def]
     """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal and rhs."""
     for i in range(UNKNOWNS):
         rhs[i] = 0.0
@@ -88,6 +91,10 @@ def _evaluate(p, origin, size, n, pixels, top, nodes, count, normal, rhs):  # ty
     cost = known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
     for i in (SLOPE_X, SLOPE_Y):
         normal[i, i], rhs[i] = known, -known * p[i]
+    for i in range(3):
+        away = p[BLUR + i] - held[i]
+        cost += held[3 + i] * away * away
+        normal[BLUR + i, BLUR + i], rhs[BLUR + i] = held[3 + i], -held[3 + i] * away
     for m in range(n):
         weight = pixels[3, m]
         if weight == 0.0:
@@ -123,6 +130,9 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
     half_x = math.hypot(p[AYY], p[AXY]) / det + reach
     half_y = math.hypot(p[AXX], p[AXY]) / det + reach
     rows, columns = grey.shape
+    spokes = np.empty((2, len(ring)))
+    if coded:
+        set_spokes(p, spokes)
     n = 0
     for y in range(max(0, math.ceil(p[CY] - half_y)), min(rows - 1, math.floor(p[CY] + half_y)) + 1):
         for x in range(max(0, math.ceil(p[CX] - half_x)), min(columns - 1, math.floor(p[CX] + half_x)) + 1):
@@ -132,7 +142,7 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
             slope = math.hypot(p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy) / max(q, 1e-9)
             if q > outer or abs(q - 1.0) > reach * slope or n == pixels.shape[1]:
                 continue
-            light = ring_light(p, dx, dy, ring) if coded else 0.0
+            light = ring_light(p, dx, dy, ring, spokes) if coded else 0.0
             depth = (q - 1.0) / max(slope, 1e-9) / p[BLUR]
             expected = p[GROUND] + p[CONTRAST] * (0.5 * math.erfc(depth * INV_SQRT2) + light)
             pixels[0, n], pixels[1, n], pixels[2, n] = x, y, grey[y, x]
@@ -143,11 +153,11 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
 
 
 @inner
-def _descend(p, origin, size, n, pixels, top, work):  # type: ignore[no-untyped-def]
+def _descend(p, origin, size, n, pixels, top, held, work):  # type: ignore[no-untyped-def]
     """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
     normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes = work
     count = count_nodes(p)
-    cost = _evaluate(p, origin, size, n, pixels, top, nodes, count, normal, rhs)
+    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs)
     damping, moved = 1e-3, 0.0
     for _ in range(_STEPS):
         for i in range(UNKNOWNS):
@@ -163,7 +173,7 @@ def _descend(p, origin, size, n, pixels, top, work):  # type: ignore[no-untyped-
         if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > size:
             damping *= 10
             continue
-        trial_cost = _evaluate(trial, origin, size, n, pixels, top, nodes, count, trial_normal, trial_rhs)
+        trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, trial_normal, trial_rhs)
         gained = cost - trial_cost
         if gained >= 0:
             p[:], normal[:], rhs[:], cost = trial, trial_normal, trial_rhs, trial_cost
@@ -246,16 +256,17 @@ def _uneven_square(p, origin, size, n, pixels, top, nodes):  # type: ignore[no-u
 
 
 @compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
-def fit_edges(grey, start, ring, coded, outer, noise, top, most, results):  # type: ignore[no-untyped-def]
+def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, results):  # type: ignore[no-untyped-def]
     """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
-    to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; most pixels."""
+    to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a
+    share of the contrast, 0: free; most pixels."""
     pixels = np.empty((5, most))
     shape = (UNKNOWNS, UNKNOWNS)
     normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     nodes = np.empty((6, MOST_NODES))
     work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes)
-    unit = np.empty(UNKNOWNS)
+    unit, held = np.empty(UNKNOWNS), np.zeros(6)
     for t in range(len(start)):
         result = results[t]
         p = result[:UNKNOWNS]
@@ -264,13 +275,23 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, most, results):  # ty
         origin = (p[CX], p[CY])
         size = 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
         n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-        if n <= 2 * UNKNOWNS or _descend(p, origin, size, n, pixels, top, work) < 0:
+        held[0], held[1], held[2] = p[BLUR], p[GROUND], p[CONTRAST]
+        if held_share > 0:
+            held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
+            held[5] = held[4]
+        settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, work) >= 0
+        # the light of a ring is laid where the dot is thought to be: that is repeated
+        for _ in range(_RELAID * coded[t]):
+            if settled:
+                n = _gather(grey, p, ring[t], True, outer[t], noise, pixels)
+                settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, work) >= 0
+        if not settled:
             continue
         n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
         left = _drop_outlying(p, origin, size, n, pixels, top, nodes, result)
         if left <= 2 * UNKNOWNS:
             continue
-        cost = _descend(p, origin, size, n, pixels, top, work)
+        cost = _descend(p, origin, size, n, pixels, top, held, work)
         if cost < 0:
             continue
         weights = pixels[3, :n].sum()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ _TILE = 8
 _TILES = 6000  # of those that cover the picture, so many are looked at
 _BINS = 8  # of grey levels
 _QUIETEST = 0.25  # share of the tiles of a bin that is taken to show nothing
-# What that quantile of a tile's mean square is in white noise of variance one, and what the sum of autocorrelations is.
-_QUANTILE = 0.697
-_WHITE_SUM = 0.717
+# In the quietest tiles of white noise of variance one: the mean of the second difference's power, and the sum of
+# autocorrelations.
+_QUIET_POWER, _WHITE_SUM = 0.781, 0.666
+_AGREEING = 1.35  # factor between the variance of a range of grey levels and the line
 _ROUNDING = 1 / 12  # variance of a whole number that was a real one, grey levels^2
 
 
@@ -44,16 +45,17 @@ def estimate_noise(grey: NDArray) -> ImageNoise:
     tiles = tiles[(low > 0) & (high < grey.max())]
     if len(tiles) < 8:
         return ImageNoise(_ROUNDING, 0.0)
-    second = np.diff(tiles, n=2, axis=1)
-    power = np.square(np.diff(second, n=2, axis=2)).mean((1, 2)) / 36
+    flat = _without_planes(tiles)
+    uneven = np.square(flat).mean((1, 2))
+    power = np.square(np.diff(np.diff(tiles, n=2, axis=1), n=2, axis=2)).mean((1, 2)) / 36
     level = tiles.mean((1, 2))
-    order = np.argsort(level)
-    bins = [part for part in np.array_split(order, _BINS) if len(part) >= 8] or [order]
-    limits = [np.quantile(power[part], _QUIETEST) for part in bins]
-    variance = np.array(limits) / _QUANTILE
-    read, gain = _line(np.array([level[part].mean() for part in bins]), variance)
-    quiet = np.concatenate([part[power[part] <= limit] for part, limit in zip(bins, limits, strict=True)])
-    return ImageNoise(max(read, _ROUNDING), gain, _correlation(tiles[quiet]))
+    bins = [part for part in np.array_split(np.argsort(level), _BINS) if len(part) >= 8] or [np.arange(len(level))]
+    quiet = [part[uneven[part] <= np.quantile(uneven[part], _QUIETEST)] for part in bins]
+    levels = np.array([level[part].mean() for part in quiet])
+    variance = np.array([power[part].mean() for part in quiet]) / _QUIET_POWER
+    noise = ImageNoise(*_line(levels, variance))
+    calm = np.argsort(uneven / noise.variance(level))[: max(len(tiles) // 10, 8)]
+    return replace(noise, correlation=_correlation(flat[calm]))
 
 
 def _sample(grey: NDArray) -> Array:
@@ -67,29 +69,45 @@ def _sample(grey: NDArray) -> Array:
 
 
 def _line(level: Array, variance: Array) -> tuple[float, float]:
-    """Return read variance and gain, neither negative, of variances (B,) over levels (B,): a share of each counts."""
-    scale = 1 / np.maximum(variance, _ROUNDING)
-    A = np.stack([scale, level * scale], 1)
-    (read, gain), *_ = np.linalg.lstsq(A, variance * scale, rcond=None)
-    if gain < 0 or len(level) < 3:
-        return float(np.average(variance, weights=scale**2)), 0.0
-    if read < 0:
-        return 0.0, float(np.average(variance / np.maximum(level, 1e-9), weights=(level * scale) ** 2))
-    return float(read), float(gain)
+    """Return read variance and gain, neither negative, of variances (B,) over levels (B,).
+
+    What a picture shows adds to its noise in some ranges of grey levels: the line, through one or two of the ranges,
+    that most agree with is taken, and of those the lowest.
+    """
+    i, j = np.triu_indices(len(level))
+    rise = np.where(i == j, 1.0, level[j] - level[i])
+    gain = np.where(i == j, 0.0, (variance[j] - variance[i]) / np.where(rise == 0, 1.0, rise))
+    read = variance[i] - gain * level[i]
+    fair = (gain >= 0) & (read >= 0)
+    line = read[fair, None] + gain[fair, None] * level
+    agrees = np.abs(np.log(np.maximum(variance, 1e-9) / np.maximum(line, 1e-9))) < np.log(_AGREEING)
+    best = np.lexsort((line.mean(1), -agrees.sum(1)))[0]
+    chosen = agrees[best] if agrees[best].any() else np.ones(len(level), bool)
+    scale = 1 / np.maximum(variance[chosen], _ROUNDING)
+    A = np.stack([scale, level[chosen] * scale], 1)
+    (mean_read, mean_gain), *_ = np.linalg.lstsq(A, variance[chosen] * scale, rcond=None)
+    if chosen.sum() > 2 and mean_read >= 0 and mean_gain >= 0:
+        return max(float(mean_read), _ROUNDING), float(mean_gain)
+    return max(float(read[fair][best]), _ROUNDING), float(gain[fair][best])
 
 
-def _correlation(tiles: Array) -> float:
-    """Return the sum of autocorrelations up to one pixel away, at least 1, of tiles (n, 8, 8) without their planes."""
+def _without_planes(tiles: Array) -> Array:
+    """Return tiles (n, 8, 8) less their means and slopes."""
     centred = np.arange(_TILE) - (_TILE - 1) / 2
     norm = _TILE * np.square(centred).sum()
     flat = tiles - tiles.mean((1, 2), keepdims=True)
     for direction in (centred[:, None], centred[None, :]):
         flat = flat - (flat * direction).sum((1, 2), keepdims=True) / norm * direction
+    return flat
+
+
+def _correlation(flat: Array) -> float:
+    """Return the sum of autocorrelations up to one pixel away, at least 1, of tiles (n, 8, 8) without their planes."""
     products = [
         2 * np.mean(flat[:, 1:] * flat[:, :-1]),
         2 * np.mean(flat[:, :, 1:] * flat[:, :, :-1]),
         2 * np.mean(flat[:, 1:, 1:] * flat[:, :-1, :-1]),
         2 * np.mean(flat[:, 1:, :-1] * flat[:, :-1, 1:]),
     ]
-    power = np.mean(np.square(flat))
-    return float(max(1.0, (1 + sum(products) / power) / _WHITE_SUM)) if power > 0 else 1.0
+    power = float(np.mean(np.square(flat)))
+    return max(1.0, float(1 + sum(products) / power) / _WHITE_SUM) if power > 0 else 1.0

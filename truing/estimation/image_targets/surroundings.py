@@ -24,12 +24,13 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
     """
     import cv2
 
-    x, y = (place.reshape(len(centre), -1).astype(np.float32) for place in _places(centre, A, radii, count))
+    flat = (len(centre), len(radii) * count)
+    x, y = (place.reshape(flat).astype(np.float32) for place in _places(centre, A, radii, count))
     parts = [
         cv2.remap(grey, x[k : k + _AT_ONCE], y[k : k + _AT_ONCE], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for k in range(0, len(x), _AT_ONCE)
     ]
-    levels = np.concatenate(parts) if parts else np.empty((0, len(radii) * count))
+    levels = np.concatenate(parts) if parts else np.empty(flat)
     return levels.reshape(-1, len(radii), count).astype(np.float64)
 
 
