@@ -29,7 +29,7 @@ class Sensor:
     blur_px: float = 0.75
     white: float = 150.0
     electrons: float = 70.0
-    read_noise: float = 0.9
+    read_noise: float = 0.5
     vignetting: float = 0.25
     black: float = 4.0
     gradient: tuple[float, float] = (0.10, -0.06)

@@ -54,7 +54,7 @@ class Session:
     lens: Lens = LENS
     sensor: Sensor = SENSOR
     stations: Round = STATIONS
-    quality: int = 90
+    quality: int = 93
 
     @cached_property
     def campaign(self) -> Campaign:
@@ -110,19 +110,13 @@ class Session:
 def write_campaign(folder: Path, poses: tuple[int, ...] | None = None, workers: int = 1) -> Path:
     """Fills ``folder`` (made where missing) with poses by id (None: all) and writes the truth beside it."""
     session = Session()
-    schedule = session.campaign.schedule
-    chosen = [n for n, pose in enumerate(schedule.pose) if poses is None or pose in poses]
-    folder.mkdir(parents=True, exist_ok=True)
-    write_machine_tables(session.campaign, folder, PHOTOGRAPHS)
-    if poses is not None:
-        _keep(folder / "configurations.csv", {str(pose) for pose in poses})
-    write_lines(folder / "scale_bars.csv", bar_rows(BARS, session.calibrated_mm))
-    write_lines(folder / "image_targets.csv", _image_targets(session))
-    truth = json.dumps(_truth(session, chosen), indent=1)
+    write_tables(session, folder, poses)
+    chosen = _numbers(session, poses)
+    truth = json.dumps(_truth(session, chosen), separators=(",", ":"))
     write_lines(truth_path(folder), [truth])
     tasks = [(session, n, s, folder) for n in chosen for s in range(session.stations.count)]
     for n in chosen:
-        (folder / "images" / str(schedule.pose[n])).mkdir(parents=True, exist_ok=True)
+        (folder / "images" / str(session.campaign.schedule.pose[n])).mkdir(parents=True, exist_ok=True)
     if workers == 1:
         for task in tasks:
             _save(task)
@@ -130,6 +124,21 @@ def write_campaign(folder: Path, poses: tuple[int, ...] | None = None, workers: 
         with get_context("spawn").Pool(workers) as pool:
             pool.map(_save, tasks, chunksize=len(tasks) // workers + 1)
     return folder
+
+
+def write_tables(session: Session, folder: Path, poses: tuple[int, ...] | None) -> Path:
+    """Writes everything but the photographs."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_machine_tables(session.campaign, folder, PHOTOGRAPHS)
+    if poses is not None:
+        _keep(folder / "configurations.csv", {str(pose) for pose in poses})
+    write_lines(folder / "scale_bars.csv", bar_rows(BARS, session.calibrated_mm))
+    write_lines(folder / "image_targets.csv", _image_targets(session))
+    return folder
+
+
+def _numbers(session: Session, poses: tuple[int, ...] | None) -> list[int]:
+    return [n for n, pose in enumerate(session.campaign.schedule.pose) if poses is None or pose in poses]
 
 
 def _save(task: tuple[Session, int, int, Path]) -> None:
