@@ -10,8 +10,22 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Format = Literal[
-    *("auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "rtl"),
-    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi"),
+    "auto",
+    "delimited",
+    "parquet",
+    "ply",
+    "pcd",
+    "xyz",
+    "c3d",
+    "trc",
+    "rtl",
+    "vstars",
+    "aicon",
+    "metashape",
+    "colmap",
+    "photomodeler",
+    "tracker",
+    "gsi",
 ]
 
 
