@@ -1,8 +1,9 @@
 """Rays into normal equations, compiled: residual, exact derivatives and their products, image after image.
 
 The equations are those of `truing.estimation.bundle.projection`. A ray is two rows of 20 numbers, by point (3), image
-(6), interior (10) and misclosure (1), whitened by its information; products are summed per image in a small square,
-and per point as they come. Importing this module imports numba; compiled code is kept in numba's cache on disk.
+(6), interior (10) and misclosure (1), whitened by its information; the products of an image's rows are one product of
+matrices, those with a point are added as they come. Importing this module imports numba; compiled code is kept in
+numba's cache on disk.
 """
 
 from __future__ import annotations
@@ -97,15 +98,6 @@ def whitened(row: NDArray, information: NDArray) -> None:
 
 
 @inner
-def add_to_image(square: NDArray, row: NDArray) -> None:
-    """Add the products of both rows."""
-    for a in range(IMAGE, MISCLOSURE + 1):
-        f, g = row[0, a], row[1, a]
-        for b in range(WIDTH):
-            square[a, b] += f * row[0, b] + g * row[1, b]
-
-
-@inner
 def add_to_point(
     row: NDArray, products: NDArray, block: NDArray, side: NDArray, place: NDArray, flat: NDArray, at: int, stride: int
 ) -> None:
@@ -175,13 +167,16 @@ def accumulate(
     interior elements among the common unknowns; column (p,) of a point in its pose's rows, image_row (i,) where an
     image's rows start in flat, stride (i,) their length, the last c + 1 columns being those of the common unknowns.
     """
-    row, products, square, X = np.zeros((2, WIDTH)), np.zeros(WIDTH), np.zeros((WIDTH, WIDTH)), np.zeros(3)
+    most = 0
+    for i in range(len(camera)):
+        most = max(most, first_ray[i + 1] - first_ray[i])
+    rows, products, square, X = np.zeros((2 * most, WIDTH)), np.zeros(WIDTH), np.zeros((WIDTH, WIDTH)), np.zeros(3)
     total = 0.0
     for i in range(len(camera)):
-        k = camera[i]
-        square[:] = 0.0
-        for n in range(first_ray[i], first_ray[i + 1]):
+        k, start = camera[i], first_ray[i]
+        for n in range(start, first_ray[i + 1]):
             p = ray_point[n]
+            row = rows[2 * (n - start) : 2 * (n - start) + 2]
             direct(X, R[i], points[p], centre[i])
             if not X[2] > 0.0:
                 return np.inf
@@ -191,8 +186,9 @@ def accumulate(
             row[0, MISCLOSURE] = xy[n, 0] - format_centre[k, 0] - x
             row[1, MISCLOSURE] = xy[n, 1] - format_centre[k, 1] - y
             whitened(row, information[n])
-            add_to_image(square, row)
             add_to_point(row, products, blocks[p], sides[p], place[k], flat, image_row[i] + column[p], stride[i])
+        own = rows[: 2 * (first_ray[i + 1] - start)]
+        np.dot(own.T, own, square)
         put_image(square, images[i], place[k], common, flat, image_row[i] + stride[i] - common.shape[1], stride[i])
         total += square[MISCLOSURE, MISCLOSURE]
     return total

@@ -33,6 +33,7 @@ from truing.estimation.bundle.solution import eliminate_poses, solve, tie_varian
 _START_DAMPING = 1e-4
 _LEAST_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
+_UNDAMPED = 1e-8  # a step held back by more tells nothing of how far the least sum of squares is
 _SETTLED = 1e-10  # squared length of a step in units of its own standard deviation
 _ROUNDING = 1e-15  # of the sum of squares
 
@@ -148,7 +149,11 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
             before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
             gain = before - _merit(observed, tried, weight, step.multipliers)
             if length <= _SETTLED + _ROUNDING * before:
-                return (tried if gain > 0 else state), iteration, True
+                state = tried if gain > 0 else state
+                if damping <= _UNDAMPED:
+                    return state, iteration, True
+                equations, damping = normal_equations(observed, state), _UNDAMPED  # short because it was held back
+                continue
             if gain > 1e-4 * foreseen:
                 state, growth = tried, 2.0
                 equations = normal_equations(observed, state)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve
+from scipy.linalg.lapack import dpotri
 
 from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
@@ -246,7 +246,7 @@ def _check_pivots(layout: Layout, reduced: Reduced) -> None:
             continue
         blocks = one.blocks
         own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
-        kept = np.diagonal(one.factor[0]) ** 2 / np.diagonal(blocks.kept)
+        kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal
         bad = np.concatenate([blocks.own_places[own.ravel() < _SINGULAR], blocks.kept_places[kept < _SINGULAR]])
         images = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
         faults += [f"image {layout.images[layout.image_start[pose] + n]}" for n in np.unique(bad[bad < images] // 6)]
@@ -277,7 +277,9 @@ def _given_common(layout: Layout, pose: int, one: EliminatedPose) -> PoseCovaria
     b, d, _ = blocks.own.shape
     k = len(blocks.kept_places)
     m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
-    kept = cho_solve(one.factor, np.eye(k), check_finite=False)
+    half = dpotri(one.factor, lower=1)[0]
+    kept = half + half.T
+    kept[np.arange(k), np.arange(k)] /= 2
     kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
     turned = one.root.transpose(0, 2, 1)
     towards = (turned @ one.reduced[:, :k].reshape(b, d, k)).reshape(b * d, k)

@@ -50,10 +50,9 @@ def determinable(network: Network, used: NDArray[np.bool_] | None = None, *, kno
 def ray_counts(network: Network, used: NDArray[np.bool_]) -> tuple[Index, Index]:
     """Return in how many images each point (P,) is seen, and how many points each image (I,) sees, by the rays used."""
     rays = network.rays
-    pairs = np.unique(rays.image[used] * len(network.point_pose) + rays.point[used])
-    image, point = np.divmod(pairs, max(len(network.point_pose), 1))
-    of_points = np.bincount(point, minlength=len(network.point_pose))
-    return of_points, np.bincount(image, minlength=len(network.image_pose))
+    seen = np.zeros((len(network.image_pose), len(network.point_pose)), bool)
+    seen[rays.image[used], rays.point[used]] = True
+    return seen.sum(0), seen.sum(1)
 
 
 def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> None:

@@ -16,7 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dsyrk
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.layout import Layout
@@ -41,14 +42,14 @@ class Ties:
 
 @dataclass(frozen=True)
 class Blocks:
-    """A pose's equations: independent blocks (b, d, d) to eliminate and their rows (b d, k + c + 1) by what is kept,
-    the common unknowns and the right side; what is kept (k, k), with its border (k, c + 1) by the same; places (b d,)
-    and (k,) of both within the pose's unknowns, images before points; freedoms (k, f), rows (q, k) of distances."""
+    """A pose's equations: independent blocks (b, d, d) to eliminate and their rows (b d, w) by what is kept, the common
+    unknowns and the right side, w = k + c + 1; the whole (w, w) of these three, of which the upper triangle is filled;
+    places (b d,) and (k,) of both within the pose's unknowns, images before points; freedoms (k, f), and rows (q, k) of
+    distances."""
 
     own: Array
     own_rows: Array
-    kept: Array
-    kept_border: Array
+    whole: Array
     own_places: Index
     kept_places: Index
     freedoms: Array
@@ -65,24 +66,25 @@ def blocks_of(equations: NormalEquations, layout: Layout, pose: int, free: Freed
     freedoms = np.concatenate([free.images.reshape(m, free.count), free.points.reshape(n, free.count)])
     tied_rows = _rows(ties, m, n)
     if n <= m:
-        kept = np.arange(m, m + n)
-        own = np.arange(m)
-        return Blocks(images, rows, _diagonal(points), of_points, own, kept, freedoms[kept], tied_rows[:, kept])
+        kept, own = np.arange(m, m + n), np.arange(m)
+        whole = np.zeros((rows.shape[1],) * 2)
+        _put_diagonal(whole, 0, points)
+        whole[:n, n:] = of_points
+        return Blocks(images, rows, whole, own, kept, freedoms[kept], tied_rows[:, kept])
     ends = np.zeros(len(points), bool)
     ends[ties.first] = ends[ties.second] = True
     tied, loose = np.repeat(ends, 3), np.repeat(~ends, 3)
-    kept = np.concatenate([np.arange(m), m + np.flatnonzero(tied)])
-    dense = np.zeros((len(kept), len(kept)))
-    dense[:m, :m] = _diagonal(images)
-    dense[m:, m:] = _diagonal(points[ends])
-    dense[:m, m:] = rows[:, :n][:, tied]
-    dense[m:, :m] = rows[:, :n][:, tied].T
-    beside = np.zeros((int(loose.sum()), len(kept) + of_points.shape[1]))
+    kept, own = np.concatenate([np.arange(m), m + np.flatnonzero(tied)]), m + np.flatnonzero(loose)
+    k = len(kept)
+    whole = np.zeros((k + of_points.shape[1],) * 2)
+    _put_diagonal(whole, 0, images)
+    _put_diagonal(whole, m, points[ends])
+    whole[:m, m:k] = rows[:, :n][:, tied]
+    whole[:m, k:], whole[m:k, k:] = rows[:, n:], of_points[tied]
+    beside = np.zeros((len(own), len(whole)))
     beside[:, :m] = rows[:, :n][:, loose].T
-    beside[:, len(kept) :] = of_points[loose]
-    border = np.concatenate([rows[:, n:], of_points[tied]])
-    own = m + np.flatnonzero(loose)
-    return Blocks(points[~ends], beside, dense, border, own, kept, freedoms[kept], tied_rows[:, kept])
+    beside[:, k:] = of_points[loose]
+    return Blocks(points[~ends], beside, whole, own, kept, freedoms[kept], tied_rows[:, kept])
 
 
 def _rows(ties: Ties, m: int, n: int) -> Array:
@@ -94,44 +96,50 @@ def _rows(ties: Ties, m: int, n: int) -> Array:
     return rows
 
 
-def _diagonal(blocks: Array) -> Array:
-    """Return blocks (b, d, d) as one matrix (b d, b d)."""
+def _put_diagonal(whole: Array, start: int, blocks: Array) -> None:
+    """Put blocks (b, d, d) along the diagonal from start."""
     b, d, _ = blocks.shape
-    dense = np.zeros((b, d, b, d))
-    dense[np.arange(b), :, np.arange(b), :] = blocks
-    return dense.reshape(b * d, b * d)
+    places = start + np.arange(b * d).reshape(b, d)
+    whole[places[:, :, None], places[:, None, :]] = blocks
 
 
 class EliminatedPose:
     """A pose's unknowns as a function of the common ones: x = x0 - x1 c, and what is left for these."""
 
     def __init__(self, blocks: Blocks, ties: Ties, damping: float) -> None:
-        """Eliminate; damping adds this part of the diagonal. Raises LinAlgError where a block has free directions."""
-        self.blocks = blocks
+        """Eliminate, in place of the blocks' whole; damping adds this part of the diagonal.
+
+        Raises LinAlgError where a block has free directions.
+        """
         from truing.estimation.bundle.accumulation_kernel import forward
 
-        k = len(blocks.kept)
+        self.blocks = blocks
+        k, whole = len(blocks.kept_places), blocks.whole
+        self.kept_diagonal = np.diagonal(whole)[:k].copy()
         self.root, self.reduced = np.empty_like(blocks.own), np.empty_like(blocks.own_rows)
         if not forward(blocks.own, blocks.own_rows, damping, self.root, self.reduced):
             raise np.linalg.LinAlgError("a block that is not positive definite")
-        product = self.reduced.T @ self.reduced
-        weighted = blocks.rows.T * ties.weight
-        kept = _damped(blocks.kept, damping) - product[:k, :k] + weighted @ blocks.rows
-        tie_border = np.concatenate([ties.by_common, ties.misclosure[:, None]], -1)
-        border = blocks.kept_border - product[:k, k:] + weighted @ tie_border
-        basis = np.linalg.qr(blocks.freedoms)[0]
-        kept += np.trace(kept) / max(k, 1) * basis @ basis.T
-        self.factor = cho_factor(kept, lower=True, check_finite=False)
-        needed = np.isfinite(ties.variance)
-        rows, side = blocks.rows[needed], tie_border[needed]
-        solved = cho_solve(self.factor, np.concatenate([border, rows.T], -1), check_finite=False)
-        self.by_rows = solved[:, border.shape[1] :]
-        self.pinned = np.diag(ties.variance[needed]) + rows @ self.by_rows
-        multipliers = np.linalg.solve(self.pinned, rows @ solved[:, : border.shape[1]] - side)
-        self.kept = solved[:, : border.shape[1]] - self.by_rows @ multipliers
-        self.multipliers = np.zeros((len(needed), border.shape[1]))
-        self.multipliers[needed] = multipliers
-        self.common = _left_for_common(product[k:, k:], ties, tie_border, border, self.kept, side, multipliers)
+        whole[np.arange(k), np.arange(k)] *= 1 + damping
+        _add_products(whole, self.reduced, -1.0)
+        tie_rows = np.concatenate([blocks.rows, ties.by_common, ties.misclosure[:, None]], -1)
+        _add_products(whole, np.concatenate([tie_rows * np.sqrt(ties.weight)[:, None], _held(blocks, whole)]), 1.0)
+        # Column by column, as LAPACK has it, the upper triangle is the lower one.
+        factor, fault = dpotrf(whole[:k, :k].T, lower=1)
+        if fault:
+            raise np.linalg.LinAlgError("what is kept is not positive definite")
+        self.factor = factor
+        tie_rows = tie_rows[np.isfinite(ties.variance)]
+        solved = dpotrs(factor, np.concatenate([whole[:k, k:], tie_rows[:, :k].T], -1), lower=1)[0]
+        width = len(whole) - k
+        self.by_rows = solved[:, width:]
+        self.pinned = np.diag(ties.variance[np.isfinite(ties.variance)]) + tie_rows[:, :k] @ self.by_rows
+        multipliers = np.linalg.solve(self.pinned, tie_rows[:, :k] @ solved[:, :width] - tie_rows[:, k:])
+        self.kept = solved[:, :width] - self.by_rows @ multipliers
+        self.multipliers = np.zeros((len(ties.variance), width))
+        self.multipliers[np.isfinite(ties.variance)] = multipliers
+        left = whole[k:-1, k:]
+        left[:, :-1] = np.triu(left[:, :-1]) + np.triu(left[:, :-1], 1).T
+        self.common = left - whole[:k, k:-1].T @ self.kept - tie_rows[:, k:-1].T @ multipliers
 
     def back(self, common: Array) -> tuple[Array, Array]:
         """Return the changes of the pose's unknowns, images before points, and the multipliers (q,)."""
@@ -146,18 +154,16 @@ class EliminatedPose:
         return x, self.multipliers @ step
 
 
-def _left_for_common(
-    product: Array, ties: Ties, tie_border: Array, border: Array, kept: Array, side: Array, multipliers: Array
-) -> Array:
-    """Return what the pose adds to the equations (c, c + 1) of the common unknowns."""
-    c = ties.by_common.shape[1]
-    own = (ties.by_common.T * ties.weight) @ tie_border - product[:c]
-    return own - border[:, :c].T @ kept - side[:, :c].T @ multipliers
+def _add_products(whole: Array, rows: Array, factor: float) -> None:
+    """Add the products (w, w) of rows (r, w), times a factor, to the upper triangle."""
+    if len(rows):
+        dsyrk(factor, rows.T, 1.0, whole.T, lower=1, overwrite_c=1)
 
 
-def _damped(matrix: Array, damping: float) -> Array:
-    """Return matrices with their diagonal enlarged by a part of it."""
-    damped = matrix.copy()
-    each = np.arange(matrix.shape[-1])
-    damped[..., each, each] *= 1 + damping
-    return damped
+def _held(blocks: Blocks, whole: Array) -> Array:
+    """Return rows (f, w) that tie down the freedoms, as firmly as what is kept is held on average."""
+    k, f = blocks.freedoms.shape
+    rows = np.zeros((f, len(whole)))
+    norm = np.linalg.norm(blocks.freedoms, axis=0)
+    rows[:, :k] = np.sqrt(np.trace(whole[:k, :k]) / max(k, 1)) * (blocks.freedoms / norm).T
+    return rows

@@ -70,7 +70,9 @@ class Step:
 def observe(network: Network, layout: Layout, weights: Array, variance_factor: Array) -> Observed:
     """Return what is adjusted; weights (N,) in [0, 1] and factors of the covariances (N,) of all rays."""
     rows = layout.rays
-    rays = np.linalg.inv(network.rays.cov_px2[rows]) * (weights[rows] / variance_factor[rows])[:, None, None]
+    (xx, xy), (_, yy) = network.rays.cov_px2[rows].transpose(1, 2, 0)
+    per = weights[rows] / variance_factor[rows] / (xx * yy - xy * xy)
+    rays = np.stack([yy * per, -xy * per, -xy * per, xx * per], -1).reshape(-1, 2, 2)
     lengths = np.zeros(len(layout.bar))
     free = layout.bar >= 0
     lengths[free] = network.bars.sigma_m[free] ** -2
