@@ -18,11 +18,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from truing.estimation.bundle.bent_rays import CURVATURES, by_curvature, by_thickness
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
-from truing.estimation.bundle.datum import Freedom
+from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.network import Array, Index, State
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
 from truing.estimation.bundle.projection import Linearised, linearise, seen
-from truing.estimation.bundle.solution import freedoms
 
 CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
 # A rigid distance is held by so many times the information of its ends.
@@ -66,7 +65,7 @@ def ray_statistics(observed: Observed, state: State) -> RayStatistics:
     image, point = rays.image[layout.rays], rays.point[layout.rays]
     at = linearise(network, state, image, point)
     rows = _Rows(at, rays.xy_px[layout.rays] - at.xy_px, _by_numbers(observed, state, numbers, at, image, point))
-    distances, free = distances_at(observed, state), freedoms(observed, state)
+    distances, free = distances_at(observed, state), freedoms(layout, state)
     pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     information = np.zeros((layout.poses, len(numbers), len(numbers)))
     score, by_point = np.zeros(information.shape[:2]), np.full((len(state.points), 3, len(numbers)), np.nan)
