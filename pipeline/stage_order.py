@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from stages.declaration import Stage
 
 _FROM_POINTS = ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report")
-OF_PHOTOGRAPHS = ("images",)  # stages that a campaign without photographs does without
+OF_PHOTOGRAPHS = ("images", "bundle")  # stages that a campaign without photographs does without
 
 ORDER: dict[str, tuple[str, ...]] = {
     "photogrammetry": (*OF_PHOTOGRAPHS, *_FROM_POINTS),

@@ -60,7 +60,7 @@ class GivenCamera(Section):
     balancing_radius_px: NotNegative | None = Field(
         None, description="where the radial distortion is zero; absent: a third of the format's diagonal"
     )
-    free: tuple[Parameter, ...] | None = Field(None, description="parameters to estimate; absent: all that images tell")
+    free: tuple[Parameter, ...] | None = Field(None, description="parameters to estimate; absent: all ten")
 
     @model_validator(mode="after")
     def _principal_distance_once(self) -> GivenCamera:

@@ -40,7 +40,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from truing.formats.faultlog import FaultLog
 
     log = FaultLog()
-    mapped = [table for table in ("images", "image_points") if getattr(settings.files, table)]
+    mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     targets = read_image_targets(source, log)
     names = None if targets is None else targets.table
     small = {
@@ -51,7 +51,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     }
     if source.entries("images") and source.entries("image_points"):
         expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
-        log.add(Fault("campaign.toml", expected, column=f"files.{(mapped or ['images'])[0]}"))
+        log.add(Fault("campaign.toml", expected, column=f"files.{[*mapped, 'images'][0]}"))
         log.throw()
     cameras = small["cameras_given"]
     rays = read_rays(source, settings, names, None if cameras is None else cameras.table, log)

@@ -18,6 +18,7 @@ from truing.formats.source import TABLES, CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.ingestion.adjusted_points import AdjustedPoints
     from stages.ingestion.later_surveys import LaterSurveys
     from stages.ingestion.point_sizes import Geometry
     from stages.ingestion.points import Points
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="ingest",
-    reads=(),
+    reads=("object_points?", "scale_bars?"),
     leaves=(
         *("survey?", "configurations?", "scans?", "observations?", "start?"),
         *(
@@ -88,7 +89,21 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     _check_tables(settings, log)
     if settings.campaign.kind == "interferometer":
         return _interferometer(settings, source, log)
-    return _photogrammetry(settings, progress, source, log)
+    return _photogrammetry(settings, progress, source, _adjusted(tables, source, log), log)
+
+
+def _adjusted(tables: Mapping[str, pa.Table], source: CampaignFiles, log: FaultLog) -> AdjustedPoints | None:
+    """The object points that photographs gave; None where they were measured as points."""
+    if source.has_photographs and source.entries("points"):
+        expected = "either photographs (or rays measured in them) or points, not both"
+        log.add(Fault("campaign.toml", expected, column="files.points"))
+    if "object_points" not in tables:
+        return None
+    from stages.ingestion.adjusted_points import AdjustedPoints
+
+    bars = tables.get("scale_bars")
+    ends = () if bars is None else (*bars.column("first").to_pylist(), *bars.column("second").to_pylist())
+    return AdjustedPoints(tables["object_points"], frozenset(ends), source.folder)
 
 
 def _check_tables(settings: Any, log: FaultLog) -> None:
@@ -99,7 +114,9 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
             log.add(Fault("campaign.toml", f"a known table; {hint}", column=f"files.{table}"))
 
 
-def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, log: FaultLog) -> Outcome:
+def _photogrammetry(
+    settings: Any, progress: Progress, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog
+) -> Outcome:
     from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from stages.ingestion.points import Points
     from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
@@ -107,10 +124,12 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
     from stages.ingestion.tables import read_configurations, read_survey
     from stages.rigid_poses.dense_scans import identifier_of, read_scans
 
-    configurations = read_configurations(source, settings, log)
+    configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
     start = read_start(source, settings, log)
-    if not source.entries("points") and not source.entries("scans"):
+    if adjusted is None and source.has_photographs:
+        return _without_points(configurations, survey, start, log)
+    if adjusted is None and not source.entries("points") and not source.entries("scans"):
         log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
         log.throw()
     order = PoseOrder.of(configurations.table)
@@ -127,11 +146,11 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
     artifacts |= {} if scans is None else {"scans": scans.table(expected.poses)}
     artifacts |= {} if later is None else {"resurveys": later.table()}
     small = [table for table in (configurations, survey, later, scans) if table is not None]
-    if scans is not None and not source.entries("points"):
+    if scans is not None and adjusted is None and not source.entries("points"):
         log.throw()
         artifacts["observations"] = ARTIFACTS["observations"].empty(identifier_of(expected.poses))
         return _scans_alone(scans, artifacts, small)
-    points = Points(source, log, expected if scans is None else expected.without(scans.bodies), progress)
+    points = Points(source, log, expected if scans is None else expected.without(scans.bodies), progress, adjusted)
     observations = points.stream()
     if log:
         observations.read_all()  # the rest of the faults, which raise at its end
@@ -143,6 +162,25 @@ def _photogrammetry(settings: Any, progress: Progress, source: CampaignFiles, lo
         read=_late(lambda: _read_words(points)),
         left_out=_late(lambda: _left_out_words(_all_left_out(points, small))),
         figure=_late(lambda: _figure_words(points)),
+    )
+
+
+def _without_points(
+    configurations: SmallTable, survey: SmallTable | None, start: pa.Table | None, log: FaultLog
+) -> Outcome:
+    """What can be read before the photographs have been adjusted: a campaign is checked without that."""
+    log.throw()
+    left_out: Counter[tuple[str, str]] = Counter(configurations.left_out)
+    artifacts: dict[str, Any] = {"configurations": configurations.table}
+    artifacts |= {} if survey is None else {"survey": survey.table}
+    artifacts |= {} if start is None else {"start": start}
+    if survey is not None:
+        left_out.update(survey.left_out)
+    return Outcome(
+        artifacts | {"exclusions": _exclusions(left_out)},
+        read=f"{len(configurations.table)} configurations",
+        left_out=_left_out_words(left_out),
+        figure="points are not adjusted yet",
     )
 
 

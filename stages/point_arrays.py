@@ -61,7 +61,7 @@ def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
 
     rows = survey.filter(pc.equal(survey.column("body"), body))
     leg = np.nan_to_num(number_column(rows, "leg")).astype(np.int64)
-    return SurveyPoints(tuple(rows.column("target").to_pylist()), *_points_and_cov(rows), leg)
+    return SurveyPoints(tuple(rows.column("target").to_pylist()), *points_and_cov(rows), leg)
 
 
 def pose_points(
@@ -77,7 +77,7 @@ def pose_points(
     at_pose = positions(rows.column("pose"), poses)
     at_target = positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)
-    points, cov = _points_and_cov(rows)
+    points, cov = points_and_cov(rows)
     place = (at_pose[known], at_target[known])
     shape = (len(poses), len(targets))
     dense = PosePoints(poses, targets, np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros(shape, bool))
@@ -97,7 +97,7 @@ def observation_rows(
     return dense
 
 
-def _points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
+def points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
     """(N, 3) points in m and (N, 3, 3) covariances in m^2 from coordinates, sigmas and, where given, correlations."""
     points = np.column_stack([number_column(rows, f"{a}_mm") for a in _AXES]) * 1e-3
     sigma = np.column_stack([number_column(rows, f"sigma_{a}_mm") for a in _AXES]) * 1e-3

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.declaration import Progress
+    from stages.ingestion.adjusted_points import AdjustedPoints
 
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
@@ -65,6 +66,7 @@ class Points:
     log: FaultLog
     expected: Expected
     progress: Progress
+    adjusted: AdjustedPoints | None = None
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
     files: dict[str, None] = field(default_factory=dict)
     sample: list[tuple[NDArray, NDArray, NDArray]] = field(default_factory=list)
@@ -87,7 +89,7 @@ class Points:
         if first is None:
             self._finish()
             return pa.RecordBatchReader.from_batches(self._schema(()), iter(()))
-        correlated = tuple(name for name in _CORRELATIONS if name in first.columns)
+        correlated = tuple(name for name in (*_CORRELATIONS, "point") if name in first.columns)
         schema = self._schema(correlated)
         return pa.RecordBatchReader.from_batches(schema, self._records(first, batches, schema))
 
@@ -110,7 +112,7 @@ class Points:
 
     def _batches(self) -> Iterator[TableBatch]:
         total = len(self.source.entries("points"))
-        for file, batch in ahead(read_table(self.source, POINTS, self.log, poses_as_text=self._poses_are_text)):
+        for file, batch in ahead(self._read()):
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
             self.progress(0, total, f"{self.rows:,} points")
@@ -118,6 +120,13 @@ class Points:
             if named.rows:
                 yield self._taken(file, named)
         yield from self._labelled()
+
+    def _read(self) -> Iterator[tuple[FileRows, TableBatch]]:
+        """The points of raw files, or those that the photographs gave."""
+        if self.adjusted is None:
+            return read_table(self.source, POINTS, self.log, poses_as_text=self._poses_are_text)
+        adjusted = self.adjusted.as_text() if self._poses_are_text else self.adjusted
+        return adjusted.batches(self.expected.geometry.survey, self.expected.bodies, self.log)
 
     def _named_part(self, file: FileRows, batch: TableBatch) -> TableBatch:
         """The points that have names; the others wait until all of their pose are there."""

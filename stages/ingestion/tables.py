@@ -38,13 +38,18 @@ class SmallTable:
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
 
 
-def read_configurations(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable:
-    """One row per pose; without a table of configurations in order of appearance, which a mechanism does not allow."""
+def read_configurations(
+    source: CampaignFiles, settings: Any, log: FaultLog, adjusted: pa.Table | None = None
+) -> SmallTable:
+    """One row per pose; without a table of configurations in order of appearance, which a mechanism does not allow.
+
+    adjusted: the points that photographs gave, in place of those of files.
+    """
     found = gather(source, CONFIGURATIONS, log, "pose")
     if found is None:
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
-        return SmallTable(_in_order_of_appearance(source))
+        return SmallTable(_in_order_of_appearance(source, adjusted))
     once(found, log, ("pose",))
     _check_times(found, log, required=bool(legs_of(settings)))
     _check_repeats(found, log)
@@ -64,9 +69,11 @@ def _completed(table: pa.Table) -> pa.Table:
     return table
 
 
-def _in_order_of_appearance(source: CampaignFiles) -> pa.Table:
+def _in_order_of_appearance(source: CampaignFiles, adjusted: pa.Table | None) -> pa.Table:
     import pyarrow as pa
 
+    if adjusted is not None:
+        return as_artifact("configurations", _completed(pa.table({"pose": adjusted.column("pose").unique()})))
     poses, as_text = _poses_of_points(source, as_text=False)
     if as_text:
         poses, _ = _poses_of_points(source, as_text=True)

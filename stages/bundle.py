@@ -1,0 +1,67 @@
+"""Bundle: rays of photographs become object points, orientations and cameras, with their whole covariance."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from schemas.faults import CampaignFaults, Fault
+from stages.declaration import Outcome, Progress, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.bundle_adjustment.adjusting import AdjustedNetwork
+
+DECLARATION = Stage(
+    name="bundle",
+    reads=("image_points", "photographs", "image_targets?", "scale_bars?", "known_points?", "cameras_given?"),
+    leaves=(
+        *("object_points", "point_correlations", "point_sensitivities", "cameras", "camera_correlations"),
+        *("image_orientations", "image_residuals", "scale_bar_lengths?", "bundle_statistics"),
+    ),
+    settings=(
+        *("photographs.datum", "photographs.false_alarm", "photographs.variance_components"),
+        "photographs.marker_mm",
+    ),
+    summary="adjusts the rays of all photographs together: object points, cameras, what is wrong with which ray",
+)
+
+
+def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress) -> Outcome:
+    """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
+    from stages.bundle_adjustment.adjusting import Choices, adjust_network
+    from stages.bundle_adjustment.given_cameras import given_cameras
+    from stages.bundle_adjustment.rays_as_network import image_points, named_network
+    from stages.bundle_adjustment.statistics import statistics_table
+    from stages.bundle_adjustment.tables import NetworkTables
+    from truing.estimation.bundle.determinable import UndeterminedNetworkError
+
+    photographs = tables["photographs"]
+    rays = image_points(tables["image_points"], photographs)
+    cameras = given_cameras(photographs, tables.get("cameras_given"))
+    named = named_network(rays, photographs, cameras, tables, settings.photographs.marker_mm)
+    given = settings.photographs
+    choices = Choices(given.datum, given.false_alarm, given.variance_components)
+    try:
+        found = adjust_network(named, rays, cameras.interior, choices, progress)
+        artifacts = NetworkTables(found, rays).all(tables.get("scale_bars"))
+    except UndeterminedNetworkError as error:
+        expected = "rays that make a network: images that see points in common, from different sides"
+        raise CampaignFaults([Fault("image_points", expected, value=str(error))]) from None
+    artifacts["bundle_statistics"] = statistics_table(found)
+    read = f"{len(rays.point):,} rays of {len(photographs)} images"
+    return Outcome(artifacts, read=read, left_out=_left_out(found), figure=_figure(found))
+
+
+def _left_out(found: AdjustedNetwork) -> str:
+    reasons = Counter([*found.snooped.rejected.reason, *found.unmatched_reason])
+    return "; ".join(f"{count:,} rays: {reason}" for reason, count in reasons.most_common()) or "nothing"
+
+
+def _figure(found: AdjustedNetwork) -> str:
+    adjusted = found.adjustment
+    sigma0 = adjusted.variance_factor**0.5
+    points = len(set(found.named.network.rays.point[adjusted.used].tolist()))
+    return f"{points:,} object points of {len(found.named.poses)} poses, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"

@@ -1,0 +1,1 @@
+"""From tables of rays to an adjusted network, and from that to tables."""

@@ -1,0 +1,136 @@
+"""From named rays to the adjusted network: start values, robust adjustment, circles without code, eccentricity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.bundle_adjustment.rays_as_network import ImagePoints, NamedNetwork, Names
+from stages.declaration import Progress
+from truing.estimation.bundle.adjustment import Adjustment
+from truing.estimation.bundle.datum import Datum
+from truing.estimation.bundle.network import Index, Network, State
+from truing.estimation.bundle.snooping import Snooped, adjust_robustly
+from truing.estimation.bundle.start_values import Start, find_start
+from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_BEYOND = 0.5  # of the extent of the coded points: so far around them circles without code are sought
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How to adjust: the datum, the probability of a good ray to be rejected, whether the noise of cameras and kinds of
+    target is estimated."""
+
+    datum: Datum
+    false_alarm: float
+    variance_components: bool
+
+
+@dataclass(frozen=True)
+class AdjustedNetwork:
+    """The network as adjusted: names, the last robust adjustment, what eccentricity took off each ray (N, 2) in px, rows
+    (M,) of image_points that became no ray with the reason (M,), and the start values of the named points."""
+
+    named: NamedNetwork
+    snooped: Snooped
+    eccentricity_px: Array
+    unmatched: Index
+    unmatched_reason: Names
+    start: Start
+
+    @property
+    def adjustment(self) -> Adjustment:
+        """The last adjustment."""
+        return self.snooped.adjustment
+
+
+def adjust_network(
+    named: NamedNetwork, table: ImagePoints, interior: Array, choices: Choices, progress: Progress
+) -> AdjustedNetwork:
+    """The adjusted network of all rays, circles without code included.
+
+    interior (C, 10) to start from, NaN where a principal distance is not known. Raises UndeterminedNetworkError.
+    """
+    progress(0, 3, "start values")
+    start = find_start(named.network, interior, named.markers)
+    progress(1, 3, f"adjusting {named.network.rays.count:,} rays")
+    snooped = _robustly(named.network, start.state, choices, start.ray_agrees)
+    progress(2, 3, "matching circles without code")
+    whole, state, unmatched, reason = _with_circles(named, table, snooped)
+    if len(whole.points) > len(named.points):
+        agrees = np.concatenate([snooped.used, np.ones(whole.network.rays.count - len(snooped.used), bool)])
+        snooped = _robustly(whole.network, state, choices, agrees)
+    nothing = np.zeros((whole.network.rays.count, 2))
+    return AdjustedNetwork(whole, snooped, nothing, unmatched, reason, start)
+
+
+def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) -> Snooped:
+    return adjust_robustly(
+        network,
+        state,
+        choices.datum,
+        agrees=agrees,
+        alpha=choices.false_alarm,
+        with_components=choices.variance_components,
+    )
+
+
+def _with_circles(named: NamedNetwork, table: ImagePoints, snooped: Snooped) -> tuple[NamedNetwork, State, Index, Names]:
+    """The network with the points that circles without code make, its state, and the rows that make none with reasons."""
+    adjusted, whole = snooped.adjustment, named
+    state = adjusted.state
+    nameless = np.flatnonzero(table.point == "")
+    reason = np.full(len(nameless), "", dtype=object)
+    found_xyz = [state.points]
+    for pose in range(len(named.poses)):
+        here = np.flatnonzero(table.pose[nameless] == pose)
+        if not len(here):
+            continue
+        rows, (images, local) = nameless[here], _oriented(snooped, pose)
+        matched = match_uncoded(Circles(local[table.image[rows]], table.xy_px[rows], table.cov_px2[rows]), images)
+        reason[here] = matched.reason
+        good = matched.point >= 0
+        names = np.array([f"circle-{number + 1}" for number in range(len(matched.xyz_m))], dtype=object)
+        found_xyz.append(matched.xyz_m)
+        own = rows[good]
+        whole = whole.with_rays(table.image[own], matched.point[good], own, table, names)
+    missed = reason != ""
+    points = np.concatenate(found_xyz)
+    state = replace(state, points=points)
+    return whole, state, nameless[missed], reason[missed]
+
+
+def _oriented(snooped: Snooped, pose: int) -> tuple[OrientedImages, Index]:
+    """The images of a pose with their covariance, and the number of each image of the network among them."""
+    adjusted = snooped.adjustment
+    network, state, covariance = adjusted.network, adjusted.state, adjusted.covariance
+    own = np.flatnonzero(network.image_pose == pose)
+    local = np.full(len(network.image_pose), -1, np.int64)
+    local[own] = np.arange(len(own))
+    cov, centre = np.full((len(own), 6, 6), np.nan), np.full((len(own), 3), np.nan)
+    there = covariance.image_numbers(pose)
+    if len(there):
+        cov[local[there]] = covariance.images(pose)
+        centre[local[there]] = state.centre[there]
+    points = state.points[covariance.point_numbers(pose)] if len(there) else np.zeros((0, 3))
+    box = _box(points)
+    R = np.where(np.isfinite(centre)[:, :1, None], state.R[own], np.eye(3))
+    images = OrientedImages(
+        network.cameras, state.interior, network.image_camera[own], R, centre, np.nan_to_num(cov), box
+    )
+    return images, local
+
+
+def _box(points: Array) -> Array:
+    """Where circles without code are sought (2, 3): around the points (p, 3), half as much again either way."""
+    if not len(points):
+        return np.zeros((2, 3))
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = _BEYOND * float(np.linalg.norm(high - low))
+    return np.array([low - margin, high + margin])

@@ -1,0 +1,218 @@
+"""The tables of a campaign of photographs as one network, and the names behind its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.bundle_adjustment.given_cameras import GivenCameras
+from stages.point_arrays import number_column, pose_ids, positions, text_column
+from truing.estimation.bundle.network import Bars, Index, KnownPoints, Network, Rays
+from truing.estimation.bundle.start_values import Markers
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Names = NDArray[np.object_]
+Pose = int | str
+
+_CORNERS = 4
+
+
+@dataclass(frozen=True)
+class NamedNetwork:
+    """A network, and who is who in it: poses (S), images (I) by name, points (P) by name with body and target ("" where
+    not known), kinds of target; row (N,) of each ray in the table image_points; bars by name and which of them check."""
+
+    network: Network
+    poses: tuple[Pose, ...]
+    images: Names
+    points: Names
+    bodies: Names
+    targets: Names
+    kinds: tuple[str, ...]
+    row: Index
+    bars: tuple[str, ...]
+    markers: Markers
+
+    def with_rays(self, image: Index, point: Index, rows: Index, table: ImagePoints, names: Names) -> NamedNetwork:
+        """The network with further rays to further points, which only they see; point (n,) counts these from 0."""
+        first, rays = len(self.points), self.network.rays
+        fresh = len(names)
+        pose = np.zeros(fresh, np.int64)
+        pose[point] = self.network.image_pose[image]
+        more = Rays(
+            np.concatenate([rays.image, image]),
+            np.concatenate([rays.point, first + point]),
+            np.concatenate([rays.xy_px, table.xy_px[rows]]),
+            np.concatenate([rays.cov_px2, table.cov_px2[rows]]),
+            np.concatenate([rays.kind, table.kind[rows]]),
+        )
+        network = replace(self.network, point_pose=np.concatenate([self.network.point_pose, pose]), rays=more)
+        nobody = np.full(fresh, "", dtype=object)
+        return replace(
+            self,
+            network=network,
+            points=np.concatenate([self.points, names]),
+            bodies=np.concatenate([self.bodies, nobody]),
+            targets=np.concatenate([self.targets, nobody]),
+            row=np.concatenate([self.row, rows]),
+        )
+
+
+@dataclass(frozen=True)
+class ImagePoints:
+    """The table image_points as arrays, a row each: pose and image (N,) by number, names, coordinates, kinds; semi_axes_px
+    (N, 2) and angle (N,) of circles, NaN where not measured."""
+
+    image: Index
+    pose: Index
+    point: Names
+    body: Names
+    target: Names
+    xy_px: Array
+    cov_px2: Array
+    kind: Index
+    kinds: tuple[str, ...]
+    semi_axes_px: Array
+    angle_rad: Array
+
+
+def image_points(table: pa.Table, photographs: pa.Table) -> ImagePoints:
+    """The rows of image_points, images numbered as photographs lists them."""
+    kinds = tuple(dict.fromkeys(table.column("kind").to_pylist()))
+    poses = pose_ids(photographs)
+    keys = list(zip(photographs.column("pose").to_pylist(), photographs.column("image").to_pylist(), strict=True))
+    number = {key: n for n, key in enumerate(keys)}
+    pairs = zip(table.column("pose").to_pylist(), table.column("image").to_pylist(), strict=True)
+    image = np.array([number[pair] for pair in pairs], dtype=np.int64)
+    cov = np.empty((len(table), 2, 2))
+    cov[:, 0, 0], cov[:, 1, 1] = number_column(table, "cov_xx_px2"), number_column(table, "cov_yy_px2")
+    cov[:, 0, 1] = cov[:, 1, 0] = number_column(table, "cov_xy_px2")
+    return ImagePoints(
+        image,
+        positions(table.column("pose"), poses),
+        *(text_column(table, name) for name in ("point", "body", "target")),
+        np.column_stack([number_column(table, "x_px"), number_column(table, "y_px")]),
+        cov,
+        positions(table.column("kind"), kinds),
+        kinds,
+        np.column_stack([_optional(table, "semi_major_px"), _optional(table, "semi_minor_px")]),
+        _optional(table, "axis_angle_rad"),
+    )
+
+
+def _optional(table: pa.Table, name: str) -> Array:
+    return number_column(table, name) if name in table.column_names else np.full(len(table), np.nan)
+
+
+def named_network(
+    table: ImagePoints, photographs: pa.Table, cameras: GivenCameras, tables: Mapping[str, pa.Table], marker_mm: float | None
+) -> NamedNetwork:
+    """The network of all rays that have a point's name."""
+    poses = pose_ids(photographs)
+    rows = np.flatnonzero(table.point != "")
+    keys: dict[tuple[int, str], int] = {}
+    point = np.array(
+        [keys.setdefault(key, len(keys)) for key in zip(table.pose[rows].tolist(), table.point[rows], strict=True)],
+        dtype=np.int64,
+    )
+    first = rows[np.unique(point, return_index=True)[1]] if len(rows) else rows
+    point_pose = np.array([pose for pose, _ in keys], dtype=np.int64)
+    names = np.array([name for _, name in keys], dtype=object)
+    rays = Rays(table.image[rows], point, table.xy_px[rows], table.cov_px2[rows], table.kind[rows])
+    bars, bar_names = _bars(tables.get("scale_bars"), poses, keys)
+    network = Network(
+        cameras.cameras,
+        np.array([cameras.number[name] for name in photographs.column("camera").to_pylist()], dtype=np.int64),
+        positions(photographs.column("pose"), poses),
+        point_pose,
+        rays,
+        bars,
+        _known(tables.get("known_points"), poses, keys),
+    )
+    images = text_column(photographs, "image")
+    markers = _markers(point_pose, names, table.body[first], tables.get("image_targets"), marker_mm)
+    who = (table.body[first], table.target[first])
+    return NamedNetwork(network, poses, images, names, *who, table.kinds, rows, bar_names, markers)
+
+
+def bar_ends(
+    bars: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]
+) -> list[tuple[int, int, int, int]]:
+    """(row of the table, pose, first point, second point) wherever both ends of a bar are points of a pose."""
+    if bars is None:
+        return []
+    own = bars.column("pose").to_pylist() if "pose" in bars.column_names else [None] * len(bars)
+    found = []
+    for row, (first, second) in enumerate(
+        zip(bars.column("first").to_pylist(), bars.column("second").to_pylist(), strict=True)
+    ):
+        for pose, name in enumerate(poses):
+            ends = (keys.get((pose, first)), keys.get((pose, second)))
+            if own[row] in (None, name) and None not in ends:
+                found.append((row, pose, ends[0], ends[1]))
+    return found  # type: ignore[return-value]
+
+
+def _bars(
+    table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]
+) -> tuple[Bars, tuple[str, ...]]:
+    """The bars that give the scale, and their names; those that check it take no part."""
+    if table is None:
+        return Bars.none(), ()
+    serves, bar = table.column("serves").to_pylist(), table.column("bar").to_pylist()
+    names = tuple(dict.fromkeys(name for name, use in zip(bar, serves, strict=True) if use == "scale"))
+    ends = [end for end in bar_ends(table, poses, keys) if serves[end[0]] == "scale"]
+    first_row = [bar.index(name) for name in names]
+    length, sigma = number_column(table, "length_mm") * 1e-3, number_column(table, "sigma_mm") * 1e-3
+    repeat = number_column(table, "repeat_sigma_mm") * 1e-3
+    row, _, first, second = (np.array([end[k] for end in ends], dtype=np.int64) for k in range(4))
+    number = np.array([names.index(bar[r]) for r in row], dtype=np.int64)
+    return Bars(number, first, second, repeat[row], length[first_row], sigma[first_row]), names
+
+
+def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]) -> KnownPoints:
+    if table is None:
+        return KnownPoints.none()
+    from stages.point_arrays import points_and_cov
+
+    xyz, cov = points_and_cov(table)
+    own = table.column("pose").to_pylist() if "pose" in table.column_names else [None] * len(table)
+    found = [
+        (keys[pose, name], row)
+        for row, name in enumerate(table.column("point").to_pylist())
+        for pose, identifier in enumerate(poses)
+        if own[row] in (None, identifier) and (pose, name) in keys
+    ]
+    point, rows = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    return KnownPoints(point, xyz[rows], cov[rows])
+
+
+def _markers(
+    pose: Index, names: Names, body: Names, targets: pa.Table | None, marker_mm: float | None
+) -> Markers:
+    """Square markers of which a pose has all four corners, and whose edge is known."""
+    sizes = {}
+    if targets is not None and "size_mm" in targets.column_names:
+        rows = targets.select(["body", "target", "size_mm"]).to_pylist()
+        sizes = {f"{row['body']}/{row['target']}": row["size_mm"] for row in rows if row["size_mm"]}
+    corners: dict[tuple[int, str], dict[int, int]] = {}
+    for number, (p, name) in enumerate(zip(pose.tolist(), names.tolist(), strict=True)):
+        stem, _, corner = name.rpartition(".")
+        known = stem in sizes or stem.startswith(("aruco", "apriltag")) or (body[number] and marker_mm)
+        if known and corner.isdecimal() and int(corner) < _CORNERS:
+            corners.setdefault((p, stem), {})[int(corner)] = number
+    whole = [
+        ([found[k] for k in range(_CORNERS)], sizes.get(stem) or marker_mm)
+        for (_, stem), found in corners.items()
+        if len(found) == _CORNERS and (sizes.get(stem) or marker_mm)
+    ]
+    if not whole:
+        return Markers.none()
+    return Markers(np.array([one for one, _ in whole]), np.array([1e-3 * float(size or 0.0) for _, size in whole]))

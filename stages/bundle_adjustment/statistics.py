@@ -1,0 +1,96 @@
+"""Figures of an adjustment and of its network, one row each."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+from stages.bundle_adjustment.adjusting import AdjustedNetwork
+from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
+from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def statistics_table(found: AdjustedNetwork) -> pa.Table:
+    """The table bundle_statistics."""
+    import pyarrow as pa
+
+    adjusted, snooped, named = found.adjustment, found.snooped, found.named
+    used, rays = adjusted.used, named.network.rays
+    unknowns = 2 * int(used.sum()) + int(adjusted.defect.sum()) - adjusted.redundancy
+    figures = [
+        ("sigma0", "", float(np.sqrt(adjusted.variance_factor)), "1"),
+        ("redundancy", "", float(adjusted.redundancy), "1"),
+        ("rays", "", float(used.sum()), "1"),
+        ("rejected rays", "", float(rays.count - used.sum()), "1"),
+        ("untested rays", "", float(len(snooped.untested)), "1"),
+        ("circles without a point", "", float(len(found.unmatched)), "1"),
+        ("unknowns less distances and known coordinates", "", float(unknowns), "1"),
+        ("defect of the datum", "", float(adjusted.defect.sum()), "1"),
+        ("iterations", "", float(adjusted.iterations), "1"),
+        ("converged", "", float(adjusted.converged), "1"),
+        ("false alarm of a ray's test", "", float(snooped.alpha), "1"),
+        *_components(found, snooped.components),
+        *_coverage(found),
+        *_regions(found),
+        *_origins(found),
+    ]
+    rows = [
+        dict(zip(("figure", "subject", "value", "unit"), figure, strict=True))
+        for figure in figures
+        if figure[2] is None or np.isfinite(figure[2])
+    ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["bundle_statistics"].arrow_schema())
+
+
+Figure = tuple[str, str, float | None, str]
+
+
+def _components(found: AdjustedNetwork, components: VarianceComponents) -> list[Figure]:
+    """What each camera and kind of target scatters over what is stated, and how well that is known."""
+    cameras, kinds = found.named.network.cameras, found.named.kinds
+    rows: list[Figure] = []
+    for g, factor in enumerate(components.factor):
+        camera = "several cameras" if components.camera[g] == POOLED else cameras[components.camera[g]].name
+        kind = "several kinds" if components.kind[g] == POOLED else kinds[components.kind[g]]
+        subject = f"{camera} {kind}"
+        relative = components.sigma[g] / (2 * factor) if factor > 0 else np.inf
+        rows.append(("noise over stated", subject, float(np.sqrt(factor)), "1"))
+        rows.append(("noise over stated, sigma", subject, float(np.sqrt(factor) * relative), "1"))
+        rows.append(("redundancy of a component", subject, float(components.redundancy[g]), "1"))
+    return rows
+
+
+def _coverage(found: AdjustedNetwork) -> list[Figure]:
+    network = found.named.network
+    coverage = camera_coverage(network, found.adjustment.used.astype(float))
+    named = list(enumerate(network.cameras))
+    rows: list[Figure] = [("covered share of the format", c.name, float(coverage.cells[n]), "1") for n, c in named]
+    return rows + [("hull over the format", c.name, float(coverage.hull[n]), "1") for n, c in named]
+
+
+def _regions(found: AdjustedNetwork) -> list[Figure]:
+    """What residuals keep in common in some part of the format: the least p-value of each camera."""
+    adjusted = found.adjustment
+    network = adjusted.network
+    C = network.rays.cov_px2 * found.snooped.components.of_rays()[:, None, None]
+    residuals = np.where(adjusted.used[:, None], adjusted.residuals_px, np.nan)
+    regions = residual_regions(network, residuals, np.where(adjusted.used[:, None, None], C, 1.0))
+    rows: list[Figure] = []
+    for number, camera in enumerate(network.cameras):
+        own = regions.camera == number
+        if own.any():
+            worst = np.linalg.norm(regions.mean_px[own], axis=1).max()
+            rows.append(("systematic residuals, p-value", camera.name, float(regions.p_value[own].min()), "1"))
+            rows.append(("systematic residuals, largest mean", camera.name, float(worst), "px"))
+    return rows
+
+
+def _origins(found: AdjustedNetwork) -> list[Figure]:
+    """What gave each pose its scale; 1 behind each."""
+    poses = found.named.poses
+    return [(f"scale from {scale}", f"pose {poses[p]}", 1.0, "1") for p, scale in enumerate(found.start.scale)]

@@ -1,0 +1,292 @@
+"""The adjusted network as tables: points with covariance, cameras, orientations, residuals, lengths of scale bars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from stages.bundle_adjustment.adjusting import AdjustedNetwork
+from stages.bundle_adjustment.rays_as_network import ImagePoints, bar_ends
+from stages.point_arrays import number_column
+from truing.estimation.bundle.camera import PARAMETERS, UNITS
+from truing.estimation.bundle.network_statistics import intersections
+from truing.estimation.rotation import log_so3
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
+_AXES = "xyz"
+
+
+class NetworkTables:
+    """The tables of one adjusted network; covariances are times sigma0^2, what the residuals themselves say."""
+
+    def __init__(self, found: AdjustedNetwork, table: ImagePoints) -> None:
+        self.found, self.table = found, table
+        self.adjusted, self.named, self.network = found.adjustment, found.named, found.named.network
+        factor = self.adjusted.variance_factor
+        self.factor = float(factor) if np.isfinite(factor) else 1.0
+        self.covariance = self.adjusted.covariance
+        self.poses = [p for p in range(len(self.named.poses)) if len(self.covariance.point_numbers(p))]
+        self.text = any(isinstance(pose, str) for pose in self.named.poses)
+        common = self.covariance.common * self.factor
+        self.common_sigma = np.sqrt(np.diagonal(common))
+        self.common = common
+        self.parameters = tuple(self._parameter(*name) for name in self.covariance.names)
+
+    def _parameter(self, of: str, what: str | int) -> str:
+        return f"bar {self.named.bars[int(what)]}" if of == "bar" and not isinstance(what, str) else f"{of} {what}"
+
+    def all(self, bars: pa.Table | None) -> dict[str, pa.Table]:
+        """Every table by the name of its artifact."""
+        tables = {
+            "object_points": self.object_points(),
+            "point_correlations": self.point_correlations(),
+            "point_sensitivities": self.point_sensitivities(),
+            "cameras": self.cameras(),
+            "camera_correlations": self.camera_correlations(),
+            "image_orientations": self.image_orientations(),
+            "image_residuals": self.image_residuals(),
+        }
+        return tables | ({} if bars is None else {"scale_bar_lengths": self.scale_bar_lengths(bars)})
+
+    def _pose(self, poses: Index) -> NDArray[np.object_]:
+        return np.array([*self.named.poses, None], dtype=object)[:-1][poses]
+
+    def object_points(self) -> pa.Table:
+        """A row per adjusted point."""
+        numbers = np.concatenate([np.zeros(0, np.int64), *(self.covariance.point_numbers(p) for p in self.poses)])
+        blocks = self.covariance.point_blocks()[numbers] * self.factor
+        sigma = np.sqrt(np.einsum("nii->ni", blocks))
+        correlation = blocks / (sigma[:, :, None] * sigma[:, None, :])
+        met = intersections(self.network, self.adjusted.state, self.adjusted.used.astype(float))
+        count = len(self.network.point_pose)
+        square = self._squares(self.network.rays.point, count)
+        return _table(
+            "object_points",
+            {
+                "pose": self._pose(self.network.point_pose[numbers]),
+                "point": self.named.points[numbers],
+                "body": self.named.bodies[numbers],
+                "target": self.named.targets[numbers],
+                **{f"{a}_mm": 1e3 * self.adjusted.state.points[numbers, k] for k, a in enumerate(_AXES)},
+                **{f"sigma_{a}_mm": 1e3 * sigma[:, k] for k, a in enumerate(_AXES)},
+                "corr_xy": correlation[:, 0, 1],
+                "corr_xz": correlation[:, 0, 2],
+                "corr_yz": correlation[:, 1, 2],
+                "rays": met.rays[numbers],
+                "largest_angle_deg": np.degrees(met.largest_angle[numbers]),
+                "rms_px": square[numbers],
+            },
+            self.text,
+        )
+
+    def _squares(self, index: Index, count: int) -> Array:
+        """Root mean square residual per coordinate of what rays belong to, NaN without any."""
+        used = self.adjusted.used
+        square = np.sum(self.adjusted.residuals_px[used] ** 2, axis=1)
+        total = np.bincount(index[used], square, minlength=count)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(total / (2 * np.bincount(index[used], minlength=count))))
+
+    def point_correlations(self) -> pa.Table:
+        """A row per pair of points of a pose."""
+        parts: list[dict[str, Any]] = []
+        for pose in self.poses:
+            numbers = self.covariance.point_numbers(pose)
+            cov = self.covariance.points(pose)
+            sigma = np.sqrt(np.diagonal(cov))
+            correlation = np.clip(cov / sigma[:, None] / sigma, -1.0, 1.0)
+            blocks = correlation.reshape(len(numbers), 3, len(numbers), 3)
+            first, second = np.triu_indices(len(numbers), 1)
+            pairs = {
+                f"corr_{a}_{b}": blocks[first, i, second, j]
+                for i, a in enumerate(_AXES)
+                for j, b in enumerate(_AXES)
+            }
+            names = self.named.points[numbers]
+            pose_column = self._pose(np.full(len(first), pose))
+            parts.append({"pose": pose_column, "point": names[first], "other_point": names[second], **pairs})
+        return _joined("point_correlations", parts, self.text)
+
+    def point_sensitivities(self) -> pa.Table:
+        """A row per point and parameter common to all poses: what one standard deviation of it does."""
+        parts: list[dict[str, Any]] = []
+        for pose in self.poses:
+            numbers = self.covariance.point_numbers(pose)
+            effect = 1e3 * self.covariance.sensitivities(pose) * self.common_sigma
+            effect = effect.reshape(len(numbers), 3, -1)
+            point, parameter = np.divmod(np.arange(len(numbers) * len(self.parameters)), max(len(self.parameters), 1))
+            parts.append(
+                {
+                    "pose": self._pose(np.full(len(point), pose)),
+                    "point": self.named.points[numbers][point],
+                    "parameter": np.array(self.parameters, dtype=object)[parameter],
+                    **{f"effect_{a}_mm": effect[point, k, parameter] for k, a in enumerate(_AXES)},
+                }
+            )
+        return _joined("point_sensitivities", parts, self.text)
+
+    def cameras(self) -> pa.Table:
+        """A row per camera and parameter; without sigma where it was held."""
+        sigma = {name: s for name, s in zip(self.covariance.names, self.common_sigma, strict=True)}
+        rows = []
+        for number, camera in enumerate(self.network.cameras):
+            about = {
+                "width_px": camera.width_px,
+                "height_px": camera.height_px,
+                "balancing_radius_px": camera.balancing_radius_px,
+                "pixel_um": None if camera.pitch_m is None else 1e6 * camera.pitch_m,
+            }
+            for k, (parameter, unit) in enumerate(zip(PARAMETERS, UNITS, strict=True)):
+                known = sigma.get((camera.name, parameter))
+                rows.append(
+                    {
+                        "camera": camera.name,
+                        "parameter": parameter,
+                        "unit": unit,
+                        "value": float(self.adjusted.state.interior[number, k]),
+                        "sigma": None if known is None else float(known),
+                        "free": known is not None,
+                        **about,
+                    }
+                )
+        return _from_rows("cameras", rows, self.text)
+
+    def camera_correlations(self) -> pa.Table:
+        """A row per pair of parameters that are common to all poses."""
+        first, second = np.triu_indices(len(self.parameters), 1)
+        correlation = np.clip(self.common / self.common_sigma[:, None] / self.common_sigma, -1.0, 1.0)
+        names = np.array(self.parameters, dtype=object)
+        columns = {"parameter": names[first], "other_parameter": names[second]}
+        return _table("camera_correlations", {**columns, "correlation": correlation[first, second]}, self.text)
+
+    def image_orientations(self) -> pa.Table:
+        """A row per oriented image."""
+        numbers = np.concatenate([np.zeros(0, np.int64), *(self.covariance.image_numbers(p) for p in self.poses)])
+        none = np.zeros((0, 6, 6))
+        cov = np.concatenate([none, *(self.covariance.images(p) for p in self.poses)]) * self.factor
+        state, used = self.adjusted.state, self.adjusted.used
+        cameras = np.array([camera.name for camera in self.network.cameras], dtype=object)
+        count = len(self.network.image_pose)
+        vector = log_so3(state.R[numbers])
+        return _table(
+            "image_orientations",
+            {
+                "pose": self._pose(self.network.image_pose[numbers]),
+                "image": self.named.images[numbers],
+                "camera": cameras[self.network.image_camera[numbers]],
+                **{f"p{a}_mm": 1e3 * state.centre[numbers, k] for k, a in enumerate(_AXES)},
+                **{f"r{a}_rad": vector[:, k] for k, a in enumerate(_AXES)},
+                **{f"cov_{i}_{j}": cov[:, i, j] for i, j in _COVARIANCE},
+                "rays": np.bincount(self.network.rays.image[used], minlength=count)[numbers],
+                "rms_px": self._squares(self.network.rays.image, count)[numbers],
+                "status": np.full(len(numbers), "ok", dtype=object),
+            },
+            self.text,
+        )
+
+    def image_residuals(self) -> pa.Table:
+        """A row per ray, those that took no part with the reason, and circles that belong to no point."""
+        rays, named, snooped = self.network.rays, self.named, self.found.snooped
+        rejected = snooped.rejected
+        reason = np.full(rays.count, None, dtype=object)
+        reason[rejected.ray] = rejected.reason
+        sigma = np.sqrt(np.einsum("nii->ni", rays.cov_px2) * snooped.components.of_rays()[:, None])
+        tests, v = snooped.tests, self.adjusted.residuals_px
+        with np.errstate(invalid="ignore"):
+            w = np.max(np.abs(tests.w), axis=1)
+        redundancy = np.clip(tests.redundancy, 0.0, 1.0)
+        lost, table = self.found.unmatched, self.table
+        nothing = np.full(len(lost), np.nan)
+        stated = np.sqrt(np.einsum("nii->ni", table.cov_px2[lost]))
+        both: dict[str, Any] = {
+            "pose": self._pose(np.concatenate([self.network.image_pose[rays.image], table.pose[lost]])),
+            "image": named.images[np.concatenate([rays.image, table.image[lost]])],
+            "camera": self._camera(np.concatenate([rays.image, table.image[lost]])),
+            "point": np.concatenate([named.points[rays.point], table.point[lost]]),
+            "kind": np.array(named.kinds, dtype=object)[np.concatenate([rays.kind, table.kind[lost]])],
+            **_paired("{}_px", np.concatenate([rays.xy_px, table.xy_px[lost]])),
+            **_paired("v{}_px", np.concatenate([v, np.full((len(lost), 2), np.nan)])),
+            **_paired("sigma_{}_px", np.concatenate([sigma, stated])),
+            **_paired("redundancy_{}", np.concatenate([redundancy, np.full((len(lost), 2), np.nan)])),
+            "test_value": np.concatenate([w, nothing]),
+            **_paired("eccentricity_{}_px", np.concatenate([self.found.eccentricity_px, np.zeros((len(lost), 2))])),
+            "rejected": np.concatenate([~self.adjusted.used, np.ones(len(lost), bool)]),
+            "reason": np.concatenate([reason, self.found.unmatched_reason]),
+        }
+        return _table("image_residuals", both, self.text)
+
+    def _camera(self, image: Index) -> NDArray[np.object_]:
+        return np.array([camera.name for camera in self.network.cameras], dtype=object)[self.network.image_camera[image]]
+
+    def scale_bar_lengths(self, bars: pa.Table) -> pa.Table:
+        """A row per bar and pose: what the adjusted points say of its length."""
+        adjusted = set(np.concatenate([np.zeros(0, np.int64), *map(self.covariance.point_numbers, self.poses)]).tolist())
+        keys = {
+            (int(self.network.point_pose[number]), str(self.named.points[number])): number
+            for number in sorted(adjusted)
+        }
+        rows = []
+        given = bars.to_pylist()
+        for row, pose, first, second in bar_ends(bars, self.named.poses, keys):
+            length, sigma = self._distance(pose, first, second)
+            told = {key: given[row][key] for key in ARTIFACTS["scale_bars"].columns}
+            alone = np.hypot(told["sigma_mm"], told["repeat_sigma_mm"])
+            apart = self._deviation_sigma(told, sigma, alone)
+            rows.append(
+                {"pose": self.named.poses[pose], **told, "adjusted_mm": length, "adjusted_sigma_mm": sigma}
+                | {"deviation_mm": length - told["length_mm"], "deviation_sigma_mm": apart}
+            )
+        return _from_rows("scale_bar_lengths", rows, self.text)
+
+    def _deviation_sigma(self, told: dict[str, Any], sigma_mm: float, alone_mm: float) -> float:
+        """Of adjusted less calibrated: both together where the bar checks; the difference of the squares where it took
+        part, for then the adjusted length has the calibrated one in it."""
+        if told["serves"] == "check":
+            return float(np.hypot(sigma_mm, alone_mm))
+        return float(np.sqrt(max(alone_mm**2 - sigma_mm**2, 0.0)))
+
+    def _distance(self, pose: int, first: int, second: int) -> tuple[float, float]:
+        """Distance of two points of a pose with its standard deviation, mm."""
+        numbers = self.covariance.point_numbers(pose)
+        place = np.array([int(np.flatnonzero(numbers == point)[0]) for point in (first, second)])
+        rows = (3 * place[:, None] + np.arange(3)).ravel()
+        cov = self.covariance.points(pose)[np.ix_(rows, rows)] * self.factor
+        apart = self.adjusted.state.points[second] - self.adjusted.state.points[first]
+        length = float(np.linalg.norm(apart))
+        along = np.concatenate([-apart, apart]) / length
+        return 1e3 * length, 1e3 * float(np.sqrt(max(along @ cov @ along, 0.0)))
+
+
+def _paired(name: str, values: Array) -> dict[str, Array]:
+    return {name.format(a): values[:, k] for k, a in enumerate("xy")}
+
+
+def _from_rows(name: str, rows: Sequence[dict[str, Any]], text: bool) -> pa.Table:
+    import pyarrow as pa
+
+    return pa.Table.from_pylist(list(rows), schema=ARTIFACTS[name].arrow_schema("string" if text else "int64"))
+
+
+def _joined(name: str, parts: Sequence[dict[str, Any]], text: bool) -> pa.Table:
+    if not parts:
+        return ARTIFACTS[name].empty("string" if text else "int64")
+    return _table(name, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}, text)
+
+
+def _table(name: str, columns: dict[str, Any], text: bool) -> pa.Table:
+    """The columns as an artifact, NaN as empty."""
+    import pyarrow as pa
+
+    schema = ARTIFACTS[name].arrow_schema("string" if text else "int64")
+    arrays = [pa.array(columns[key], schema.field(key).type, from_pandas=True) for key in schema.names]
+    return pa.table(arrays, schema=schema)
