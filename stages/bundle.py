@@ -20,6 +20,7 @@ DECLARATION = Stage(
     leaves=(
         *("object_points", "point_correlations", "point_sensitivities", "cameras", "camera_correlations"),
         *("image_orientations", "image_residuals", "scale_bar_lengths?", "bundle_statistics"),
+        *("ray_statistics", "ray_information", "ray_effects"),
     ),
     settings=(
         *("photographs.datum", "photographs.false_alarm", "photographs.variance_components"),
@@ -36,6 +37,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress) -> Ou
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.statistics import statistics_table
     from stages.bundle_adjustment.tables import NetworkTables
+    from stages.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
 
     photographs = tables["photographs"]
@@ -51,6 +53,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress) -> Ou
         expected = "rays that make a network: images that see points in common, from different sides"
         raise CampaignFaults([Fault("image_points", expected, value=str(error))]) from None
     artifacts["bundle_statistics"] = statistics_table(found)
+    adjusted, named = found.adjustment, found.named
+    artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{len(rays.point):,} rays of {len(photographs)} images"
     return Outcome(artifacts, read=read, left_out=_left_out(found), figure=_figure(found))
 
@@ -64,4 +68,5 @@ def _figure(found: AdjustedNetwork) -> str:
     adjusted = found.adjustment
     sigma0 = adjusted.variance_factor**0.5
     points = len(set(found.named.network.rays.point[adjusted.used].tolist()))
-    return f"{points:,} object points of {len(found.named.poses)} poses, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"
+    poses = f"{len(found.named.poses)} pose{'s' if len(found.named.poses) != 1 else ''}"
+    return f"{points:,} object points of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"
