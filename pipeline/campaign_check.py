@@ -39,7 +39,8 @@ def settings_faults(campaign: CampaignFolder) -> list[Fault]:
 def _read_raw(run: CampaignRun) -> str:
     from pipeline.artifacts import drain
 
-    said, faults = [], []
+    said: list[str] = []
+    faults: list[Fault] = []
     for stage in run.order:
         if stage.name not in RAW_READERS:
             continue

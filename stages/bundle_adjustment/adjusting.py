@@ -34,8 +34,8 @@ class Choices:
 
 @dataclass(frozen=True)
 class AdjustedNetwork:
-    """The network as adjusted: names, the last robust adjustment, what eccentricity took off each ray (N, 2) in px, rows
-    (M,) of image_points that became no ray with the reason (M,), and the start values of the named points."""
+    """The network as adjusted: names, the last robust adjustment, what eccentricity took off each ray (N, 2) in px,
+    rows (M,) of image_points that became no ray with the reason (M,), and the start values of the named points."""
 
     named: NamedNetwork
     snooped: Snooped
@@ -81,8 +81,10 @@ def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) ->
     )
 
 
-def _with_circles(named: NamedNetwork, table: ImagePoints, snooped: Snooped) -> tuple[NamedNetwork, State, Index, Names]:
-    """The network with the points that circles without code make, its state, and the rows that make none with reasons."""
+def _with_circles(
+    named: NamedNetwork, table: ImagePoints, snooped: Snooped
+) -> tuple[NamedNetwork, State, Index, Names]:
+    """The network with the points that circles without code make, its state, and the rows that make none, with why."""
     adjusted, whole = snooped.adjustment, named
     state = adjusted.state
     nameless = np.flatnonzero(table.point == "")

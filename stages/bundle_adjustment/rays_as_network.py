@@ -27,7 +27,8 @@ _CORNERS = 4
 @dataclass(frozen=True)
 class NamedNetwork:
     """A network, and who is who in it: poses (S), images (I) by name, points (P) by name with body and target ("" where
-    not known), kinds of target; row (N,) of each ray in the table image_points; bars by name and which of them check."""
+    not known), kinds of target; row (N,) of each ray in the table image_points; bars by name and which of them
+    check."""
 
     network: Network
     poses: tuple[Pose, ...]
@@ -67,8 +68,8 @@ class NamedNetwork:
 
 @dataclass(frozen=True)
 class ImagePoints:
-    """The table image_points as arrays, a row each: pose and image (N,) by number, names, coordinates, kinds; semi_axes_px
-    (N, 2) and angle (N,) of circles, NaN where not measured."""
+    """The table image_points as arrays, a row each: pose and image (N,) by number, names, coordinates, kinds;
+    semi_axes_px (N, 2) and angle (N,) of circles, NaN where not measured."""
 
     image: Index
     pose: Index
@@ -97,7 +98,9 @@ def image_points(table: pa.Table, photographs: pa.Table) -> ImagePoints:
     return ImagePoints(
         image,
         positions(table.column("pose"), poses),
-        *(text_column(table, name) for name in ("point", "body", "target")),
+        text_column(table, "point"),
+        text_column(table, "body"),
+        text_column(table, "target"),
         np.column_stack([number_column(table, "x_px"), number_column(table, "y_px")]),
         cov,
         positions(table.column("kind"), kinds),
@@ -112,7 +115,11 @@ def _optional(table: pa.Table, name: str) -> Array:
 
 
 def named_network(
-    table: ImagePoints, photographs: pa.Table, cameras: GivenCameras, tables: Mapping[str, pa.Table], marker_mm: float | None
+    table: ImagePoints,
+    photographs: pa.Table,
+    cameras: GivenCameras,
+    tables: Mapping[str, pa.Table],
+    marker_mm: float | None,
 ) -> NamedNetwork:
     """The network of all rays that have a point's name."""
     poses = pose_ids(photographs)
@@ -194,9 +201,7 @@ def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[in
     return KnownPoints(point, xyz[rows], cov[rows])
 
 
-def _markers(
-    pose: Index, names: Names, body: Names, targets: pa.Table | None, marker_mm: float | None
-) -> Markers:
+def _markers(pose: Index, names: Names, body: Names, targets: pa.Table | None, marker_mm: float | None) -> Markers:
     """Square markers of which a pose has all four corners, and whose edge is known."""
     sizes = {}
     if targets is not None and "size_mm" in targets.column_names:

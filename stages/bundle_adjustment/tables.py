@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from stages.bundle_adjustment.adjusting import AdjustedNetwork
 from stages.bundle_adjustment.rays_as_network import ImagePoints, bar_ends
-from stages.point_arrays import number_column
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.network_statistics import intersections
 from truing.estimation.rotation import log_so3
@@ -108,9 +107,7 @@ class NetworkTables:
             blocks = correlation.reshape(len(numbers), 3, len(numbers), 3)
             first, second = np.triu_indices(len(numbers), 1)
             pairs = {
-                f"corr_{a}_{b}": blocks[first, i, second, j]
-                for i, a in enumerate(_AXES)
-                for j, b in enumerate(_AXES)
+                f"corr_{a}_{b}": blocks[first, i, second, j] for i, a in enumerate(_AXES) for j, b in enumerate(_AXES)
             }
             names = self.named.points[numbers]
             pose_column = self._pose(np.full(len(first), pose))
@@ -137,7 +134,7 @@ class NetworkTables:
 
     def cameras(self) -> pa.Table:
         """A row per camera and parameter; without sigma where it was held."""
-        sigma = {name: s for name, s in zip(self.covariance.names, self.common_sigma, strict=True)}
+        sigma = dict(zip(self.covariance.names, self.common_sigma, strict=True))
         rows = []
         for number, camera in enumerate(self.network.cameras):
             about = {
@@ -226,15 +223,13 @@ class NetworkTables:
         return _table("image_residuals", both, self.text)
 
     def _camera(self, image: Index) -> NDArray[np.object_]:
-        return np.array([camera.name for camera in self.network.cameras], dtype=object)[self.network.image_camera[image]]
+        names = np.array([camera.name for camera in self.network.cameras], dtype=object)
+        return names[self.network.image_camera[image]]
 
     def scale_bar_lengths(self, bars: pa.Table) -> pa.Table:
         """A row per bar and pose: what the adjusted points say of its length."""
-        adjusted = set(np.concatenate([np.zeros(0, np.int64), *map(self.covariance.point_numbers, self.poses)]).tolist())
-        keys = {
-            (int(self.network.point_pose[number]), str(self.named.points[number])): number
-            for number in sorted(adjusted)
-        }
+        numbers = np.concatenate([np.zeros(0, np.int64), *map(self.covariance.point_numbers, self.poses)]).tolist()
+        keys = {(int(self.network.point_pose[n]), str(self.named.points[n])): n for n in numbers}
         rows = []
         given = bars.to_pylist()
         for row, pose, first, second in bar_ends(bars, self.named.poses, keys):
@@ -264,7 +259,7 @@ class NetworkTables:
         apart = self.adjusted.state.points[second] - self.adjusted.state.points[first]
         length = float(np.linalg.norm(apart))
         along = np.concatenate([-apart, apart]) / length
-        return 1e3 * length, 1e3 * float(np.sqrt(max(along @ cov @ along, 0.0)))
+        return 1e3 * length, 1e3 * max(float(along @ cov @ along), 0.0) ** 0.5
 
 
 def _paired(name: str, values: Array) -> dict[str, Array]:

@@ -136,8 +136,8 @@ def _about(row: dict[str, Any]) -> dict[str, Any]:
     """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
     about = {name: row.get(name) for name in _FORMAT}
     if about["balancing_radius_px"] is None:
-        known = about["width_px"] and about["height_px"]
-        about["balancing_radius_px"] = float(np.hypot(about["width_px"], about["height_px"]) / 3) if known else 0.0
+        width, height = about["width_px"], about["height_px"]
+        about["balancing_radius_px"] = float(np.hypot(width, height) / 3) if width and height else 0.0
     return about
 
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     import pyarrow as pa
 
-    from stages.ingestion.point_sizes import Geometry
-
 FILE = "object_points.parquet"
 ONE_BODY = "object"
 """What the body is called where targets name none and there is no survey to tell."""
@@ -68,7 +66,7 @@ class AdjustedPoints:
         pose = self.table.column("pose").combine_chunks().take(pa.array(keep))
         columns["pose"] = pose.dictionary_encode() if pa.types.is_string(pose.type) else pose
         texts = {"body": body, "target": target, "point": point}
-        return columns | {name: strings(values[keep]).dictionary_encode() for name, values in texts.items()}
+        return columns | {name: strings(values[keep].tolist()).dictionary_encode() for name, values in texts.items()}
 
     def _file(self) -> FileRows:
         return FileRows(RawFile(FILE, self.folder / FILE), FileMapping(path=FILE), "parquet")

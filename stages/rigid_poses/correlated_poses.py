@@ -154,9 +154,7 @@ class _Filled:
     R: Array
     t: Array
     covariance: Array
-    rms: Array
     n_used: NDArray[np.int64]
-    status: NDArray[np.object_]
     used: Mask
     dropped: Mask
     cross: Array
@@ -166,8 +164,10 @@ class _Filled:
     def of(cls, body: BodyPoses, parameters: int) -> _Filled:
         fit, count = body.fit, len(body.fit.ok)
         return cls(
-            *(np.array(a) for a in (fit.R, fit.t, fit.covariance, fit.rms, fit.n_used)),
-            fit.status.astype(object),
+            fit.R.copy(),
+            fit.t.copy(),
+            fit.covariance.copy(),
+            fit.n_used.copy(),
             body.used.copy(),
             np.zeros_like(body.used),
             np.full((count, 6, 6), np.nan),
@@ -185,7 +185,7 @@ class _Filled:
     def body_poses(self, body: BodyPoses) -> BodyPoses:
         """The body with what was filled in; the residuals and reasons follow from it."""
         fit = replace(body.fit, R=self.R, t=self.t, covariance=self.covariance, n_used=self.n_used)
-        there = np.isfinite(body.residual).all(axis=-1)
+        there: Mask = np.asarray(np.isfinite(body.residual).all(axis=-1))
         residual = np.where(there[..., None], fit.residuals(body.source, body.points.points), np.nan)
         square = np.where(self.used, np.sum(np.nan_to_num(residual) ** 2, axis=-1), 0.0).sum(axis=1)
         rms = np.where(fit.status == FitStatus.OK, np.sqrt(square / np.maximum(self.n_used, 1)), fit.rms)

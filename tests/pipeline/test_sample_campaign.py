@@ -27,7 +27,10 @@ from pipeline.settings_view import SettingsView
 from pipeline.stage_order import ORDER, makers, stage_module
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
+from tests.blind.generator.schedule import random_moves
 from tests.cut_telescope import cut_telescope
+from tests.photographs.ray_folder import write_rays
+from tests.photographs.rays import Shooting, draw_rays
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.tolerance import assert_close
 
@@ -91,13 +94,20 @@ def displacement_campaign(folder: Path) -> None:
     (folder / "displacement.csv").write_text("\n".join(rows) + "\n")
 
 
+def rays_campaign(folder: Path) -> None:
+    """A machine in two poses, photographed from ten places each: rays, a camera, scale bars."""
+    moves = random_moves(2, 0, np.random.default_rng(3))
+    write_rays(draw_rays(Shooting(), moves, [], [], np.random.default_rng(1)), folder, seed=1)
+
+
 @pytest.fixture(scope="module")
 def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, CampaignRun], dict[str, set[str]]]:
-    """Runs of the sample campaign and two small ones of other kinds, and which sections each stage read in them."""
+    """Runs of the sample campaign and small ones of other kinds, and which sections each stage read in them."""
     folder = tmp_path_factory.mktemp("sample")
     cut_telescope(folder / "telescope")
     bodies_campaign(folder / "bodies")
     displacement_campaign(folder / "bench")
+    rays_campaign(folder / "rays")
     write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS))
     views: dict[str, list[SettingsView]] = {}
 
@@ -117,6 +127,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
+        parts += [("rays", "pose")]
         parts += [("sensor", "qa"), ("sensor", "uncertainty")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
