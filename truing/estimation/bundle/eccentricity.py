@@ -1,0 +1,222 @@
+"""Where the image of a circle has its centre: not where the circle's centre is seen; and which way circles face.
+
+A circle about P with unit normal n and radius r is seen by an ideal camera in the directions v with v^T C v = 0,
+
+    C = d^2 1 - d (n P^T + P n^T) + (P^T P - r^2) n n^T,        d = n^T P
+
+a cone, cut by the image plane in an ellipse whose centre is off the image of P by the eccentricity. Distortion bends
+the ellipse; its centre is then that of the ellipse that fits the bent one best. Directions are in camera axes.
+Dold, Dissertation, Univ. der Bundeswehr Muenchen (1997), gives the same by the ellipse's extrema; the cone is that of
+Kanatani, Geometric Computation for Machine Vision (1993), chapter 8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.network import Array, Index, Network, State
+from truing.estimation.bundle.projection import format_centres, image_coordinates, linearise, seen
+
+_ROUND = 12  # points of an ellipse that are distorted: the fit then is exact to terms of the fifth order
+
+
+def eccentricity(interior: Array, centre: Array, balancing: Array, P: Array, n: Array, radius_m: Array) -> Array:
+    """Return centre of the image ellipse less image of the centre (N, 2), px, of circles about P (N, 3) in m.
+
+    interior (N, 10), format centre (N, 2) and balancing radius (N,) of the cameras in px; unit normals n (N, 3) of
+    either sign; P and n in camera axes. NaN where no ellipse is seen: the camera lies in the circle's plane, or a part
+    of the circle is not before it.
+    """
+    middle, along, across = _ideal_ellipses(P, n, radius_m)
+    turn = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    cosine, sine = np.cos(turn), np.sin(turn)
+    points = middle[:, None] + along[:, None] * cosine[:, None] + across[:, None] * sine[:, None]
+
+    def distorted(directions: Array) -> Array:
+        """Return image coordinates (N, k, 2) of ideal directions (N, k, 2), at distance one."""
+        k = directions.shape[1]
+        X = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], -1).reshape(-1, 3)
+        of_interior, of_centre, of_balancing = (np.repeat(v, k, axis=0) for v in (interior, centre, balancing))
+        return image_coordinates(of_interior, of_centre, of_balancing, X).reshape(-1, k, 2)
+
+    seen_at = distorted(points)
+    mean = seen_at.mean(1)
+    # conjugate radii of the bent ellipse: its first harmonic
+    basis = 2 / _ROUND * np.einsum("nki,jk->nij", seen_at, np.stack([cosine, sine]))
+    flat = np.linalg.solve(basis[:, None], (seen_at - mean[:, None])[..., None])[..., 0]
+    # of what the radius differs from one by, the first harmonic is a shift
+    bump = np.hypot(flat[..., 0], flat[..., 1]) - 1
+    shift = 2 / _ROUND * bump @ np.stack([cosine, sine], 1)
+    return mean + np.einsum("nij,nj->ni", basis, shift) - image_coordinates(interior, centre, balancing, P)
+
+
+def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, Array]:
+    """Return centres and two conjugate radii (N, 2) each of the images of circles at principal distance one."""
+    d = np.einsum("ni,ni->n", n, P)[:, None, None]
+    nP = n[:, :, None] * P[:, None, :]
+    rest = (np.einsum("ni,ni->n", P, P) - radius_m**2)[:, None, None]
+    C = d**2 * np.eye(3) - d * (nP + nP.swapaxes(1, 2)) + rest * n[:, :, None] * n[:, None, :]
+    front = np.abs(P[:, 2]) - radius_m * np.sqrt(np.maximum(1 - n[:, 2] ** 2, 0)) > 0
+    seen = (np.abs(d[:, 0, 0]) > 1e-9 * np.linalg.norm(P, axis=1)) & front & (P[:, 2] > 0)
+    C = np.where(seen[:, None, None], C, np.nan)
+    A, b = C[:, :2, :2], C[:, :2, 2]
+    middle = np.full((len(P), 2), np.nan)
+    radii = np.full((len(P), 2, 2), np.nan)
+    middle[seen] = -np.linalg.solve(A[seen], b[seen][..., None])[..., 0]
+    size = -(C[seen, 2, 2] + np.einsum("ni,ni->n", b[seen], middle[seen]))
+    values, vectors = np.linalg.eigh(A[seen])
+    radii[seen] = vectors * np.sqrt(size[:, None] / values)[:, None, :]
+    return middle, radii[..., 0], radii[..., 1]
+
+
+def network_eccentricity(
+    network: Network, state: State, image: Index, point: Index, normal: Array, radius_m: Array
+) -> Array:
+    """Return the eccentricities (N, 2) in px of the rays (N) to points with normals (P, 3) in the frame of their pose
+    and radii (P,) in m; NaN where either is, or no ellipse is seen. What was measured less this is the centre's image.
+    """
+    centre, balancing = format_centres(network)
+    camera = network.image_camera[image]
+    n = np.einsum("nji,nj->ni", state.R[image], normal[point])
+    P, radius = seen(state, image, point), radius_m[point]
+    known = np.isfinite(n).all(1) & np.isfinite(radius) & np.isfinite(P).all(1)
+    found = np.full((len(image), 2), np.nan)
+    of = camera[known]
+    found[known] = eccentricity(state.interior[of], centre[of], balancing[of], P[known], n[known], radius[known])
+    return found
+
+
+@dataclass(frozen=True)
+class Facing:
+    """Which way circles face: unit normals (P, 3) towards the cameras, in the frame of the pose; sigma_rad (P,) of
+    their directions, the larger of two; radius_m (P,) as it appears. NaN where the images leave more than one."""
+
+    normal: Array
+    sigma_rad: Array
+    radius_m: Array
+
+
+_STEPS = 12
+_SETTLED = 1e-8  # rad
+_CLEAR = 9.0  # by how much the other candidate must fit worse, in squares of sigma
+
+
+def facing(
+    network: Network,
+    state: State,
+    image: Index,
+    point: Index,
+    semi_axes_px: Array,
+    axis_angle_rad: Array,
+    sigma_px: Array,
+) -> Facing:
+    """Return the normals of circles from their ellipses in images: rays (N) with semi-axes (N, 2), angles (N,) of the
+    major ones and sigma_px (N,) of a semi-axis; NaN ellipses are left out.
+
+    A circle is small beside its distance: its ellipse is M M^T = r^2 J (1 - n n^T) J^T, with J the derivative of image
+    coordinates by the point. One image leaves two normals, mirrored at the line of sight; the one that fits all images
+    is improved by Gauss-Newton on normal and radius.
+    """
+    count = len(state.points)
+    use = np.isfinite(semi_axes_px).all(1) & np.isfinite(axis_angle_rad)
+    image, point, sigma = image[use], point[use], sigma_px[use]
+    J = linearise(network, state, image, point).by_point
+    Q = _shapes(semi_axes_px[use], axis_angle_rad[use])
+    L = np.linalg.cholesky(J @ J.swapaxes(1, 2))
+    E = np.linalg.solve(L, J)
+    W = np.linalg.solve(L, np.linalg.solve(L, Q).swapaxes(1, 2))  # r^2 (1 - m m^T), m = E n
+    weight = semi_axes_px[use].mean(1) / (2 * sigma)  # of W / r^2
+    n, r2, clear = _best_start(E, W, weight, point, count)
+    n, r2, information = _improved(n, r2, E, W, weight, point)
+    several = clear & np.isfinite(n).all(1)
+    sigma_rad = np.full(count, np.nan)
+    sigma_rad[several] = 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(information[several])[:, 0], 1e-300))
+    towards = np.zeros((count, 3))
+    np.add.at(towards, point, state.centre[image] - state.points[point])
+    n = np.where(np.einsum("pi,pi->p", n, towards)[:, None] < 0, -n, n)
+    keep = several[:, None]
+    return Facing(np.where(keep, n, np.nan), sigma_rad, np.where(several, np.sqrt(r2), np.nan))
+
+
+def _shapes(semi_axes: Array, angle: Array) -> Array:
+    """Return M M^T (N, 2, 2) of ellipses that M makes of the unit circle."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    return (R * semi_axes[:, None, :] ** 2) @ R.swapaxes(1, 2)
+
+
+def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return normals (P, 3), squared radii (P,) and whether no other normal fits nearly as well, out of the two that
+    each image suggests."""
+    values, vectors = np.linalg.eigh(W)
+    m = vectors[:, :, 0] * np.sqrt(np.maximum(1 - values[:, 0] / values[:, 1], 0))[:, None]
+    sight = np.cross(E[:, 0], E[:, 1])
+    level = np.einsum("nki,nk->ni", E, m)
+    depth = np.sqrt(np.maximum(1 - np.einsum("nk,nk->n", m, m), 0))[:, None] * sight
+    n, r2 = np.full((count, 3), np.nan), np.full(count, np.nan)
+    clear = np.zeros(count, bool)
+    order = np.argsort(point, kind="stable")
+    starts = np.searchsorted(point[order], np.arange(count + 1))
+    for p in np.flatnonzero(np.diff(starts)):
+        rays = order[starts[p] : starts[p + 1]]
+        candidates = np.concatenate([depth[rays] + level[rays], depth[rays] - level[rays]])
+        # the radius is the largest seen: foreshortening makes none longer
+        size = np.median(values[rays, 1])
+        residual = _residuals(candidates[:, None], np.full((1, 1), size), E[rays], W[rays], weight[rays])
+        cost = np.square(residual).sum((1, 2))
+        best = int(cost.argmin())
+        n[p], r2[p] = candidates[best], size
+        apart = np.abs(candidates @ candidates[best]) < np.cos(0.1)
+        other = cost[apart].min(initial=np.inf)
+        clear[p] = len(rays) > 1 and other - cost[best] > _CLEAR
+        if len(rays) > 1 and not apart.any():
+            clear[p] = True
+    return n, r2, clear
+
+
+def _residuals(n: Array, r2: Array, E: Array, W: Array, weight: Array) -> Array:
+    """Return weighted residuals (..., N, 3) of normals (..., N or 1, 3) and squared radii (..., N or 1)."""
+    m = np.einsum("nki,...ni->...nk", E, np.broadcast_to(n, (*n.shape[:-2], len(E), 3)))
+    V = W / r2[..., None, None]
+    x, y = m[..., 0], m[..., 1]
+    parts = (V[..., 0, 0] - 1 + x * x, np.sqrt(2) * (V[..., 0, 1] + x * y), V[..., 1, 1] - 1 + y * y)
+    return np.stack(parts, -1) * weight[:, None]
+
+
+def _improved(n: Array, r2: Array, E: Array, W: Array, weight: Array, point: Index) -> tuple[Array, Array, Array]:
+    """Return normals and squared radii of least squares, and the information (P, 2, 2) of the normals' directions."""
+    count = len(n)
+    for _ in range(_STEPS):
+        tangent = _tangents(n)
+        T, N = tangent[point], n[point]
+        m, by = np.einsum("nki,ni->nk", E, N), np.einsum("nki,nij->nkj", E, T)
+        r = _residuals(N, r2[point], E, W, weight)
+        x, y = m[:, :1], m[:, 1:]
+        of_n = np.stack([2 * x * by[:, 0], np.sqrt(2) * (x * by[:, 1] + y * by[:, 0]), 2 * y * by[:, 1]], 1)
+        V = W / r2[point][:, None, None]
+        of_size = -np.stack([V[:, 0, 0], np.sqrt(2) * V[:, 0, 1], V[:, 1, 1]], 1)
+        D = np.concatenate([of_n, of_size[..., None]], -1) * weight[:, None, None]
+        normal, rhs = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(normal, point, np.einsum("nki,nkj->nij", D, D))
+        np.add.at(rhs, point, -np.einsum("nki,nk->ni", D, r))
+        damped = normal + (1e-9 + 1e-6 * np.trace(normal, axis1=1, axis2=2))[:, None, None] * np.eye(3)
+        step = np.clip(np.linalg.solve(damped, rhs[..., None])[..., 0], -0.3, 0.3)
+        n = n + np.einsum("pij,pj->pi", tangent, step[:, :2])
+        n = n / np.linalg.norm(n, axis=1, keepdims=True)
+        r2 = r2 * np.exp(step[:, 2])
+        if not np.nanmax(np.abs(step), initial=0.0) > _SETTLED:
+            break
+    size = np.where(normal[:, 2, 2] > 0, normal[:, 2, 2], 1.0)
+    reduced = normal[:, :2, :2] - normal[:, :2, 2:] * normal[:, 2:, :2] / size[:, None, None]
+    return n, r2, reduced
+
+
+def _tangents(n: Array) -> Array:
+    """Return two unit vectors (P, 3, 2) square to normals and to each other."""
+    least = np.eye(3)[np.abs(np.nan_to_num(n)).argmin(1)]
+    first = np.cross(n, least)
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(n, first)], -1)
