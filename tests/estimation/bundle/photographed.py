@@ -1,9 +1,10 @@
 """Networks photographed by the tests' own camera: equations written out from the field's textbook, nothing taken from
 the code under test but the containers of its arguments."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import expm as matrix_exponential
 
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
@@ -47,13 +48,15 @@ def photograph(interior, camera, R, centre, points):
 
 def simulate(
     seed=0, images=12, points=40, poses=1, planar=False, sigma_px=0.1, gross=0.0, cameras=1, spread=1.2, bars=True,
-    known=0, interior=TRUE_INTERIOR, missed=0.1, distance=3.0, deviations=None,
+    known=0, interior=TRUE_INTERIOR, missed=0.1, distance=3.0, deviations=None, body=None,
 ):  # fmt: skip
     """A body of points about 1 m across, seen from a cap of directions, every other image rolled by 90 degrees."""
     rng = np.random.default_rng(seed)
     lens = tuple(Camera(f"camera{k}", WIDTH, HEIGHT, 1300.0, 5e-6) for k in range(cameras))
     values = np.stack([interior + np.r_[150.0 * k, np.zeros(9)] for k in range(cameras)])
     cloud = rng.uniform(-0.5, 0.5, (poses, points, 3)) * ([1, 1, 0.02] if planar else [1, 1, 0.6])
+    if body is not None:
+        cloud[:] = body
     total = poses * images
     tilt, around = rng.uniform(0.25, spread, total), np.arange(total) * 2.4 + rng.uniform(0, 0.3, total)
     away = np.stack([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)], axis=1)
@@ -79,19 +82,9 @@ def simulate(
     xy = xy + error[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     cov = np.broadcast_to(np.eye(2) * sigma_px**2, (N, 2, 2)).copy()
     flat = cloud.reshape(-1, 3)
-    lengths = np.array([np.linalg.norm(flat[1] - flat[0])])
-    held = Bars(
-        np.zeros(poses, np.int64), np.arange(poses) * points, np.arange(poses) * points + 1, np.full(poses, 1e-5),
-        lengths, np.array([1e-5]),
-    )  # fmt: skip
-    if poses > 1:  # a bar as long in every pose
-        for p in range(1, poses):
-            along = flat[p * points + 1] - flat[p * points]
-            assert np.linalg.norm(along) > 0
-        held = Bars(
-            np.arange(poses), held.first, held.second, np.full(poses, 1e-5),
-            np.linalg.norm(flat[held.second] - flat[held.first], axis=1), np.full(poses, 1e-5),
-        )  # fmt: skip
+    first = np.arange(poses) * points
+    lengths = np.linalg.norm(flat[first + 1] - flat[first], axis=1)  # a bar of its own in every pose
+    held = Bars(np.arange(poses), first, first + 1, np.full(poses, 1e-5), lengths, np.full(poses, 1e-5))
     numbers = (np.arange(poses)[:, None] * points + np.arange(known)).ravel()
     certain = (
         KnownPoints(numbers, flat[numbers], np.broadcast_to(np.eye(3) * 1e-10, (len(numbers), 3, 3)).copy())
@@ -113,7 +106,30 @@ def guess(lens, factor=1.0, known=True):
     return start
 
 
-def renoised(made, rng, sigma_px):
-    """The same rays with other noise."""
-    rays = made.network.rays
-    return replace(made.network, rays=replace(rays, xy_px=rays.xy_px + rng.normal(0, sigma_px, rays.xy_px.shape)))
+def off_by(made, rng, degrees=10.0, share=0.1):
+    """The true state with orientations turned and everything else off: centres and points by a share of their distance,
+    principal distances by the share."""
+    truth = made.truth
+    axes = rng.normal(size=truth.centre.shape)
+    axes *= np.radians(degrees) / np.linalg.norm(axes, axis=1, keepdims=True)
+    skewed = np.cross(np.eye(3)[None], axes[:, None])  # rows e_k x a = -[a]x, the generator's transpose
+    turn = np.stack([matrix_exponential(-block) for block in skewed])
+    distance = np.linalg.norm(truth.centre, axis=1, keepdims=True)
+    centre = truth.centre + share * distance * unit(rng.normal(size=truth.centre.shape))
+    size = np.sqrt((truth.points**2).sum(axis=1).mean())
+    points = truth.points + share * size * unit(rng.normal(size=truth.points.shape))
+    interior = truth.interior * np.r_[1 + share, np.zeros(9)]
+    return State(interior, turn @ truth.R, centre, points, truth.bar_length_m.copy())
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def shape_error(points, truth):
+    """The largest distance (m) of points (n, 3) from true ones after the best similarity."""
+    p, q = points - points.mean(0), truth - truth.mean(0)
+    U, s, Vt = np.linalg.svd(q.T @ p)
+    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    R, scale = U @ D @ Vt, (s * np.diag(D)).sum() / (p**2).sum()
+    return float(np.linalg.norm(scale * p @ R.T - q, axis=1).max())

@@ -59,7 +59,7 @@ class Bundle:
 
 def sums(index: Index, values: Array, count: int) -> Array:
     """Return the sums (count, ...) of values (N, ...) that share an index."""
-    flat = values.reshape(len(index), -1)
+    flat = values.reshape(len(index), int(np.prod(values.shape[1:])))
     total = np.zeros((count, flat.shape[1]))
     for k in range(flat.shape[1]):
         total[:, k] = np.bincount(index, flat[:, k], minlength=count)

@@ -17,8 +17,8 @@ _CHECKED = 0.01  # share of an error that must show in the residuals for a direc
 
 @dataclass(frozen=True)
 class RayTests:
-    """Per ray: T (N,) and its degrees of freedom (N,) 0, 1 or 2, the p-value (N,), w (N, 2) of either coordinate alone,
-    redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2). For rays that take no part: as if they did."""
+    """Per ray: T (N,) and its degrees of freedom (N,) 0, 1 or 2, the p-value (N,), w (N, 2) of an error in either
+    coordinate alone, redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2). For rays that take no part: as if they did."""
 
     T: Array
     freedom: Index
@@ -47,11 +47,14 @@ def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
     checked = (rho > _CHECKED) & sound[:, None]
     squares = y**2 * np.where(used[:, None], 1 / np.where(checked, rho, 1.0), rho)
     T, freedom = np.where(checked, squares, 0.0).sum(axis=1), checked.sum(axis=1)
-    AP = A @ np.linalg.inv(C)
+    P = np.linalg.inv(C)
+    AP = A @ P
     blocks = np.where(used[:, None, None], np.eye(2) - AP, np.linalg.inv(np.eye(2) + AP))
-    spread = np.einsum("nii->ni", np.where(used[:, None, None], C - A, C + A))
+    S = np.where(used[:, None, None], P - P @ AP, np.linalg.inv(C + A))  # P Q_vv P, the same either way
     with np.errstate(divide="ignore", invalid="ignore"):
-        w = v / np.sqrt(np.maximum(spread, 0.0))
+        w = np.einsum("nij,nj->ni", np.where(used[:, None, None], P, S), v) / np.sqrt(
+            np.maximum(np.einsum("nii->ni", S), 0)
+        )
     blind = ~sound
     T[blind], w[blind], blocks[blind] = np.nan, np.nan, np.nan
     return RayTests(T, freedom, p_values(T, freedom), w, np.einsum("nii->ni", blocks), blocks)

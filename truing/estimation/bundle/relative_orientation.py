@@ -67,7 +67,7 @@ def _motions(first: Array, second: Array, limit: float) -> list[tuple[Array, Arr
     for E in [] if essential is None else np.split(essential, len(essential) // 3):
         one, other, t = cv2.decomposeEssentialMat(E)
         motions += [(R, sign * t.ravel()) for R in (one, other) for sign in (1.0, -1.0)]
-    H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=500)
+    H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=100)
     if H is not None:
         _, turns, shifts, _ = cv2.decomposeHomographyMat(H, np.eye(3))
         motions += [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]

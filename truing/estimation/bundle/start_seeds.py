@@ -20,6 +20,7 @@ _BEST_PAIRS = 3  # of them that are grown
 _TRIAL_IMAGES = 6  # up to which rival seeds are grown before one is chosen
 _GOOD_ANGLE = np.radians(15.0)  # of intersection; more is no better to start from
 _LEAST_ANGLE = np.radians(2.0)
+_CLEAR_IMAGES = 0.6  # of the images that could be are oriented,
 _CLEAR_SHARE = 0.8  # of an oriented image's rays agree, and
 _CLEAR_PER_SIDE = 5e-4  # they miss by less than this part of the longer side: no rival is looked for
 _SCORED_PER_SIDE = 5e-3  # a miss of this part of the longer side counts nothing
@@ -95,7 +96,8 @@ def _is_clear(network: Network, now: Grown) -> bool:
     mine = oriented[image] & (
         np.bincount(now.rays.point[oriented[image]], minlength=now.rays.points)[now.rays.point] > 1
     )
-    if not mine.any() or oriented.sum() < min(_TRIAL_IMAGES, int((count >= FEWEST_COMMON).sum())):
+    wanted = _CLEAR_IMAGES * min(_TRIAL_IMAGES, int((count >= FEWEST_COMMON).sum()))
+    if not mine.any() or oriented.sum() < max(wanted, 2):
         return False
     close = float(np.median(_misses(now)[now.agrees])) if now.agrees.any() else np.inf
     return bool(now.agrees[mine].mean() > _CLEAR_SHARE and close < _CLEAR_PER_SIDE * longer_sides(network).max())

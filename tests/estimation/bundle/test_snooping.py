@@ -1,0 +1,118 @@
+"""Gross errors among rays: found where there are any, at the stated rate where there are none, and told apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truing.estimation.bundle import rejected_rays
+from truing.estimation.bundle.adjustment import adjust
+from truing.estimation.bundle.ray_tests import ray_tests
+from truing.estimation.bundle.snooping import adjust_robustly
+from truing.estimation.bundle.variance_components import grouped
+
+from .photographed import photograph, simulate
+from .test_start_values import without
+
+
+@pytest.mark.parametrize("sigma_px", [0.05, 0.5])
+def test_gross_errors_are_found_with_their_size(sigma_px):
+    made = simulate(seed=11, images=10, points=40, gross=0.04, sigma_px=sigma_px)
+    found = adjust_robustly(made.network, made.truth)
+    assert made.gross.sum() > 10
+    assert not (found.used & made.gross).any()
+    assert (~found.used & ~made.gross).sum() <= 4  # 0.4 expected
+    listed = np.isin(found.rejected.ray, np.flatnonzero(made.gross))
+    size = np.linalg.norm(found.rejected.gross_error_px, axis=1)[listed]
+    true = made.gross_px[found.rejected.ray[listed]]
+    assert np.abs(size - true).max() < 6 * sigma_px
+    assert set(np.array(found.rejected.reason)[listed]) == {rejected_rays.GROSS}
+    assert (found.rejected.p_value < found.alpha).all()
+
+
+def test_good_rays_are_rejected_at_the_stated_rate():
+    alpha, rejected, tested = 0.02, 0, 0
+    for seed in range(4):
+        made = simulate(seed=seed, images=10, points=40)
+        found = adjust_robustly(made.network, made.truth, alpha=alpha)
+        rejected += len(found.rejected.ray)
+        tested += found.tested
+        assert found.family_level == pytest.approx(1 - (1 - alpha) ** found.tested)
+        assert found.critical == pytest.approx(7.824, abs=1e-3)
+    assert abs(rejected - alpha * (tested + rejected)) < 3.5 * np.sqrt(alpha * (tested + rejected))
+
+
+def tests_of(made, cov, shift, used):
+    """The tests of all rays, one of which is shifted (px), with a covariance of all (px^2)."""
+    rays = made.network.rays
+    xy = rays.xy_px.copy()
+    xy[5] += shift
+    stated = np.broadcast_to(cov, rays.cov_px2.shape).copy()
+    network = replace(made.network, rays=replace(rays, xy_px=xy, cov_px2=stated))
+    adjusted = adjust(network, made.truth, "free", used=used)
+    return ray_tests(adjusted, grouped(network, used, np.ones(rays.count)))
+
+
+def test_both_coordinates_of_a_ray_are_tested_together_in_the_network_or_out_of_it():
+    made = simulate(seed=1, images=8, points=20)
+    cov = np.array([[0.04, 0.034], [0.034, 0.04]])  # an ellipse along x = y, 0.27 px long and 0.08 px wide
+    every = np.ones(made.network.rays.count, bool)
+    inside = tests_of(made, cov, [0.6, -0.6], every)
+    outside = tests_of(made, cov, [0.6, -0.6], every & (np.arange(len(every)) != 5))
+    assert inside.T[5] == pytest.approx(outside.T[5], rel=2e-3)
+    assert inside.w[5] == pytest.approx(outside.w[5], rel=2e-3)
+    assert inside.redundancy[5] == pytest.approx(outside.redundancy[5], rel=2e-3)
+    assert inside.p_value[5] < 1e-6
+    assert tests_of(made, cov, [0.6, 0.6], every).p_value[5] > 1e-3
+
+
+def test_rays_that_were_doubted_come_back():
+    made = simulate(seed=12, images=8, points=30, gross=0.02)
+    agrees = np.ones(made.network.rays.count, bool)
+    agrees[::7] = False
+    found = adjust_robustly(made.network, made.truth, agrees=agrees)
+    assert (found.used | made.gross).sum() >= len(agrees) - 3
+    assert found.returned > 20
+
+
+def test_what_no_test_can_show_is_named():
+    made = simulate(seed=13, images=7, points=25, missed=0.0)
+    rays = made.network.rays
+    thin = (rays.image == 6) & (np.cumsum(rays.image == 6) > 3)  # three rays left: six equations, six unknowns
+    few = (rays.point == 9) & (rays.image > 1)  # two rays left
+    xy = rays.xy_px.copy()
+    xy[(rays.point == 9) & (rays.image == 1)] += [40.0, 40.0]
+    network = replace(made.network, rays=without(replace(rays, xy_px=xy), thin | few))
+    found = adjust_robustly(network, made.truth)
+    assert np.array_equal(found.untested, np.flatnonzero(network.rays.image == 6))
+    two = np.isin(found.rejected.ray, np.flatnonzero(network.rays.point == 9))
+    assert two.sum() == 2
+    assert set(np.array(found.rejected.reason)[two]) == {rejected_rays.ONE_OF_TWO}
+
+
+def test_a_second_target_of_the_same_name_is_told():
+    made = simulate(seed=14, images=9, points=30, missed=0.0)
+    rays, other = made.network.rays, made.truth.points[4] + [0.2, 0.1, 0.1]
+    xy = rays.xy_px.copy()
+    wrong = np.flatnonzero((rays.point == 4) & (rays.image < 4))
+    for ray in wrong:
+        i = rays.image[ray]
+        xy[ray] = photograph(
+            made.truth.interior[0], made.network.cameras[0], made.truth.R[i], made.truth.centre[i], other
+        )[0]
+    found = adjust_robustly(replace(made.network, rays=replace(rays, xy_px=xy)), made.truth)
+    reason = dict(zip(found.rejected.ray.tolist(), found.rejected.reason, strict=True))
+    assert [reason.get(ray) for ray in wrong.tolist()] == [rejected_rays.SECOND_TARGET] * len(wrong)
+
+
+def test_images_and_points_without_a_start_are_left_out_with_their_reason():
+    made = simulate(seed=15, images=8, points=25)
+    R, centre, points = made.truth.R.copy(), made.truth.centre.copy(), made.truth.points.copy()
+    centre[2], R[2], points[7] = np.nan, np.nan, np.nan
+    found = adjust_robustly(made.network, replace(made.truth, R=R, centre=centre, points=points))
+    rays = made.network.rays
+    reason = np.full(rays.count, "", dtype=object)
+    reason[found.rejected.ray] = found.rejected.reason
+    assert (reason[rays.image == 2] == rejected_rays.NO_IMAGE).all()
+    assert (reason[(rays.point == 7) & (rays.image != 2)] == rejected_rays.NO_POINT).all()
+    assert np.isfinite(found.adjustment.state.points[np.arange(25) != 7]).all()
