@@ -1,10 +1,15 @@
-"""The light that reaches each pixel of a photograph, before the lens blurs it."""
+"""The light that reaches each pixel of a photograph.
+
+The lens blurs what pixels then collect, in this order: pixels that were blurred only after they had collected their
+light would show edges shifted by some thousandths, as their sampling had already cut off what blur takes away.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +19,7 @@ from tests.photographs.scene import Decal, Scene
 from tests.photographs.solids import FAR, Solid, hidden_by
 
 COARSE = 2  # pixels of the format per pixel of the background
+REACH = 4.0  # standard deviations of blur that count
 NODES = 8  # per axis, where the lens is undone exactly within a patch
 
 
@@ -26,15 +32,16 @@ class Background:
     solid: NDArray[np.int64]
 
 
-def radiance(lens: Lens, view: View, scene: Scene, samples: int = 3) -> Array:
-    """Light (height, width) of a scene in one photograph; decals are averaged over ``samples`` squared samples per
-    pixel.
+def radiance(lens: Lens, view: View, scene: Scene, blur_px: float, samples: int = 3) -> Array:
+    """Light (height, width) of a scene in one photograph, blurred by a Gaussian of one sigma ``blur_px``; decals have
+    ``samples`` squared samples per pixel.
     """
     behind = background(lens, view, scene)
     light = np.repeat(np.repeat(behind.light, COARSE, axis=0), COARSE, axis=1)[: lens.height_px, : lens.width_px]
+    light = blurred(light, blur_px)
     seen = [view.seen(decal.centre)[2] for decal in scene.decals]
     for k in np.argsort(seen)[::-1]:
-        _draw(scene.decals[k], lens, view, scene, behind, light, samples)
+        _draw(scene.decals[k], lens, view, scene, behind, light, Fineness(samples, blur_px))
     return light
 
 
@@ -66,9 +73,11 @@ def _directions(lens: Lens) -> Complex:
     return lens.direction_of(x + 1j * y[:, None])
 
 
-def _box(lens: Lens, view: View, outline: Array, step: int, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
-    """Rows and columns of a grid with one entry per ``step`` pixels that points (K, 3) round a thing bound; None where
-    it is out of sight.
+def _box(
+    lens: Lens, view: View, outline: Array, step: int, shape: tuple[int, ...], margin: int = 0
+) -> tuple[slice, slice] | None:
+    """Rows and columns of a grid with one entry per ``step`` pixels that points (K, 3) round a thing bound, with a
+    margin; None where it is out of sight.
     """
     seen = view.seen(outline)
     if np.all(seen[:, 2] <= 0):
@@ -81,10 +90,23 @@ def _box(lens: Lens, view: View, outline: Array, step: int, shape: tuple[int, ..
     # A lens' polynomial is only good near its format: what lies far outside is cut to a frame round it.
     limit = 1.5 * max(lens.width_px, lens.height_px) / lens.focal_px
     pixel = lens.image_of(w / np.maximum(1.0, np.abs(w) / limit))
-    first = np.floor([pixel.imag.min() / step - 2, pixel.real.min() / step - 2]).astype(int)
-    last = np.ceil([pixel.imag.max() / step + 3, pixel.real.max() / step + 3]).astype(int)
+    first = np.floor([pixel.imag.min() / step, pixel.real.min() / step]).astype(int) - 2 - margin
+    last = np.ceil([pixel.imag.max() / step, pixel.real.max() / step]).astype(int) + 3 + margin
     (top, left), (bottom, right) = np.maximum(first, 0), np.minimum(last, shape)
     return None if top >= bottom or left >= right else np.s_[top:bottom, left:right]
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """Samples per pixel and axis, and the blur in pixels."""
+
+    samples: int
+    blur_px: float
+
+    @property
+    def margin_px(self) -> int:
+        """How far light is carried."""
+        return int(np.ceil(REACH * self.blur_px)) + 1
 
 
 @dataclass(frozen=True)
@@ -98,14 +120,14 @@ class Patch:
     v: Array
 
 
-def patch(decal: Decal, lens: Lens, view: View, samples: int) -> Patch | None:
+def patch(decal: Decal, lens: Lens, view: View, samples: int, margin_px: int = 0) -> Patch | None:
     """Where a decal is in a photograph; None where it is out of sight."""
     centre, normal = view.seen(decal.centre), rotate(view.turn, decal.normal)
     if centre[2] <= 0 or centre @ normal >= 0:
         return None
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
     outline = decal.centre + 1.05 * decal.reach_mm * (np.cos(angle) * decal.right + np.sin(angle) * decal.down)
-    box = _box(lens, view, outline, 1, (lens.height_px, lens.width_px))
+    box = _box(lens, view, outline, 1, (lens.height_px, lens.width_px), margin_px)
     if box is None:
         return None
     w = _patch_directions(lens, box, samples)
@@ -114,15 +136,28 @@ def patch(decal: Decal, lens: Lens, view: View, samples: int) -> Patch | None:
     return Patch(box, w, depth, depth * _along(right, w) - centre @ right, depth * _along(down, w) - centre @ down)
 
 
-def _draw(decal: Decal, lens: Lens, view: View, scene: Scene, behind: Background, light: Array, samples: int) -> None:
-    on = patch(decal, lens, view, samples)
+def _draw(
+    decal: Decal, lens: Lens, view: View, scene: Scene, behind: Background, light: Array, fineness: Fineness
+) -> None:
+    on = patch(decal, lens, view, fineness.samples, fineness.margin_px)
     if on is None:
         return
     albedo, opacity = decal.pattern(on.u, on.v)
     opacity = opacity * _in_sight(scene.solids, behind, on, view)
     lit = albedo * _lit(decal, scene, on.w, rotate(view.turn, decal.normal), on.depth)
-    there = pixels(opacity, samples)
-    light[on.box] = light[on.box] * (1 - there) + pixels(lit * opacity, samples)
+    there, shown = (collected(part, fineness) for part in (opacity, lit * opacity))
+    light[on.box] = light[on.box] * (1 - there) + shown
+
+
+def collected(samples: Array, fineness: Fineness) -> Array:
+    """What pixels collect of samples that the lens has blurred."""
+    return pixels(blurred(samples, fineness.blur_px * fineness.samples), fineness.samples)
+
+
+def blurred(light: Array, sigma: float) -> Array:
+    """Light (rows, columns) after a lens that spreads it as a Gaussian, sigma in entries of the grid."""
+    width = 2 * int(np.ceil(REACH * sigma)) + 1
+    return cv2.GaussianBlur(light, (width, width), sigma, borderType=cv2.BORDER_REPLICATE) if sigma else light
 
 
 def _along(vector: Array, w: Complex) -> Array:

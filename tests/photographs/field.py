@@ -106,7 +106,7 @@ def stand(azimuth: float, tilt: float, distance_mm: float, roll: float) -> View:
 
 def photograph(field: Field, lens: Lens, view: View, sensor: Sensor, rng: np.random.Generator | None) -> Grey:
     """The field in a photograph."""
-    return sensor.expose(radiance(lens, view, field.scene()), lens, rng)
+    return sensor.expose(radiance(lens, view, field.scene(), sensor.blur_px), lens, rng)
 
 
 def true_centres(field: Field, lens: Lens, view: View) -> Array:

@@ -1,11 +1,10 @@
-"""From light to a file: lens blur, vignetting, photons, read noise, grey levels, EXIF."""
+"""From light to a file: vignetting, photons, read noise, grey levels, EXIF."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -21,9 +20,9 @@ EXIF_BLOCK, MODEL, MAKE, FOCAL_LENGTH, FOCAL_35, RESOLUTION_X, RESOLUTION_Y, RES
 
 @dataclass(frozen=True)
 class Sensor:
-    """Blur (one sigma, px), grey levels of a white target at the nominal distance, electrons per grey level, noise of
-    reading (grey levels), how much the corners darken beyond the fourth power of the cosine, black level, and a
-    gradient of the light over the format.
+    """Blur of the lens before it (one sigma, px), grey levels of a white target at the nominal distance, electrons per
+    grey level, noise of reading (grey levels), how much the corners darken beyond the fourth power of the cosine,
+    black level, and a gradient of the light over the format.
     """
 
     blur_px: float = 0.75
@@ -43,7 +42,7 @@ class Sensor:
         half = width / 2 / lens.focal_px
         shade = (1 - self.vignetting * square) / (1 + square) ** 2
         shade = shade * (1 + self.gradient[0] * x / half + self.gradient[1] * y / half)
-        level = self.white * (cv2.GaussianBlur(light, (0, 0), self.blur_px, borderType=cv2.BORDER_REPLICATE) * shade)
+        level = self.white * light * shade
         if rng is not None:
             variance = np.maximum(level, 0.0) / self.electrons + self.read_noise**2
             level = level + np.sqrt(variance) * rng.standard_normal(level.shape)

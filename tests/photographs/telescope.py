@@ -96,7 +96,7 @@ class Session:
         round_ = self.view(n)
         view = View(round_.turn[station], round_.centre[station])
         standing = Standing(self.campaign, self.names, self.points[n], self.normals[n], n)
-        light = radiance(self.lens, view, telescope_scene(standing))
+        light = radiance(self.lens, view, telescope_scene(standing), self.sensor.blur_px)
         return self.sensor.expose(light, self.lens, np.random.default_rng([SEED, 3, n, station]))
 
     def true_pixels(self, n: int) -> Array:

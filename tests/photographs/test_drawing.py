@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from tests.blind.generator.quaternions import Array
-from tests.photographs.drawing import patch, radiance
+from tests.photographs.drawing import Fineness, collected, patch, radiance
 from tests.photographs.lens import Lens, View, direction
 from tests.photographs.markers import charuco, chessboard, marker
-from tests.photographs.patterns import Cells, Dot, Ring
+from tests.photographs.patterns import Cells, Colours, Dot, Ring
 from tests.photographs.ring_words import ring_words, segments
 from tests.photographs.scene import Decal, Scene, decal
 from tests.photographs.sensor import Sensor, save
@@ -56,6 +56,23 @@ def test_a_circle_covers_of_each_pixel_what_its_outline_encloses(place: tuple[fl
     assert np.hypot(*(centroid - expected)) < 5e-4
 
 
+def test_in_whatever_phase_of_the_pixels_a_blurred_circle_keeps_its_centroid() -> None:
+    view, rng = camera(-250.0, -420.0, 500.0, roll=0.3), np.random.default_rng(6)
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    for place in rng.uniform(-60.0, 60.0, (6, 2)):
+        thing, fineness = (
+            decal("dot", Dot(4.0, 12.0, Colours(ground=0.0)), np.array([*place, 0.0]), UP),
+            Fineness(3, 0.75),
+        )
+        on = patch(thing, LENS, view, fineness.samples, fineness.margin_px)
+        assert on is not None
+        light = collected(thing.pattern(on.u, on.v)[0], fineness)
+        rows, columns = (np.arange(part.start, part.stop) for part in on.box)
+        centroid = np.array([(light * columns).sum(), (light * rows[:, None]).sum()]) / light.sum()
+        _, expected = _polygon(imaged(view, on_decal(thing, 4.0 * np.cos(angle), 4.0 * np.sin(angle))))
+        assert np.hypot(*(centroid - expected)) < 5e-4
+
+
 def _polygon(corners: Array) -> tuple[float, Array]:
     following = np.roll(corners, -1, axis=0)
     cross = corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]
@@ -72,7 +89,7 @@ def test_there_are_as_many_ring_codes_as_are_known() -> None:
 def test_a_ring_shows_its_word_clockwise_from_the_front(bits: int, number: int) -> None:
     thing = decal("ring", Ring(20.0, segments(bits, number)), np.zeros(3), UP)
     view = camera(0.0, -1.0, 400.0)
-    light = radiance(LENS, view, Scene((), (thing,), nominal_mm=400.0))
+    light = radiance(LENS, view, Scene((), (thing,), nominal_mm=400.0), blur_px=0.7)
     angle = 2 * np.pi * (np.arange(bits) + 0.5) / bits
     at = np.round(imaged(view, on_decal(thing, 50.0 * np.cos(angle), 50.0 * np.sin(angle)))).astype(int)
     lit = light[at[:, 1], at[:, 0]] > 0.5
@@ -87,7 +104,7 @@ def test_a_ring_shows_its_word_clockwise_from_the_front(bits: int, number: int) 
 def _photograph(pattern: Cells, view: View) -> tuple[Array, Decal]:
     thing = decal("board", pattern, np.zeros(3), UP)
     scene = Scene((), (thing,), nominal_mm=500.0)
-    return Sensor(blur_px=0.7).expose(radiance(LENS, view, scene, samples=2), LENS, np.random.default_rng(4)), thing
+    return Sensor().expose(radiance(LENS, view, scene, blur_px=0.7, samples=2), LENS, np.random.default_rng(4)), thing
 
 
 @pytest.mark.parametrize(("dictionary", "number"), [("4X4_50", 17), ("APRILTAG_36h11", 5), ("6X6_250", 101)])
