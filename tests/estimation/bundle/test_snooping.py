@@ -42,7 +42,7 @@ def test_good_rays_are_rejected_at_the_stated_rate():
     assert abs(rejected - alpha * (tested + rejected)) < 3.5 * np.sqrt(alpha * (tested + rejected))
 
 
-def tests_of(made, cov, shift, used):
+def shifted_ray_tests(made, cov, shift, used):
     """The tests of all rays, one of which is shifted (px), with a covariance of all (px^2)."""
     rays = made.network.rays
     xy = rays.xy_px.copy()
@@ -57,13 +57,13 @@ def test_both_coordinates_of_a_ray_are_tested_together_in_the_network_or_out_of_
     made = simulate(seed=1, images=8, points=20)
     cov = np.array([[0.04, 0.034], [0.034, 0.04]])  # an ellipse along x = y, 0.27 px long and 0.08 px wide
     every = np.ones(made.network.rays.count, bool)
-    inside = tests_of(made, cov, [0.6, -0.6], every)
-    outside = tests_of(made, cov, [0.6, -0.6], every & (np.arange(len(every)) != 5))
+    inside = shifted_ray_tests(made, cov, [0.6, -0.6], every)
+    outside = shifted_ray_tests(made, cov, [0.6, -0.6], every & (np.arange(len(every)) != 5))
     assert inside.T[5] == pytest.approx(outside.T[5], rel=2e-3)
     assert inside.w[5] == pytest.approx(outside.w[5], rel=2e-3)
     assert inside.redundancy[5] == pytest.approx(outside.redundancy[5], rel=2e-3)
     assert inside.p_value[5] < 1e-6
-    assert tests_of(made, cov, [0.6, 0.6], every).p_value[5] > 1e-3
+    assert shifted_ray_tests(made, cov, [0.6, 0.6], every).p_value[5] > 1e-3
 
 
 def test_rays_that_were_doubted_come_back():
