@@ -54,11 +54,12 @@ class Field:
         return Scene(self.solids, (*(target.decal for target in self.shown), *self.clutter), nominal_mm=900.0)
 
 
-def draw_field(rng: np.random.Generator, columns: int = 9, rows: int = 7, step_mm: float = 60.0) -> Field:
+def draw_field(
+    rng: np.random.Generator, *, white: bool = True, columns: int = 9, rows: int = 7, step_mm: float = 60.0
+) -> Field:
     """Targets on a grid of places, each turned and tilted in its own way, no code twice; every seventh place is left
-    to what is no target.
+    to what is no target. White: reflecting on a dark wall; else printed on stickers on a light one.
     """
-    white = bool(rng.integers(2))
     colours = WHITE_ON_BLACK if white else BLACK_ON_WHITE
     free = {bits: list(rng.permutation(len(ring_words(bits))) + 1) for bits in FAMILIES[1:]}
     shown, clutter = [], []

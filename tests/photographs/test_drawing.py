@@ -87,11 +87,11 @@ def test_there_are_as_many_ring_codes_as_are_known() -> None:
 
 @pytest.mark.parametrize(("bits", "number"), [(8, 3), (12, 57), (14, 211)])
 def test_a_ring_shows_its_word_clockwise_from_the_front(bits: int, number: int) -> None:
-    thing = decal("ring", Ring(20.0, segments(bits, number)), np.zeros(3), UP)
+    thing = decal("ring", Ring(8.0, segments(bits, number)), np.zeros(3), UP)
     view = camera(0.0, -1.0, 400.0)
     light = radiance(LENS, view, Scene((), (thing,), nominal_mm=400.0), blur_px=0.7)
     angle = 2 * np.pi * (np.arange(bits) + 0.5) / bits
-    at = np.round(imaged(view, on_decal(thing, 50.0 * np.cos(angle), 50.0 * np.sin(angle)))).astype(int)
+    at = np.round(imaged(view, on_decal(thing, 20.0 * np.cos(angle), 20.0 * np.sin(angle)))).astype(int)
     lit = light[at[:, 1], at[:, 0]] > 0.5
     assert tuple(lit.tolist()) == segments(bits, number)
     # In the picture, where y is down, the angle grows clockwise.
