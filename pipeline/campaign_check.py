@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
 from pipeline.campaign_run import CampaignRun, detached_run
 from pipeline.problems import ExitCode
-from pipeline.stage_order import RAW_READERS
+from pipeline.stage_order import RAW_READERS, stage_module
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
@@ -38,6 +38,7 @@ def settings_faults(campaign: CampaignFolder) -> list[Fault]:
 
 def _read_raw(run: CampaignRun) -> str:
     from pipeline.artifacts import drain
+    from truing.formats.source import CampaignFiles
 
     said: list[str] = []
     faults: list[Fault] = []
@@ -45,6 +46,10 @@ def _read_raw(run: CampaignRun) -> str:
         if stage.name not in RAW_READERS:
             continue
         try:
+            source = CampaignFiles(run.campaign.folder, run.settings)
+            if stage.name == "images" and source.entries("images"):
+                said.append(f"opened {stage_module(stage.name).look(run.settings, source)}")
+                continue
             outcome = run.outcome(stage, lambda done, total, what: None)
             drain(outcome.artifacts)
             said.append(f"read {outcome.read}; left out {outcome.left_out}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import pipeline
 from pipeline.campaign_folder import CampaignFolder, relative_name
@@ -18,7 +18,7 @@ from pipeline.remembered import RememberedDigests
 from pipeline.run_folder import PRIVATE
 from pipeline.settings_view import SettingsView
 from pipeline.source_digest import SourceTree
-from pipeline.stage_order import ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
+from pipeline.stage_order import IN_PIECES, ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults, Fault
 from stages.declaration import Outcome, Stage
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from stages.declaration import Progress
 
 PROJECT = Path(pipeline.__file__).parent.parent
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
 
 
 @dataclass
@@ -42,6 +44,7 @@ class CampaignRun:
     remembered: RememberedDigests
     ledger: Ledger
     scratch: Path | None = None  # for temporary files of whoever reads raw files; absent: the system's own place
+    workers: int = 1  # processes for what one stage can do in independent pieces
     _found: dict[str, tuple[Path, ...]] = field(default_factory=dict)
 
     @cached_property
@@ -135,8 +138,18 @@ class CampaignRun:
             from truing.formats.source import CampaignFiles
 
             arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch))
+        if stage.name in IN_PIECES:
+            arguments.append(self._each)
         outcome: Outcome = stage_module(stage.name).run(*arguments)
         return outcome
+
+    def _each(
+        self, work: Callable[[Piece], Result], pieces: Sequence[Piece], progress: Callable[[int], None]
+    ) -> Iterator[Result]:
+        """The result of every piece, in their order, by as many processes as there are for this campaign."""
+        from pipeline.executor import Workforce, results
+
+        return results(work, pieces, Workforce(self.workers), _lost, progress)
 
     def _tables(self, stage: Stage) -> dict[str, pa.Table | str]:
         present = [name for name in map(bare, stage.reads) if self.evidence.input_digest(name) is not None]
@@ -193,6 +206,10 @@ class CampaignRun:
         return tuple(check for entry in entries if entry is not None for check in entry.failed_checks)
 
 
+def _lost(piece: object) -> NoReturn:
+    raise EnvironmentProblem(f"the process at work on {piece} vanished several times (killed, or out of memory)")
+
+
 def _check_leaves(stage: Stage, outcome: Outcome) -> None:
     left, declared = set(outcome.artifacts), set(map(bare, stage.leaves))
     required = {name for name in stage.leaves if not is_optional(name)}
@@ -205,7 +222,7 @@ def detached_run(campaign: CampaignFolder) -> CampaignRun:
     return CampaignRun(campaign, campaign.folder, RememberedDigests(None), Ledger())
 
 
-def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False) -> CampaignRun:
+def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, workers: int = 1) -> CampaignRun:
     """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
     private = folder / PRIVATE
     ledger = read_ledger(private / "ledger.json")
@@ -215,4 +232,4 @@ def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False) 
         if name in ORDER[campaign.kind] and entry.artifacts.keys() <= ARTIFACTS.keys()
     }
     remembered = RememberedDigests(private / "digests.json", distrust=distrust)
-    return CampaignRun(campaign, folder, remembered, ledger, private)
+    return CampaignRun(campaign, folder, remembered, ledger, private, workers)

@@ -106,7 +106,8 @@ def run(
     """Run every stage that is not up to date, then say where the report lies.
 
     Several campaigns are run one after the other, each in its own folder; with --workers or --scheduler several at a
-    time, with the same results. The workers of a Dask cluster must see the same files at the same places.
+    time, with the same results. The workers of a Dask cluster must see the same files at the same places. Photographs
+    of one campaign are measured on all cores, or in as many processes as --workers says.
 
     Exit codes: 0 done; 1 a defect of the software; 2 the campaign cannot be used; 3 done, but a QA check failed;
     4 the environment prevented it.

@@ -28,6 +28,7 @@ class Wish:
     selection: Selection = field(default_factory=Selection)
     distrust: bool = False
     accept_failed_checks: bool = False
+    workers: int = 1  # processes for what one stage can do in independent pieces
 
 
 def usable_campaign(place: Path) -> CampaignFolder:
@@ -41,7 +42,7 @@ def usable_campaign(place: Path) -> CampaignFolder:
 def run_campaign(campaign: CampaignFolder, folder: Path, wish: Wish, voice: Voice) -> ExitCode:
     """Bring the wished stages of a campaign up to date in its run folder."""
     with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
-        run = open_run(campaign, folder, distrust=wish.distrust)
+        run = open_run(campaign, folder, distrust=wish.distrust, workers=wish.workers)
         stages = wish.selection.stages(run.order)
         _validate(run)
         ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, wish, voice)]

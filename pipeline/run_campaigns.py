@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pipeline.campaign_folder import CampaignFolder, run_folder_of
 from pipeline.endings import KEPT, end, end_all
-from pipeline.executor import Workforce, results
+from pipeline.executor import Workforce, processors, results
 from pipeline.problems import ExitCode, gravest
 from pipeline.run_campaign import Wish, run_campaign, usable_campaign
 from pipeline.voice import Recorder, Voice
@@ -71,6 +71,7 @@ def run_campaigns(
     """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
     voice, plan = Voice(quiet=quiet), Plan(out, wish, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
+        plan.wish = replace(wish, workers=(workforce and workforce.workers) or processors())
         return end_all([partial(_run_here, place, plan, voice) for place in places], voice)
     return end_all([partial(_run_at_a_time, places, plan, workforce, voice)], voice)
 

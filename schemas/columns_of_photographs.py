@@ -33,6 +33,19 @@ IMAGES = (
     ),
 )
 
+OF_FILES = (
+    Column(
+        "principal_distance_from",
+        "text",
+        "what in the file tells it; empty: nothing",
+        nullable=True,
+    ),
+    Column("taken_at", "text", "when it was taken, by the camera's clock, as ISO 8601; empty: not told", nullable=True),
+    Column("grey_bits", "integer", "bits of a grey value", minimum=1),
+    Column("targets_measured", "integer", "targets measured in it; of a marker or a board, its corners", minimum=0),
+    Column("image_remark", "text", "what is to be known of the photograph; empty: nothing", nullable=True),
+)
+
 CAMERAS = (
     Column("free", "flag", "whether it is estimated"),
     real("balancing_radius_px", "px", "where the radial distortion is zero by definition; 0: in the middle", minimum=0),
@@ -105,4 +118,4 @@ RAYS = (
     *(real(f"moves_{a}_mm", "mm", f"change of {a} per scale of the number in this pose alone") for a in _AXES),
 )
 
-PHOTOGRAPHS = (*IMAGES, *CAMERAS, *KNOWN_BEFOREHAND, *NETWORK, *RAYS)
+PHOTOGRAPHS = (*IMAGES, *OF_FILES, *CAMERAS, *KNOWN_BEFOREHAND, *NETWORK, *RAYS)

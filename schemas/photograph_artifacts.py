@@ -24,6 +24,7 @@ PHOTOGRAPHS = (
         "photographs",
         "the photographs: camera, format, the principal distance that their files tell",
         (*_IMAGE, "file", "width_px", "height_px", "principal_distance_px"),
+        optional=("principal_distance_from", "taken_at", "grey_bits", "targets_measured", "image_remark"),
         key=("pose", "image"),
     ),
     parquet(

@@ -2,22 +2,81 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from schemas.section import Finite, NotNegative, Positive, Section
 
 Parameter = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 
+RINGS = ("ring8", "ring12", "ring14")
+_ARUCO = tuple(f"aruco{bits}x{bits}_{codes}" for bits in (4, 5, 6, 7) for codes in (50, 100, 250, 1000))
+MARKERS = (
+    *(*_ARUCO, "aruco_original", "aruco_mip_36h12"),
+    *("apriltag16h5", "apriltag25h9", "apriltag36h10", "apriltag36h11"),
+)
+FAMILIES = (*RINGS, *MARKERS)
+# Of ArUco the smallest family of each size: a larger one repeats its codes.
+USUAL = (*RINGS, "aruco4x4_50", "aruco5x5_100", "aruco6x6_250", "apriltag36h11")
+
+
+def _known(family: str) -> str:
+    if family not in FAMILIES:
+        close = difflib.get_close_matches(family, FAMILIES, n=1)
+        raise ValueError(f"did you mean {close[0]}?" if close else f"one of {', '.join(FAMILIES)}")
+    return family
+
+
+Family = Annotated[str, AfterValidator(_known)]
+Corners = Annotated[int, Field(ge=2, le=200)]
+
+
+class Board(Section):
+    """[[photographs.boards]]: a chessboard, or one with markers in its white squares."""
+
+    name: str = Field("", pattern=r"^[^/\s.]{0,60}$", description="names its corners; absent: its kind does")
+    kind: Literal["chessboard", "charuco"] = Field(description="charuco: a marker in every white square")
+    columns: Corners = Field(description="inner corners along x")
+    rows: Corners = Field(description="inner corners along y")
+    family: Family = Field("aruco4x4_50", description="charuco: the markers' family")
+    first_code: int = Field(0, ge=0, description="charuco: the code of the first marker")
+    marker_share: float = Field(0.75, gt=0.2, lt=1.0, description="charuco: edge of a marker over that of a square")
+    legacy: bool = Field(False, description="charuco: the pattern of OpenCV before 4.6, where rows are odd")
+
+    @model_validator(mode="after")
+    def _is_told_apart(self) -> Board:
+        if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
+            raise ValueError("one even and one odd number of columns and rows: else it looks the same upside down")
+        if self.kind == "charuco" and self.family not in MARKERS:
+            raise ValueError("a family of square markers")
+        return self
+
+    @property
+    def label(self) -> str:
+        """What its corners are named by."""
+        return self.name or self.kind
+
 
 class Photographs(Section):
     """[photographs]: the targets to look for, and how the network of rays is adjusted."""
 
-    targets: tuple[str, ...] = Field(
-        (), description='families of coded targets to look for, such as "ring12" or "apriltag36h11"; absent: all rings'
+    targets: tuple[Family, ...] | None = Field(
+        None,
+        description='families of coded targets to look for, such as "ring12" or "apriltag36h11"; absent: those of the '
+        f"table image_targets, else {', '.join(USUAL)}",
     )
+    boards: tuple[Board, ...] = ()
     uncoded: bool = Field(True, description="whether circles without a code are measured and matched over images")
+    polarity: Literal["both", "white", "black"] = Field(
+        "both", description="circular targets: lighter than what surrounds them (white), darker (black), or both"
+    )
+    smallest_px: Positive = Field(2.5, description="circular targets: least half axis of the image of one")
+    largest_px: Positive = Field(120.0, description="circular targets: largest half axis of the image of one")
+    sensor_width_mm: Positive | None = Field(
+        None, description="the longer side of the sensor, where photographs tell a focal length in mm alone"
+    )
     target_mm: Positive | None = Field(
         None, description="diameter of circular targets that the table image_targets gives none"
     )
@@ -35,6 +94,15 @@ class Photographs(Section):
         True, description="whether the noise of each camera and kind of target is estimated from the residuals"
     )
     eccentricity: bool = Field(True, description="whether the centres of circles' images are brought to their circles'")
+
+    @model_validator(mode="after")
+    def _is_told_apart(self) -> Photographs:
+        labels = [board.label for board in self.boards]
+        if len(set(labels)) < len(labels):
+            raise ValueError("boards with a name each: several have the same one")
+        if self.largest_px <= self.smallest_px:
+            raise ValueError("largest_px above smallest_px")
+        return self
 
 
 class GivenCamera(Section):

@@ -14,7 +14,10 @@ from truing.formats.source import OF_IMAGES, CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.image_tables.measured_rays import MeasuredRays
     from stages.ingestion.tables import SmallTable
+    from stages.photograph_targets.tables import Each, PhotographTables
+    from truing.formats.faultlog import FaultLog
 
 DECLARATION = Stage(
     name="images",
@@ -23,51 +26,109 @@ DECLARATION = Stage(
         *("image_points", "photographs", "image_rejections"),
         *("image_targets?", "scale_bars?", "known_points?", "cameras_given?"),
     ),
-    settings=("cameras", "noise.image_px", *(f"files.{table}" for table in OF_IMAGES)),
+    settings=(
+        *("cameras", "noise.image_px", *(f"files.{table}" for table in OF_IMAGES)),
+        *(f"photographs.{name}" for name in ("targets", "uncoded", "boards", "polarity", "smallest_px", "largest_px")),
+        "photographs.sensor_width_mm",
+    ),
     summary="measures targets in photographs, or reads rays measured elsewhere",
 )
 
 
-def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
-    """Rays with covariance, and what is known of the network; raises CampaignFaults with all that is wrong."""
+def run(
+    tables: Mapping[str, pa.Table],
+    settings: Any,
+    progress: Progress,
+    source: CampaignFiles,
+    each: Each | None = None,
+) -> Outcome:
+    """Rays with covariance, and what is known of the network; raises CampaignFaults with all that is wrong.
+
+    ``each`` measures photographs, several at a time; absent: one after the other, in this process.
+    """
+    from truing.formats.faultlog import FaultLog
+
+    log = FaultLog()
+    small = _known_beforehand(source, settings, log)
+    rays: MeasuredRays | PhotographTables | None
+    if source.entries("images"):
+        from stages.photograph_targets.tables import read_photographs
+
+        rays = read_photographs(source, settings, _names(small), log, progress, each)
+    else:
+        rays = _measured_elsewhere(source, settings, small, log)
+    log.throw()
+    assert rays is not None  # else there was a fault
+    artifacts = {"image_points": rays.image_points, "photographs": rays.photographs}
+    artifacts["image_rejections"] = _rejections(rays)
+    artifacts |= {name: table.table for name, table in small.items() if table is not None}
+    points = len(set(rays.image_points.column("point").to_pylist()) - {""})
+    poses = len(set(rays.photographs.column("pose").to_pylist()))
+    return Outcome(
+        artifacts,
+        read=f"{len(rays.image_points):,} rays of {len(rays.photographs)} images",
+        left_out=_left_out(small, rays.left_out, artifacts["image_rejections"]),
+        figure=f"{points} points in {poses} poses",
+    )
+
+
+def look(settings: Any, source: CampaignFiles) -> str:
+    """What photographs and the tables beside them hold, without measuring; raises CampaignFaults as ``run`` does."""
+    from stages.photograph_targets.tables import open_all
+    from truing.formats.faultlog import FaultLog
+
+    log = FaultLog()
+    _known_beforehand(source, settings, log)
+    found = open_all(source, settings, log)
+    log.throw()
+    poses, cameras = ({getattr(one, name) for one in found} for name in ("pose", "camera"))
+    return f"{len(found)} photographs of {len(poses)} poses by {len(cameras)} camera{'s' * (len(cameras) != 1)}"
+
+
+def _known_beforehand(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable | None]:
     from stages.image_tables.known_beforehand import (
         read_cameras,
         read_image_targets,
         read_known_points,
         read_scale_bars,
     )
-    from stages.image_tables.measured_rays import read_rays
-    from truing.formats.faultlog import FaultLog
 
-    log = FaultLog()
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
-    targets = read_image_targets(source, log)
+    if source.entries("images") and source.entries("image_points"):
+        expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
+        log.add(Fault("campaign.toml", expected, column=f"files.{[*mapped, 'images'][0]}"))
+        log.throw()
+    boards = tuple(board.label for board in settings.photographs.boards) if source.entries("images") else ()
+    targets = read_image_targets(source, boards, log)
     names = None if targets is None else targets.table
-    small = {
+    return {
         "image_targets": targets,
         "scale_bars": read_scale_bars(source, names, log),
         "known_points": read_known_points(source, names, log),
         "cameras_given": read_cameras(source, settings, log),
     }
-    if source.entries("images") and source.entries("image_points"):
-        expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
-        log.add(Fault("campaign.toml", expected, column=f"files.{[*mapped, 'images'][0]}"))
-        log.throw()
+
+
+def _names(small: Mapping[str, SmallTable | None]) -> pa.Table | None:
+    targets = small["image_targets"]
+    return None if targets is None else targets.table
+
+
+def _measured_elsewhere(
+    source: CampaignFiles, settings: Any, small: Mapping[str, SmallTable | None], log: FaultLog
+) -> MeasuredRays | None:
+    from stages.image_tables.measured_rays import read_rays
+
     cameras = small["cameras_given"]
-    rays = read_rays(source, settings, names, None if cameras is None else cameras.table, log)
-    log.throw()
-    assert rays is not None  # else there was a fault
-    poses = rays.photographs.column("pose")
-    artifacts = {"image_points": rays.image_points, "photographs": rays.photographs}
-    artifacts["image_rejections"] = ARTIFACTS["image_rejections"].empty("int64" if _whole(poses) else "string")
-    artifacts |= {name: table.table for name, table in small.items() if table is not None}
-    images, points = len(rays.photographs), len(set(rays.image_points.column("point").to_pylist()) - {""})
-    return Outcome(
-        artifacts,
-        read=f"{len(rays.image_points):,} rays of {images} images",
-        left_out=_left_out(small, rays.left_out),
-        figure=f"{points} points in {len(set(poses.to_pylist()))} poses",
-    )
+    return read_rays(source, settings, _names(small), None if cameras is None else cameras.table, log)
+
+
+def _rejections(rays: MeasuredRays | PhotographTables) -> pa.Table:
+    """What was refused as a target; of rays measured elsewhere nothing is known of that."""
+    known: pa.Table | None = getattr(rays, "image_rejections", None)
+    if known is not None:
+        return known
+    return ARTIFACTS["image_rejections"].empty("int64" if _whole(rays.photographs.column("pose")) else "string")
 
 
 def _whole(poses: pa.ChunkedArray) -> bool:
@@ -76,9 +137,15 @@ def _whole(poses: pa.ChunkedArray) -> bool:
     return bool(pa.types.is_int64(poses.type))
 
 
-def _left_out(small: Mapping[str, SmallTable | None], rays: Mapping[tuple[str, str], int]) -> str:
+def _left_out(small: Mapping[str, SmallTable | None], rays: Mapping[tuple[str, str], int], rejections: pa.Table) -> str:
+    """Rows that were left out and candidates for targets that were refused, with the reasons."""
     total: Counter[str] = Counter()
     for left_out in (rays, *(table.left_out for table in small.values() if table is not None)):
         for (_, reason), count in left_out.items():
             total[reason] += count
-    return "; ".join(f"{count:,} rows: {reason}" for reason, count in total.most_common()) or "nothing"
+    words = [f"{count:,} rows: {reason}" for reason, count in total.most_common()]
+    if len(rejections):
+        from stages.photograph_targets.tables import refused_words
+
+        words.append(f"candidates for targets: {refused_words(rejections)}")
+    return "; ".join(words) or "nothing"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.image_tables.point_names import own_names
+from stages.image_tables.target_codes import check_codes
 from stages.ingestion.tables import SmallTable, once
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
@@ -25,11 +26,14 @@ if TYPE_CHECKING:
 _FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
 
 
-def read_image_targets(source: CampaignFiles, log: FaultLog) -> SmallTable | None:
-    """Which code is which target; None where no table says so."""
+def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: FaultLog) -> SmallTable | None:
+    """Which code is which target; None where no table says so. Codes that are looked for in photographs have to exist,
+    or to be corners of one of the ``boards``."""
     found = gather(source, IMAGE_TARGETS, log)
     if found is None or _lacks(found, IMAGE_TARGETS.required):
         return None
+    if source.entries("images"):
+        check_codes(found, boards, log)
     once(found, log, ("family", "code"))
     once(found, log, ("body", "target"))
     return SmallTable(_as_artifact("image_targets", found.table), dict(found.left_out))

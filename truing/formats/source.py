@@ -25,7 +25,8 @@ OTHERS = (
 )
 TABLES = (*OTHERS, *OF_IMAGES)
 _RAYS = ("images", "image_points")  # either makes a campaign one of photographs
-_PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
+_OF_POINTS = ("points", "scans")
+PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
 _BY_CHANNEL = "interferometer"  # the table whose rows may come side by side, a column per channel
 
 
@@ -61,7 +62,7 @@ class CampaignFiles:
 
         if table == "images":
             patterns = tuple(name for name in _contract_names(table) if _expand(self.folder, name))
-            return (FileMapping(path=patterns, from_name=r"/(?P<pose>[^/]+)/[^/]+$"),) if patterns else ()
+            return (FileMapping(path=patterns),) if patterns else ()
         # A link that leads nowhere (a drive that is not there) is no table that the campaign does without.
         present = [name for name in _contract_names(table) if os.path.lexists(self.folder / name)]
         return tuple(FileMapping(path=name) for name in present)
@@ -69,7 +70,7 @@ class CampaignFiles:
     @property
     def has_photographs(self) -> bool:
         """Whether points come out of photographs, or out of rays that were measured in them."""
-        return any(self.entries(table) for table in _RAYS)
+        return _has_photographs(self.folder, self._files)
 
     def is_mapped(self, table: str) -> bool:
         """Whether campaign.toml says how to read a table."""
@@ -108,8 +109,22 @@ class CampaignFiles:
 
 def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:
     """Whether a campaign's points come out of photographs; the parsed campaign.toml need not be valid."""
-    mapped = _mapped(document)
-    return any(table in mapped or any(_expand(folder, name) for name in _contract_names(table)) for table in _RAYS)
+    return _has_photographs(folder, _mapped(document))
+
+
+def _has_photographs(folder: Path, mapped: Mapping[str, Any]) -> bool:
+    """Whether [files] maps photographs or rays; else whether such lie there, and no points that they could become."""
+    if any(table in mapped for table in _RAYS):
+        return True
+    if any(table in mapped or _lies_there(folder, table) for table in _OF_POINTS):
+        return False
+    return any(_lies_there(folder, table) for table in _RAYS)
+
+
+def _lies_there(folder: Path, table: str) -> bool:
+    if table == "images":
+        return any(_expand(folder, name) for name in _contract_names(table))
+    return any(os.path.lexists(folder / name) for name in _contract_names(table))
 
 
 def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...] | None = None) -> tuple[Path, ...]:
@@ -148,7 +163,8 @@ def _patterns(entry: object) -> list[str]:
 
 def _contract_names(table: str) -> tuple[str, ...]:
     if table == "images":
-        return tuple(f"images/*/*.{ending}" for name in _PICTURES for ending in (name, name.upper()))
+        endings = [ending for name in PICTURES for ending in (name, name.upper())]
+        return tuple(f"images/{inner}*.{ending}" for inner in ("", "*/", "*/*/") for ending in endings)
     return f"{table}.csv", f"{table}.parquet"
 
 

@@ -1,0 +1,1 @@
+"""Photographs opened, and the targets in them measured."""

@@ -1,0 +1,196 @@
+"""All photographs of a campaign: listed, opened and measured, and the tables that come of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from schemas.photographs import FAMILIES, USUAL
+from stages.declaration import Progress
+from stages.image_tables.point_names import own_names
+from stages.photograph_targets.measuring import Measured, Piece, measure, target_plan
+from truing.formats.faultlog import FaultLog
+from truing.formats.image_pixels import read_grey
+from truing.formats.photographs import Photograph, Photographs, list_photographs
+from truing.formats.raw import Unusable
+from truing.formats.source import CampaignFiles
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Each = Callable[[Callable[[Piece], Measured], Sequence[Piece], Callable[[int], None]], Iterator[Measured]]
+"""Does a work on every piece, in whatever processes, tells how many are done, and yields results in their order."""
+
+# Below so many pixels a process of its own takes longer to begin than to measure them.
+_WORTH_PROCESSES = 30_000_000
+
+
+@dataclass(frozen=True)
+class PhotographTables:
+    """The tables image_points, photographs and image_rejections, and what was left out, by (file, reason)."""
+
+    image_points: pa.Table
+    photographs: pa.Table
+    image_rejections: pa.Table
+    left_out: Mapping[tuple[str, str], int]
+
+
+def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> list[Photograph]:
+    """The photographs, each opened whole; what is wrong with any goes into ``log``."""
+    found = list_photographs(source, settings.photographs.sensor_width_mm, log).found
+    for one in found:
+        try:
+            read_grey(one.file.path, one.head)
+        except Unusable as error:
+            log.add(Fault(one.file.name, error.expected, value=error.value))
+    return found
+
+
+def read_photographs(
+    source: CampaignFiles,
+    settings: Any,
+    targets: pa.Table | None,
+    log: FaultLog,
+    progress: Progress,
+    each: Each | None = None,
+) -> PhotographTables | None:
+    """Measure all photographs; None where one cannot be read, or none is there: ``log`` tells then.
+
+    Names of codes become those of the table image_targets (``targets``).
+    """
+    photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
+    if log:
+        open_all(source, settings, log)  # what is wrong further down is told with it
+    if log or not photographs.found:
+        return None
+    plan = target_plan(settings.photographs, families_of(settings, targets))
+    pieces = [Piece(photograph, plan) for photograph in photographs.found]
+    measured = list(_measured(pieces, progress, each))
+    for piece, one in zip(pieces, measured, strict=True):
+        if one.fault is not None:
+            log.add(Fault(str(piece), one.fault.expected, value=one.fault.value))
+    if log:
+        return None
+    identifier = "int64" if photographs.poses_are_numbers else "string"
+    return PhotographTables(
+        _image_points(photographs, measured, targets, identifier),
+        _photographs(photographs, measured, identifier),
+        _rejections(photographs, measured, identifier),
+        photographs.left_out,
+    )
+
+
+def families_of(settings: Any, targets: pa.Table | None) -> tuple[str, ...]:
+    """The families of codes to look for: as declared, else those of the table image_targets, else the usual ones."""
+    declared = settings.photographs.targets
+    if declared is not None:
+        return tuple(dict.fromkeys(declared))
+    if targets is None:
+        return USUAL
+    named = set(targets.column("family").to_pylist())
+    return tuple(family for family in FAMILIES if family in named)
+
+
+def _measured(pieces: Sequence[Piece], progress: Progress, each: Each | None) -> Iterator[Measured]:
+    pixels = sum(piece.photograph.head.width_px * piece.photograph.head.height_px for piece in pieces)
+    if each is not None and len(pieces) > 1 and pixels > _WORTH_PROCESSES:
+        yield from each(measure, pieces, lambda done: progress(done, len(pieces), "photographs"))
+        return
+    for done, piece in enumerate(pieces):
+        progress(done, len(pieces), str(piece))
+        yield measure(piece)
+
+
+def _poses(photographs: Photographs, identifier: str, counts: Sequence[int]) -> list[Any]:
+    own: list[Any] = [one.pose if identifier == "string" else int(one.pose) for one in photographs.found]
+    return [pose for pose, count in zip(own, counts, strict=True) for _ in range(count)]
+
+
+def _image_points(
+    photographs: Photographs, measured: Sequence[Measured], targets: pa.Table | None, identifier: str
+) -> pa.Table:
+    counts = [len(one.names) for one in measured]
+    names = np.array([name for one in measured for name in one.names], dtype=object)
+    point, body, target = own_names(names, targets)
+    cov = np.concatenate([one.cov_px2 for one in measured])
+    xy, ellipse = (np.concatenate([getattr(one, name) for one in measured]) for name in ("xy_px", "ellipse"))
+    columns = {
+        "pose": _poses(photographs, identifier, counts),
+        **{name: _repeated(photographs.found, name, counts) for name in ("image", "camera")},
+        "point": point,
+        "body": body,
+        "target": target,
+        "kind": [kind for one in measured for kind in one.kinds],
+        "x_px": xy[:, 0],
+        "y_px": xy[:, 1],
+        "cov_xx_px2": cov[:, 0, 0],
+        "cov_xy_px2": cov[:, 0, 1],
+        "cov_yy_px2": cov[:, 1, 1],
+        **dict(zip(("semi_major_px", "semi_minor_px", "axis_angle_rad"), ellipse.T, strict=True)),
+        "contrast": np.concatenate([one.contrast for one in measured]),
+    }
+    return _table("image_points", columns, identifier)
+
+
+def _repeated(found: Sequence[Photograph], name: str, counts: Sequence[int]) -> list[str]:
+    return [getattr(one, name) for one, count in zip(found, counts, strict=True) for _ in range(count)]
+
+
+def _photographs(photographs: Photographs, measured: Sequence[Measured], identifier: str) -> pa.Table:
+    ones = [1] * len(measured)
+    heads = [one.head for one in photographs.found]
+    columns = {
+        "pose": _poses(photographs, identifier, ones),
+        **{name: _repeated(photographs.found, name, ones) for name in ("image", "camera")},
+        "file": [one.file.name for one in photographs.found],
+        **{name: [getattr(head, name) for head in heads] for name in ("width_px", "height_px")},
+        **{
+            name: [getattr(head, name) for head in heads]
+            for name in ("principal_distance_px", "principal_distance_from", "taken_at")
+        },
+        "grey_bits": [head.bits for head in heads],
+        "targets_measured": [len(one.names) for one in measured],
+        "image_remark": [_remark(head.turned) for head in heads],
+    }
+    return _table("photographs", columns, identifier)
+
+
+def _remark(turned: str) -> str | None:
+    return f"its file says that it is {turned}; its pixels are taken as they stand" if turned else None
+
+
+def _rejections(photographs: Photographs, measured: Sequence[Measured], identifier: str) -> pa.Table:
+    rows = [
+        (one, kind, reason, count)
+        for one, result in zip(photographs.found, measured, strict=True)
+        for (kind, reason), count in sorted(result.rejected.items())
+    ]
+    columns = {
+        "pose": [one.pose if identifier == "string" else int(one.pose) for one, *_ in rows],
+        "image": [one.image for one, *_ in rows],
+        **{name: [row[k] for row in rows] for k, name in ((1, "kind"), (2, "reason"), (3, "rows"))},
+    }
+    return _table("image_rejections", columns, identifier)
+
+
+def _table(name: str, columns: Mapping[str, Any], identifier: str) -> pa.Table:
+    import pyarrow as pa
+
+    schema = ARTIFACTS[name].arrow_schema(identifier, tuple(columns))
+    # Arrow takes NaN for a number; here it means that there is none.
+    made = [pa.array(columns[field.name], field.type, from_pandas=True) for field in schema]
+    return pa.table(made, schema=pa.schema([field.with_nullable(True) for field in schema]))
+
+
+def refused_words(rejections: pa.Table) -> str:
+    """What was refused in the photographs, most frequent first, in one line; empty where nothing was."""
+    total: Counter[str] = Counter()
+    for row in rejections.to_pylist():
+        total[f"{row['kind']}: {row['reason']}"] += row["rows"]
+    return "; ".join(f"{count:,} {reason}" for reason, count in total.most_common(5))

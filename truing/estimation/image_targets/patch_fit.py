@@ -1,0 +1,108 @@
+"""Small patches of a picture, each fitted with what should be seen there: many at once, every pixel with its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Model = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
+"""Grey values (n, M) and their derivatives (n, M, U) at unknowns (n, U) of the patches (n,) by number."""
+
+_STEPS = 25
+# A patch is settled when its sum of squares falls by no more: a thirtieth of a standard deviation, or its rounding.
+_SMALL, _ROUNDING = 1e-3, 1e-6
+_SHARPEST, _SOFTEST = 0.15, 8.0
+_DAMPING, _MOST_DAMPING = 1e-3, 1e6
+
+
+@dataclass(frozen=True)
+class PatchFit:
+    """Unknowns (P, U) and their covariance (P, U, U) from the noise of pixels; sum of squares (P,) over noise, its
+    degrees of freedom (P,), and whether the patch settled (P,)."""
+
+    values: Array
+    covariance: Array
+    chi2: Array
+    freedom: Array
+    settled: NDArray[np.bool_]
+
+    @property
+    def enlarged(self) -> Array:
+        """Factors (P,) of the covariance where a patch leaves more than its noise, beyond chance; 1 elsewhere."""
+        ratio = self.chi2 / np.maximum(self.freedom, 1.0)
+        return np.where(ratio > 1.0 + 4.0 * np.sqrt(2.0 / np.maximum(self.freedom, 1.0)), ratio, 1.0)
+
+
+def fit_patches(model: Model, start: Array, grey: Array, weight: Array, prior: Array) -> PatchFit:
+    """Fit P patches, unknowns (P, U) to grey values (P, M) with weights (P, M), 1 / variance of a pixel; 0: none there.
+
+    ``prior`` (U,) is 1 / variance of what is known of each unknown beforehand: that it is zero. Levenberg-Marquardt,
+    each patch damped by itself and done with when it is settled.
+    """
+    values = start.copy()
+    cost, normal, gradient = _normal_equations(model, values, np.arange(len(start)), grey, weight, prior)
+    damping = np.full(len(start), _DAMPING)
+    settled = np.zeros(len(start), dtype=bool)
+    moving = np.flatnonzero(np.isfinite(cost))
+    for _ in range(_STEPS):
+        if not len(moving):
+            break
+        trial = values[moving] + _step(normal[moving], gradient[moving], damping[moving])
+        new_cost, new_normal, new_gradient = _normal_equations(model, trial, moving, grey, weight, prior)
+        fall = cost[moving] - new_cost
+        better = fall >= 0.0
+        taken = moving[better]
+        values[taken], cost[taken] = trial[better], new_cost[better]
+        normal[taken], gradient[taken] = new_normal[better], new_gradient[better]
+        damping[moving] = np.where(better, 0.1, 10.0) * damping[moving]
+        done = better & (fall <= np.maximum(_SMALL, _ROUNDING * new_cost))
+        settled[moving[done]] = True
+        moving = moving[~done & (damping[moving] < _MOST_DAMPING)]
+    freedom = (weight > 0.0).sum(1) - start.shape[1]
+    return PatchFit(values, _inverse(normal), cost, freedom.astype(float), settled & (freedom > 0))
+
+
+def bounded_blur(blur: Array) -> tuple[Array, Array]:
+    """The blur of a model, px, and its derivative: what is sharper than this, pixels no longer tell."""
+    return np.clip(blur, _SHARPEST, _SOFTEST), ((blur > _SHARPEST) & (blur < _SOFTEST)).astype(float)
+
+
+def _normal_equations(
+    model: Model, values: Array, patches: NDArray[np.intp], grey: Array, weight: Array, prior: Array
+) -> tuple[Array, Array, Array]:
+    """Sum of squares (n,), normal matrices (n, U, U) and right-hand sides (n, U)."""
+    picture, jacobian = model(values, patches)
+    own_weight = weight[patches]
+    residual = grey[patches] - picture
+    weighted = jacobian * own_weight[:, :, None]
+    cost = np.einsum("nm,nm,nm->n", residual, residual, own_weight) + np.square(values) @ prior
+    normal = np.swapaxes(weighted, 1, 2) @ jacobian + np.diag(prior)
+    gradient = np.einsum("nmu,nm->nu", weighted, residual) - values * prior
+    return np.where(np.isfinite(cost), cost, np.inf), normal, gradient
+
+
+def _step(normal: Array, gradient: Array, damping: Array) -> Array:
+    diagonal = np.arange(normal.shape[1])
+    damped = normal.copy()
+    own = np.maximum(normal[:, diagonal, diagonal], 1e-12)
+    damped[:, diagonal, diagonal] = own * (1.0 + damping[:, None])
+    try:
+        return np.asarray(np.linalg.solve(damped, gradient[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError:
+        return np.zeros_like(gradient)
+
+
+def _inverse(normal: Array) -> Array:
+    """Inverses (P, U, U) of normal matrices, scaled before; NaN where one is singular."""
+    diagonal = np.einsum("nuu->nu", normal)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.nan))
+    scaled = normal * scale[:, :, None] * scale[:, None, :]
+    good = np.asarray(np.isfinite(scaled).all((1, 2)))
+    found = np.full_like(normal, np.nan)
+    good[good] = np.linalg.cond(scaled[good]) < 1e12
+    found[good] = np.linalg.inv(scaled[good]) * (scale[:, :, None] * scale[:, None, :])[good]
+    return found

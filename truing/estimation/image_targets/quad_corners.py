@@ -1,0 +1,239 @@
+"""Corners of dark quadrangles on a light ground: edges fitted to their pixels, corners where edges meet.
+
+Along an edge a picture shows (ground + contrast Phi(d / s)) (1 + slopes), d the distance from the edge, outside
+positive, s the blur with the pixel's own area. The pixels near a corner are left out: two edges are seen there at once.
+Lens distortion bends a long edge: only what lies within `_REACH` of a corner speaks for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from truing.estimation.image_targets.image_noise import ImageNoise
+from truing.estimation.image_targets.patch_fit import Array, PatchFit, bounded_blur, fit_patches
+
+_REACH = 48.0  # px
+_CLEAR = 3.0  # blurs that a pixel keeps from the other edges
+_NARROWEST, _WIDEST = 2.5, 6.0  # half width of the band about an edge, px
+_SHORTEST = 6.0  # px of an edge that are left to look at
+_LEAST_MODULE = 4.0  # blurs: below, what lies next to an edge shifts it by more than a fiftieth of a pixel
+_CHUNK = 128  # edges fitted at once
+_INV_SQRT2PI = 0.3989422804014327
+# Unknowns of an edge: its offsets at both ends, blur, ground, contrast, slopes along and across
+_FIRST, _LAST, _BLUR, _GROUND, _CONTRAST, _ALONG, _ACROSS = range(7)
+# Of a sharp picture the blur is not known any more; light changes little over a marker, by a twentieth as one sigma.
+_PRIOR = np.array([0.0, 0.0, 0.01, 0.0, 0.0, 400.0, 400.0])
+
+
+@dataclass(frozen=True)
+class QuadCorners:
+    """Corners (Q, 4, 2) in px with covariance (Q, 4, 2, 2) in px^2, contrast (Q,) in grey levels, and why a quadrangle
+    is refused (Q,): empty where it is not."""
+
+    xy: Array
+    covariance: Array
+    contrast: Array
+    refused: NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edges from ``start`` (E, 2) to ``end`` (E, 2), their unit normals (E, 2) outwards, half widths (E,) of the bands;
+    normals (E, 2) of the neighbours at start and end, zero where there is none."""
+
+    start: Array
+    end: Array
+    normal: Array
+    half_width: Array
+    before: Array
+    after: Array
+
+
+def refine_quads(grey: NDArray, corners: Array, module_px: Array, noise: ImageNoise) -> QuadCorners:
+    """Refine corners (Q, 4, 2), in order round their quadrangles, to 1.5 px of the truth, in a grey image (h, w).
+
+    ``module_px`` (Q,): how far from an edge the next one may be, inside or outside.
+    """
+    count = len(corners)
+    refused = np.zeros(count, dtype="U40")
+    xy, covariance = corners.astype(float), np.full((count, 4, 2, 2), np.nan)
+    contrast, blur = np.zeros(count), np.ones(count)
+    for _ in range(2):  # the second time about the right lines, and clear of the corners by the blur that was found
+        good = np.flatnonzero(refused == "")
+        if not len(good):
+            break
+        found = _refined(grey, xy[good], module_px[good], blur[good], noise)
+        xy[good], covariance[good] = found.xy, found.covariance
+        contrast[good], blur[good], refused[good] = found.contrast, found.blur, found.refused
+    moved = np.linalg.norm(xy - corners, axis=2).max(1, initial=0.0) if count else np.zeros(0)
+    refused[(refused == "") & (moved > 3.0)] = "edges elsewhere than its cells"
+    refused[(refused == "") & (module_px < _LEAST_MODULE * blur)] = "cells too small for the blur"
+    return QuadCorners(xy, covariance, contrast, refused)
+
+
+@dataclass(frozen=True)
+class _Refined:
+    xy: Array
+    covariance: Array
+    contrast: Array
+    blur: Array
+    refused: NDArray[np.str_]
+
+
+def _refined(grey: NDArray, corners: Array, module_px: Array, blur: Array, noise: ImageNoise) -> _Refined:
+    edges, quad, at_start, at_end = _edges_of(corners, module_px)
+    fit = _fit_edges(grey, edges, blur[quad], noise)
+    usable = _usable(fit, edges, noise)
+    variance = np.einsum("euu->eu", fit.covariance) * fit.enlarged[:, None] * noise.correlation
+    # A corner lies on the edge that begins there and on the one that ends there.
+    offset = np.stack([fit.values[at_start[..., 0], at_start[..., 1]], fit.values[at_end[..., 0], at_end[..., 1]]], -1)
+    spread = np.stack([variance[at_start[..., 0], at_start[..., 1]], variance[at_end[..., 0], at_end[..., 1]]], -1)
+    normals = np.stack([edges.normal[at_start[..., 0]], edges.normal[at_end[..., 0]]], -2)
+    crossing = np.abs(np.linalg.det(normals)) > 0.2
+    inverse = np.linalg.inv(np.where(crossing[..., None, None], normals, np.eye(2)))
+    shift = np.einsum("qcij,qcj->qci", inverse, offset)
+    covariance = np.einsum("qcij,qcj,qckj->qcik", inverse, spread, inverse)
+    count = len(corners)
+    bad_edges = np.bincount(quad[~usable], minlength=count) > 0
+    refused = np.where(bad_edges, "no straight edges from dark to light", "").astype("U40")
+    refused[~crossing.all(1)] = "seen too obliquely"
+    sums = np.bincount(quad, minlength=count)
+    contrast, found_blur = (
+        np.bincount(quad, np.nan_to_num(fit.values[:, k]), count) / sums for k in (_CONTRAST, _BLUR)
+    )
+    xy = corners + np.where(refused[:, None, None] == "", shift, 0.0)
+    return _Refined(xy, covariance, contrast, np.clip(found_blur, 0.5, 6.0), refused)
+
+
+def _edges_of(corners: Array, module_px: Array) -> tuple[_Edges, NDArray, NDArray, NDArray]:
+    """Edges of quadrangles (Q, 4, 2): whole ones, or their two ends where they are long; the quadrangle of each; and
+    for every corner (Q, 4) edge and end of what begins and of what ends there, (Q, 4, 2)."""
+    following = np.roll(corners, -1, axis=1)
+    side = following - corners
+    length = np.linalg.norm(side, axis=2)
+    along = side / length[..., None]
+    ahead = np.roll(along, -1, axis=1)
+    turn = np.sign((along[..., 0] * ahead[..., 1] - along[..., 1] * ahead[..., 0]).sum(1))  # +1: clockwise as seen
+    normal = np.stack([along[..., 1], -along[..., 0]], -1) * turn[:, None, None]
+    long = length > 2.0 * _REACH
+    before, after = np.roll(normal, 1, axis=1), np.roll(normal, -1, axis=1)
+    reach = np.where(long, _REACH, length)[..., None] * along
+    width = np.broadcast_to(np.clip(0.55 * module_px, _NARROWEST, _WIDEST)[:, None], length.shape)
+    none = np.zeros_like(after)
+    first = (corners, corners + reach, normal, width, before, np.where(long[..., None], none, after))
+    second = (following, following - reach, normal, width, after, none)
+    parts = [np.concatenate([a.reshape(-1, *a.shape[2:]), b[long]]) for a, b in zip(first, second, strict=True)]
+    number = np.arange(4 * len(corners)).reshape(-1, 4)
+    extra = np.full(long.shape, -1)
+    extra[long] = 4 * len(corners) + np.arange(long.sum())
+    ends = np.where(long, np.stack([extra, np.zeros_like(extra)]), np.stack([number, np.ones_like(number)]))
+    quad = np.concatenate([number.ravel() // 4, np.nonzero(long)[0]])
+    at_start = np.stack([number, np.full_like(number, _FIRST)], -1)
+    at_end = np.roll(np.moveaxis(ends, 0, -1), 1, axis=1)
+    return _Edges(*parts), quad, at_start, at_end
+
+
+def _fit_edges(grey: NDArray, edges: _Edges, blur: Array, noise: ImageNoise) -> PatchFit:
+    """Fit every edge, in chunks of like lengths."""
+    length = np.linalg.norm(edges.end - edges.start, axis=1)
+    order = np.argsort(length)
+    found: list[PatchFit] = []
+    for first in range(0, len(order), _CHUNK):
+        found.append(_fit_chunk(grey, edges, order[first : first + _CHUNK], blur, noise))
+    back = np.argsort(order)
+    parts = [np.concatenate([getattr(fit, name) for fit in found])[back] for name in PatchFit.__dataclass_fields__]
+    return PatchFit(*parts)
+
+
+def _fit_chunk(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array, noise: ImageNoise) -> PatchFit:
+    picture, t, d, usable = _pixels(grey, edges, chosen, blur[chosen])
+    width = edges.half_width[chosen]
+    top = grey.max()
+    usable &= (picture > grey.min()) & (picture < top)
+    start = np.zeros((len(chosen), 7))
+    start[:, _BLUR] = blur[chosen]
+    dark, light = usable & (d < -0.5 * width[:, None]), usable & (d > 0.5 * width[:, None])
+    start[:, _GROUND] = _mean(picture, dark, grey.min())
+    start[:, _CONTRAST] = _mean(picture, light, top) - start[:, _GROUND]
+    expected = start[:, _GROUND, None] + start[:, _CONTRAST, None] * ndtr(d / blur[chosen][:, None])
+    weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
+    across = d / width[:, None]
+
+    def model(values: Array, patches: NDArray[np.intp]) -> tuple[Array, Array]:
+        u = values[:, :, None]
+        own_t, own_across = t[patches], across[patches]
+        s, moves = bounded_blur(u[:, _BLUR])
+        z = (d[patches] - (1.0 - own_t) * u[:, _FIRST] - own_t * u[:, _LAST]) / s
+        share, density = ndtr(z), _INV_SQRT2PI * np.exp(-0.5 * z * z)
+        plain = u[:, _GROUND] + u[:, _CONTRAST] * share
+        light = 1.0 + u[:, _ALONG] * (own_t - 0.5) + u[:, _ACROSS] * own_across
+        by_distance = u[:, _CONTRAST] * density / s * light
+        columns = (
+            *(-(1.0 - own_t) * by_distance, -own_t * by_distance, -z * by_distance * moves),
+            *(light, share * light, plain * (own_t - 0.5), plain * own_across),
+        )
+        return plain * light, np.stack(columns, -1)
+
+    return fit_patches(model, start, picture, weight, _PRIOR)
+
+
+def _mean(picture: Array, mask: NDArray[np.bool_], otherwise: float) -> Array:
+    count = mask.sum(1)
+    return np.where(count > 0, (picture * mask).sum(1) / np.maximum(count, 1), otherwise)
+
+
+def _pixels(
+    grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Grey values (n, M) in the bands, how far along the edge (0..1) and across it (px, outside positive) they lie, and
+    which of them count."""
+    start, side = edges.start[chosen], edges.end[chosen] - edges.start[chosen]
+    steep = np.abs(side[:, 1]) > np.abs(side[:, 0])
+    lead = np.where(steep, 1, 0)
+    rows = np.arange(len(chosen))
+    span = side[rows, lead]
+    longest = int(np.ceil(np.abs(span).max())) + 1
+    # Columns of pixels across the edge, one for every pixel along the axis that the edge runs nearer to.
+    first = np.floor(np.minimum(start[rows, lead], start[rows, lead] + span)).astype(int)
+    main = first[:, None] + np.arange(longest + 1)
+    middle = (
+        start[rows, 1 - lead][:, None] + (main - start[rows, lead][:, None]) * (side[rows, 1 - lead] / span)[:, None]
+    )
+    height = int(np.ceil(edges.half_width[chosen].max() * np.sqrt(2.0))) + 1
+    other = np.round(middle).astype(int)[:, :, None] + np.arange(-height, height + 1)
+    main = np.broadcast_to(main[:, :, None], other.shape)
+    x = np.where(steep[:, None, None], other, main).reshape(len(chosen), -1)
+    y = np.where(steep[:, None, None], main, other).reshape(len(chosen), -1)
+    inside = (x >= 0) & (y >= 0) & (x < grey.shape[1]) & (y < grey.shape[0])
+    picture = grey[np.clip(y, 0, grey.shape[0] - 1), np.clip(x, 0, grey.shape[1] - 1)].astype(float)
+    length = np.linalg.norm(side, axis=1)[:, None]
+    fx, fy = x - start[:, :1], y - start[:, 1:]
+    t = (fx * side[:, :1] + fy * side[:, 1:]) / length**2
+    d = fx * edges.normal[chosen, :1] + fy * edges.normal[chosen, 1:]
+    margin = np.maximum(_CLEAR, _CLEAR * blur)[:, None]
+    usable = inside & (np.abs(d) <= edges.half_width[chosen][:, None]) & (t * length >= margin) & (t <= 1.0)
+    for normal, corner in ((edges.before, edges.start), (edges.after, edges.end)):
+        n, c = normal[chosen], corner[chosen]
+        depth = -((x - c[:, :1]) * n[:, :1] + (y - c[:, 1:]) * n[:, 1:])
+        usable &= ~n.any(1)[:, None] | (((1.0 - t) * length >= margin) if corner is edges.end else True) & (
+            (depth >= margin) | (d > 0.0)
+        )
+    return picture, t, d, usable
+
+
+def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> NDArray[np.bool_]:
+    """Edges (E,) that are there: dark inside, light outside, clear of noise, and much like the picture of an edge."""
+    values = fit.values
+    contrast, ground = values[:, _CONTRAST], values[:, _GROUND]
+    quiet = np.sqrt(noise.variance(np.maximum(ground, 0.0)))
+    misfit = np.sqrt(fit.chi2 / np.maximum(fit.freedom, 1.0)) * quiet
+    with np.errstate(invalid="ignore"):
+        good = fit.settled & (contrast > 4.0 * quiet) & (misfit < 0.15 * contrast)
+        good &= values[:, _BLUR] < 0.9 * edges.half_width
+        good &= (np.abs(values[:, [_FIRST, _LAST]]) < 3.0).all(1)
+    good &= np.linalg.norm(edges.end - edges.start, axis=1) >= _SHORTEST + 2.0 * _CLEAR
+    return good & np.isfinite(np.einsum("euu->eu", fit.covariance)[:, :2]).all(1)
