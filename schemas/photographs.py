@@ -67,7 +67,7 @@ class Photographs(Section):
         description='families of coded targets to look for, such as "ring12" or "apriltag36h11"; absent: those of the '
         f"table image_targets, else {', '.join(USUAL)}",
     )
-    boards: tuple[Board, ...] = ()
+    boards: tuple[Board, ...] = Field((), description="boards to look for")
     uncoded: bool = Field(True, description="whether circles without a code are measured and matched over images")
     polarity: Literal["both", "white", "black"] = Field(
         "both", description="circular targets: lighter than what surrounds them (white), darker (black), or both"
