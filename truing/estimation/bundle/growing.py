@@ -19,13 +19,11 @@ _CELLS = 4  # per side of the format, to judge how points are spread
 @dataclass(frozen=True)
 class Grown:
     """Images and points of one pose as far as found: the rays with R and centre of their images (NaN where not
-    oriented), their numbers (N,) in the network, the cell (N,) of the format that each lies in, given (P, 3)
-    coordinates known beforehand (NaN elsewhere), X (P, 3) (NaN where not placed), which rays agree (N,) within
-    tolerance_px, the interior (C, 10) in use, and per image tried in vain how many points with coordinates it saw and
-    how many of them agreed."""
+    oriented), cell (N,) of the format by number, given (P, 3) coordinates known beforehand (NaN elsewhere), X (P, 3)
+    (NaN where not placed), which rays agree (N,) within tolerance_px, the interior (C, 10) in use, and per image tried
+    in vain how many points with coordinates it saw and how many of them agreed."""
 
     rays: Bundle
-    ray: Index
     cell: Index
     given: Array
     X: Array

@@ -14,6 +14,7 @@ from truing.estimation.bundle.directions import directions
 from truing.estimation.bundle.growing import Grown, format_cells
 from truing.estimation.bundle.intersection import Bundle, Mask
 from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, State
+from truing.estimation.bundle.pose_networks import PoseNetwork
 
 _WIDE_PER_SIDE = 0.01  # tolerance at first, over the longer side: a lens not calibrated yet bends so much and more
 _NARROW_PER_SIDE = 5e-4  # and at last, or
@@ -29,63 +30,65 @@ def longer_sides(network: Network) -> Array:
     return np.array([max(camera.width_px, camera.height_px) for camera in network.cameras], float)
 
 
-def prepare(network: Network, interior: Array, pose: int) -> Grown:
-    """Return a pose of which nothing is oriented yet."""
+def prepare(network: Network, interior: Array) -> Grown:
+    """Return a pose, alone in its network, of which nothing is oriented yet."""
     rays, camera = network.rays, network.image_camera
-    ray = np.flatnonzero(network.image_pose[rays.image] == pose)
-    image, point = rays.image[ray], rays.point[ray]
     images, points = len(camera), len(network.point_pose)
-    size = np.array([[c.width_px, c.height_px] for c in network.cameras], float)[camera[image]]
+    size = np.array([[c.width_px, c.height_px] for c in network.cameras], float)[camera[rays.image]]
     nothing = np.full((points, 3), np.nan)
     sight = Bundle(
-        image, point, np.empty((len(ray), 2)), np.empty(len(ray)), np.full((images, 3, 3), np.nan),
-        np.full((images, 3), np.nan), points,
-    )  # fmt: skip
+        rays.image,
+        rays.point,
+        np.empty((rays.count, 2)),
+        np.empty(rays.count),
+        np.full((images, 3, 3), np.nan),
+        np.full((images, 3), np.nan),
+        points,
+    )
     empty = Grown(
-        sight, ray, format_cells(rays.xy_px[ray], size[:, 0], size[:, 1]), nothing, nothing, np.zeros(len(ray), bool),
-        _WIDE_PER_SIDE * float(longer_sides(network)[np.unique(camera[image])].max(initial=1.0)), interior, {},
-    )  # fmt: skip
+        rays=sight,
+        cell=format_cells(rays.xy_px, size[:, 0], size[:, 1]),
+        given=nothing,
+        X=nothing,
+        agrees=np.zeros(rays.count, bool),
+        tolerance_px=_WIDE_PER_SIDE * float(longer_sides(network)[np.unique(camera)].max(initial=1.0)),
+        interior=interior,
+        failed={},
+    )
     return with_interior(network, empty, interior)
 
 
 def with_interior(network: Network, now: Grown, interior: Array) -> Grown:
     """Return the pose with its rays directed as another interior says."""
     camera = network.image_camera[now.rays.image]
-    towards = directions(network.cameras, interior, camera, network.rays.xy_px[now.ray])
+    towards = directions(network.cameras, interior, camera, network.rays.xy_px)
     return replace(now, rays=replace(now.rays, direction=towards, scale_px=interior[camera, 0]), interior=interior)
 
 
 def refined(network: Network, now: Grown) -> Grown:
-    """Return the pose adjusted, with the tolerance narrowed to what the rays show."""
-    used = np.zeros(network.rays.count, bool)
-    used[now.ray] = now.agrees
-    done = _adjusted(network, state_of(network, now), used)
+    """Return the pose, alone in its network, adjusted, with the tolerance narrowed to what the rays show."""
+    state = State(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
+    done = _adjusted(network, state, now.agrees)
     return now if done is None else taken_over(network, now, done.state)
 
 
-def refined_together(network: Network, poses: Sequence[Grown]) -> list[Grown]:
-    """Return all poses after one adjustment with their cameras in common; poses share the interior of the first."""
-    used, state = np.zeros(network.rays.count, bool), joined(network, poses)
-    for now in poses:
-        used[now.ray] = now.agrees
+def refined_together(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
+    """Return all poses after one adjustment with their cameras in common; they start with the interior of the first."""
+    used, state = np.zeros(network.rays.count, bool), joined(network, poses, found)
+    for pose, now in zip(poses, found, strict=True):
+        used[pose.ray] = now.agrees
     done = _adjusted(network, state, used)
-    return [taken_over(network, now, state if done is None else done.state) for now in poses]
+    state = state if done is None else done.state
+    return [taken_over(p.network, now, p.part_of(state)) for p, now in zip(poses, found, strict=True)]
 
 
-def state_of(network: Network, now: Grown) -> State:
-    """Return the pose as a state of the network, NaN where it has nothing."""
-    return State(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
-
-
-def joined(network: Network, poses: Sequence[Grown]) -> State:
-    """Return all poses as one state of the network."""
-    state = state_of(network, poses[0])
-    R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
-    for now in poses[1:]:
-        R[now.oriented], centre[now.oriented] = now.rays.R[now.oriented], now.rays.centre[now.oriented]
-        placed = np.isfinite(now.X[:, 0])
-        points[placed] = now.X[placed]
-    return State(state.interior, R, centre, points, state.bar_length_m)
+def joined(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> State:
+    """Return all poses as one state of the whole network."""
+    images, points = len(network.image_pose), len(network.point_pose)
+    R, centre, X = np.full((images, 3, 3), np.nan), np.full((images, 3), np.nan), np.full((points, 3), np.nan)
+    for pose, now in zip(poses, found, strict=True):
+        R[pose.image], centre[pose.image], X[pose.point] = now.rays.R, now.rays.centre, now.X
+    return State(found[0].interior, R, centre, X, np.empty(0))
 
 
 def taken_over(network: Network, now: Grown, state: State) -> Grown:
@@ -98,7 +101,7 @@ def taken_over(network: Network, now: Grown, state: State) -> Grown:
     rays = replace(own.rays, R=R, centre=centre)
     off = np.linalg.norm(rays.misses(X)[0], axis=1)
     spread = 1.4826 * float(np.median(off[now.agrees])) / 1.1774 if now.agrees.any() else np.inf
-    side = float(longer_sides(network)[network.image_camera[now.rays.image]].max())
+    side = float(longer_sides(network)[network.image_camera].max(initial=1.0))
     tolerance = float(np.clip(_SPREADS * spread, _NARROW_PER_SIDE * side, now.tolerance_px))
     return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agree(X, tolerance))
 

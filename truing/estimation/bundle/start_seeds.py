@@ -31,24 +31,23 @@ def usual_distance(network: Network) -> Array:
     return _FIELD_WIDTHS[0] * longer_sides(network)
 
 
-def begin(network: Network, interior: Array, pose: int, corners: Index, size_m: Array) -> Grown:
-    """Return a pose oriented as far as it goes, principal distances tried at several field widths where the given ones
-    (C,) are NaN, or free and nothing comes of them."""
-    best, best_score = prepare(network, np.nan_to_num(interior, nan=1.0), pose), -1.0
-    for values in _interiors(network, interior, pose):
-        rng = np.random.default_rng(pose)  # the same rays give the same start, whatever else is tried
-        trial, score = _best_seed(network, prepare(network, values, pose), corners, size_m, rng)
+def begin(network: Network, interior: Array, corners: Index, size_m: Array) -> Grown:
+    """Return a pose, alone in its network, oriented as far as it goes, principal distances tried at several field
+    widths where the given ones (C,) are NaN, or free and nothing comes of them."""
+    best, best_score = prepare(network, np.nan_to_num(interior, nan=1.0)), -1.0
+    for values in _interiors(network, interior):
+        rng = np.random.default_rng(0)  # the same rays give the same start, whatever else is tried
+        trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng)
         if score > best_score:
             best, best_score = trial, score
         if _is_clear(network, trial):
             break
-    done = grow(best, np.random.default_rng(pose), lambda now: refined(network, now))
-    return done
+    return grow(best, np.random.default_rng(0), lambda now: refined(network, now))
 
 
-def _interiors(network: Network, interior: Array, pose: int) -> Iterator[Array]:
+def _interiors(network: Network, interior: Array) -> Iterator[Array]:
     """Return the interiors to be tried: as given, then principal distances of several field widths."""
-    cameras = np.unique(network.image_camera[network.image_pose == pose])
+    cameras = np.unique(network.image_camera)
     unknown = np.isnan(interior[cameras, 0])
     free = np.array(["c" in network.cameras[k].free for k in cameras])
     if not unknown.any():

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from truing.estimation.bundle.growing import Grown, grow, intersected
 from truing.estimation.bundle.intersection import LEAST_ANGLE, Mask
 from truing.estimation.bundle.network import Array, Index, Network, State
+from truing.estimation.bundle.pose_networks import PoseNetwork, pose_networks
 from truing.estimation.bundle.resection import FEWEST
 from truing.estimation.bundle.start_frame import in_frame
 from truing.estimation.bundle.start_refinement import joined, refined, refined_together
@@ -59,44 +61,51 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     calibration, NaN where nothing is known; other elements 0 where nothing is known.
     """
     markers = Markers.none() if markers is None else markers
-    poses = 1 + int(max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1)))
-    rays = np.bincount(network.image_pose[network.rays.image], minlength=poses)
+    poses = pose_networks(network)
+    poses.sort(key=lambda pose: -len(pose.ray))
     found: list[Grown] = []
     values = interior.copy()
-    for pose in np.argsort(-rays, kind="stable").tolist():
-        own = (network.point_pose == pose)[markers.corners].all(axis=1)
-        found.append(begin(network, values, pose, markers.corners[own], markers.size_m[own]))
-        if found[-1].oriented.any():
-            used = np.unique(network.image_camera[found[-1].oriented])
-            values[used] = found[-1].interior[used]
+    for pose in poses:
+        corners, size_m = _markers_of(pose, markers)
+        found.append(begin(pose.network, values, corners, size_m))
+        used = np.unique(pose.network.image_camera[found[-1].oriented])
+        values[used] = found[-1].interior[used]
     values[:, 0] = np.where(np.isnan(values[:, 0]), usual_distance(network), values[:, 0])
-    found = _finished(network, [replace(now, interior=values) for now in found])
-    state, frame, scale = in_frame(network, joined(network, found), markers.corners, markers.size_m)
+    found = _finished(network, poses, [replace(now, interior=values) for now in found])
+    whole = joined(network, poses, found)
+    state, frame, scale = in_frame(network, whole, markers.corners, markers.size_m)
     agrees = np.zeros(network.rays.count, bool)
-    for now in found:
-        agrees[now.ray] = now.agrees
+    failed: dict[int, tuple[int, int]] = {}
+    for pose, now in zip(poses, found, strict=True):
+        agrees[pose.ray] = now.agrees
+        failed |= {int(pose.image[image]): why for image, why in now.failed.items()}
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
-    images, points = _image_reasons(network, found, oriented), _point_reasons(network, state, placed, oriented)
+    images, points = _image_reasons(network, failed, placed, oriented), _point_reasons(network, state, placed, oriented)
     return Start(state, oriented, placed, agrees, images, points, tuple(frame), tuple(scale))
 
 
-def _finished(network: Network, found: Sequence[Grown]) -> list[Grown]:
+def _markers_of(pose: PoseNetwork, markers: Markers) -> tuple[Index, Array]:
+    """Return corners (m, 4), by the pose's own numbers, and sizes (m,) of the markers whose corners are all the
+    pose's."""
+    own = np.isin(markers.corners, pose.point).all(axis=1)
+    return np.searchsorted(pose.point, markers.corners[own]), markers.size_m[own]
+
+
+def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
     """Return all poses adjusted together, images tried again that failed before, and once more adjusted."""
-    together = refined_together(network, found)
+    together = refined_together(network, poses, found)
     again = []
-    for number, now in enumerate(together):
-        rng = np.random.default_rng(number)
+    for pose, now in zip(poses, together, strict=True):
+        rng = np.random.default_rng(0)
         fresh = intersected(replace(now, failed={}), rng) if now.oriented.any() else now
-        again.append(grow(fresh, rng, lambda grown: refined(network, grown)))
-    return refined_together(network, [replace(now, interior=together[0].interior) for now in again])
+        again.append(grow(fresh, rng, partial(refined, pose.network)))
+    return refined_together(network, poses, [replace(now, interior=together[0].interior) for now in again])
 
 
-def _image_reasons(network: Network, found: Sequence[Grown], oriented: Mask) -> tuple[str, ...]:
+def _image_reasons(
+    network: Network, failed: dict[int, tuple[int, int]], placed: Mask, oriented: Mask
+) -> tuple[str, ...]:
     """Return why images (I,) have no orientation, "" where they have one."""
-    failed = {image: why for now in found for image, why in now.failed.items()}
-    placed = np.zeros(len(network.point_pose), bool)
-    for now in found:
-        placed |= np.isfinite(now.X[:, 0])
     rays = network.rays
     sees = np.bincount(rays.image, minlength=len(oriented))
     sees_placed = np.bincount(rays.image[placed[rays.point]], minlength=len(oriented))
