@@ -98,23 +98,29 @@ def whitened(row: NDArray, information: NDArray) -> None:
 
 
 @inner
-def add_to_point(
-    row: NDArray, products: NDArray, block: NDArray, side: NDArray, place: NDArray, flat: NDArray, at: int, stride: int
-) -> None:
-    """Add the products with the point to its block (3, 3), its side (3, c + 1) and the image's rows from at."""
-    last = side.shape[1] - 1
+def add_to_point(sums: NDArray, row: NDArray, flat: NDArray, at: int, stride: int) -> None:
+    """Add the products with the point to its sums (3, .), and those with the image to its rows from at."""
     for a in range(3):
         f, g = row[0, a], row[1, a]
         for b in range(WIDTH):
-            products[b] = f * row[0, b] + g * row[1, b]
-        for b in range(3):
-            block[a, b] += products[b]
+            sums[a, b] += f * row[0, b] + g * row[1, b]
         for b in range(6):
-            flat[at + b * stride + a] += products[IMAGE + b]
-        for b in range(10):
-            if place[b] >= 0:
-                side[a, place[b]] += products[INTERIOR + b]
-        side[a, last] += products[MISCLOSURE]
+            flat[at + b * stride + a] += f * row[0, IMAGE + b] + g * row[1, IMAGE + b]
+
+
+@inner
+def put_points(sums: NDArray, place: NDArray, blocks: NDArray, sides: NDArray) -> None:
+    """Write the sums (C, p, 3, .) of all cameras into the blocks (p, 3, 3) of the points and their sides."""
+    last = sides.shape[2] - 1
+    for k in range(sums.shape[0]):
+        for p in range(sums.shape[1]):
+            for a in range(3):
+                for b in range(3):
+                    blocks[p, a, b] += sums[k, p, a, b]
+                for b in range(10):
+                    if place[k, b] >= 0:
+                        sides[p, a, place[k, b]] += sums[k, p, a, INTERIOR + b]
+                sides[p, a, last] += sums[k, p, a, MISCLOSURE]
 
 
 @inner
@@ -170,7 +176,8 @@ def accumulate(
     most = 0
     for i in range(len(camera)):
         most = max(most, first_ray[i + 1] - first_ray[i])
-    rows, products, square, X = np.zeros((2 * most, WIDTH)), np.zeros(WIDTH), np.zeros((WIDTH, WIDTH)), np.zeros(3)
+    rows, square, X = np.zeros((2 * most, WIDTH)), np.zeros((WIDTH, WIDTH)), np.zeros(3)
+    sums = np.zeros((len(interior), len(points), 3, WIDTH))
     total = 0.0
     for i in range(len(camera)):
         k, start = camera[i], first_ray[i]
@@ -186,11 +193,12 @@ def accumulate(
             row[0, MISCLOSURE] = xy[n, 0] - format_centre[k, 0] - x
             row[1, MISCLOSURE] = xy[n, 1] - format_centre[k, 1] - y
             whitened(row, information[n])
-            add_to_point(row, products, blocks[p], sides[p], place[k], flat, image_row[i] + column[p], stride[i])
+            add_to_point(sums[k, p], row, flat, image_row[i] + column[p], stride[i])
         own = rows[: 2 * (first_ray[i + 1] - start)]
         np.dot(own.T, own, square)
         put_image(square, images[i], place[k], common, flat, image_row[i] + stride[i] - common.shape[1], stride[i])
         total += square[MISCLOSURE, MISCLOSURE]
+    put_points(sums, place, blocks, sides)
     return total
 
 

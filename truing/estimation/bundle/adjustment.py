@@ -34,7 +34,7 @@ _START_DAMPING = 1e-4
 _LEAST_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
 _UNDAMPED = 1e-8  # a step held back by more tells nothing of how far the least sum of squares is
-_SETTLED = 1e-10  # squared length of a step in units of its own standard deviation
+_SETTLED = 1e-10  # squared length, in standard deviations, of what is left to go
 _ROUNDING = 1e-15  # of the sum of squares
 
 
@@ -137,7 +137,7 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
     weight = tie_weights(observed, equations)
-    damping, growth, iteration = _START_DAMPING, 2.0, 0
+    damping, growth, iteration, last = _START_DAMPING, 2.0, 0, np.inf
     for iteration in range(1, most + 1):
         free = freedoms(observed.layout, state)
         try:
@@ -148,7 +148,8 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
             tried = moved(observed.layout, state, step)
             before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
             gain = before - _merit(observed, tried, weight, step.multipliers)
-            if length <= _SETTLED + _ROUNDING * before:
+            left, last = length * min(length / last, 1.0), length  # as the steps contract
+            if left <= _SETTLED + _ROUNDING * before:
                 state = tried if gain > 0 else state
                 if damping <= _UNDAMPED:
                     return state, iteration, True
@@ -159,7 +160,7 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
                 equations = normal_equations(observed, state)
                 damping = max(_LEAST_DAMPING, damping * max(0.02, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3))
                 continue
-        damping, growth = damping * growth, growth * 2
+        damping, growth, last = damping * growth, growth * 2, np.inf
         if damping > _MOST_DAMPING:
             break
     return state, iteration, False

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotri
 
 from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
@@ -211,7 +212,7 @@ def covariance(observed: Observed, state: State, held: tuple[Array, ...]) -> Bun
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced.common, np.diagonal(equations.common))
     poses = tuple(
-        None if one is None else _in_datum(_given_common(layout, pose, one), free[pose], held[pose])
+        None if one is None else _given_common(layout, pose, one, free[pose], held[pose])
         for pose, one in enumerate(reduced.poses)
     )
     draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))
@@ -271,30 +272,34 @@ def _inverse(layout: Layout, common: Array, alone: Array) -> Array:
     return scale[:, None] * (vectors / values) @ vectors.T * scale
 
 
-def _given_common(layout: Layout, pose: int, one: EliminatedPose) -> PoseCovariance:
-    """Return the covariance of a pose given the common unknowns, in the datum of its elimination."""
+def _given_common(layout: Layout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
+    """Return the covariance of a pose given the common unknowns, in the datum of the conditions held."""
     blocks = one.blocks
     b, d, _ = blocks.own.shape
     k = len(blocks.kept_places)
-    m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
     half = dpotri(one.factor, lower=1)[0]
     kept = half + half.T
     kept[np.arange(k), np.arange(k)] /= 2
     kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
+    kept_by_common = -one.kept[:, :-1]
+    if d == 6:
+        datum = _Datum.of(free, held)
+        kept, kept_by_common = datum.points(kept), datum.followed(kept_by_common)
     turned = one.root.transpose(0, 2, 1)
     towards = (turned @ one.reduced[:, :k].reshape(b, d, k)).reshape(b * d, k)
-    by_common = np.empty((len(blocks.own_places) + k, one.kept.shape[1] - 1))
-    by_common[blocks.kept_places] = -one.kept[:, :-1]
-    own_by_common = one.reduced[:, k:-1] - one.reduced[:, :k] @ one.kept[:, :-1]
-    by_common[blocks.own_places] = -(turned @ own_by_common.reshape(b, d, -1)).reshape(b * d, -1)
-    cross = -towards @ kept
+    own_by_common = one.reduced[:, k:-1] + one.reduced[:, :k] @ kept_by_common
+    own_by_common = -(turned @ own_by_common.reshape(b, d, -1)).reshape(b * d, -1)
+    cross = towards @ kept
+    np.negative(cross, out=cross)
     alone = turned @ one.root
     if d == 6:
         images = alone - cross.reshape(b, 6, k) @ towards.reshape(b, 6, k).transpose(0, 2, 1)
-        return PoseCovariance(kept, cross, images, by_common[m:], by_common[:m])
+        return PoseCovariance(kept, cross, images, kept_by_common, own_by_common)
     own = -cross @ towards.T
     own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] += alone
-    return _ordered(layout, pose, one, kept, cross, own, by_common)
+    by_common = np.empty((len(own) + k, own_by_common.shape[1]))
+    by_common[blocks.kept_places], by_common[blocks.own_places] = kept_by_common, own_by_common
+    return _in_datum(_ordered(layout, pose, one, kept, cross, own, by_common), free, _Datum.of(free, held))
 
 
 def _ordered(
@@ -316,27 +321,51 @@ def _ordered(
     return PoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
 
 
-def _in_datum(one: PoseCovariance, free: Freedom, held: Array) -> PoseCovariance:
-    """Return the covariance of a pose in the datum chosen: S Q S^T and S G."""
-    if not free.count:
-        return one
-    back = into_datum(free, held)
-    of_points = free.points.reshape(len(one.points), -1)
-    of_images = free.images.reshape(len(one.image_points), -1)
-    drawn = back @ one.points
-    across = back @ one.image_points.T
-    spread = drawn @ back.T
-    points = one.points - of_points @ drawn
-    points -= (points @ back.T) @ of_points.T
-    points = (points + points.T) / 2
-    certain = np.any(held == 1.0, axis=1)  # a coordinate that is held by itself, which has no error at all
-    points[certain] = points[:, certain] = 0.0
+@dataclass(frozen=True)
+class _Datum:
+    """How points pass into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p); certain (3 p,) are the
+    coordinates that have no error in it."""
+
+    freedoms: Array
+    back: Array
+    certain: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, free: Freedom, held: Array) -> _Datum:
+        """Return the datum of conditions B (3 p, d)."""
+        # A condition on one coordinate by itself holds it.
+        return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
+
+    def points(self, covariance: Array) -> Array:
+        """Return the covariance (3 p, 3 p) of points in the datum."""
+        found = covariance - self.freedoms @ (self.back @ covariance)
+        found -= (found @ self.back.T) @ self.freedoms.T
+        found = (found + found.T) / 2
+        found[self.certain] = found[:, self.certain] = 0.0
+        return found
+
+    def followed(self, by_common: Array) -> Array:
+        """Return how points (3 p, c) follow the common unknowns in the datum."""
+        found = by_common - self.freedoms @ (self.back @ by_common)
+        found[self.certain] = 0.0
+        return found
+
+
+def _in_datum(one: PoseCovariance, free: Freedom, datum: _Datum) -> PoseCovariance:
+    """Return the covariance of a pose in the datum: images take part by their own freedoms."""
+    of_images = free.images.reshape(len(one.image_points), free.count)
+    across = datum.back @ one.image_points.T
+    drawn = datum.back @ one.points
+    spread = drawn @ datum.back.T
     image_points = one.image_points - of_images @ drawn
-    image_points -= (across.T - of_images @ spread) @ of_points.T
-    image_points[:, certain] = 0.0
-    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(len(back), -1, 6))
+    image_points -= (across.T - of_images @ spread) @ datum.freedoms.T
+    image_points[:, datum.certain] = 0.0
+    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(free.count, -1, 6))
     images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
-    follow = back @ one.points_by_common
-    by_common = one.points_by_common - of_points @ follow
-    by_common[certain] = 0.0
-    return PoseCovariance(points, image_points, images, by_common, one.images_by_common - of_images @ follow)
+    return PoseCovariance(
+        datum.points(one.points),
+        image_points,
+        images,
+        datum.followed(one.points_by_common),
+        one.images_by_common - of_images @ (datum.back @ one.points_by_common),
+    )
