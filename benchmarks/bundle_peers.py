@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import coo_array
 
-from benchmarks.bundle_problem import FREE, FORMAT, SIGMA_PX, Problem, with_radial
+from benchmarks.bundle_problem import FORMAT, FREE, SIGMA_PX, Problem, with_radial
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.network import State
 from truing.estimation.bundle.projection import linearise, project

@@ -26,15 +26,13 @@ class Problem:
 
 
 def draw(poses: int, images: int, points: int, seed: int = 1) -> Problem:
-    """Return a network whose images stand round about the targets, each seeing all of them, and a start that is off by a
-    centimetre, half a degree and one percent of the principal distance."""
+    """Return a network whose images stand round about the targets, each seeing all of them, and a start that is off by
+    a centimetre, half a degree and one percent of the principal distance."""
     rng = np.random.default_rng(seed)
     count = poses * images
     azimuth = np.tile(2 * np.pi * np.arange(images) / images, poses)
     height, reach = np.deg2rad(rng.uniform(35, 75, count)), rng.uniform(2.2, 2.8, count)
-    towards = np.stack(
-        [np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)], -1
-    )
+    towards = np.stack([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)], -1)
     right = np.cross([0.0, 0.0, 1.0], -towards)
     right /= np.linalg.norm(right, axis=-1)[:, None]
     axes = np.stack([right, np.cross(-towards, right), -towards], -1)

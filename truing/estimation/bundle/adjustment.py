@@ -30,10 +30,10 @@ from truing.estimation.bundle.normal_equations import (
 from truing.estimation.bundle.projection import project
 from truing.estimation.bundle.solution import eliminate_poses, solve, tie_variances, tie_weights
 
-_START_DAMPING = 1e-4
+_START_DAMPING = 1e-6
 _LEAST_DAMPING = 1e-12
 _MOST_DAMPING = 1e12
-_UNDAMPED = 1e-8  # a step held back by more tells nothing of how far the least sum of squares is
+_UNDAMPED = 1e-11  # a step held back by more tells nothing of how far the least sum of squares is
 _SETTLED = 1e-10  # squared length, in standard deviations, of what is left to go
 _ROUNDING = 1e-15  # of the sum of squares
 
@@ -137,7 +137,7 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
     weight = tie_weights(observed, equations)
-    damping, growth, iteration, last = _START_DAMPING, 2.0, 0, np.inf
+    damping, growth, iteration, last = _START_DAMPING, 2.0, 0, 0.0
     for iteration in range(1, most + 1):
         free = freedoms(observed.layout, state)
         try:
@@ -148,7 +148,7 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
             tried = moved(observed.layout, state, step)
             before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
             gain = before - _merit(observed, tried, weight, step.multipliers)
-            left, last = length * min(length / last, 1.0), length  # as the steps contract
+            left = length * (min(length / last, 1.0) if last else 1.0)  # as the last two steps contracted
             if left <= _SETTLED + _ROUNDING * before:
                 state = tried if gain > 0 else state
                 if damping <= _UNDAMPED:
@@ -156,11 +156,11 @@ def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, 
                 equations, damping = normal_equations(observed, state), _UNDAMPED  # short because it was held back
                 continue
             if gain > 1e-4 * foreseen:
-                state, growth = tried, 2.0
+                state, growth, last = tried, 2.0, length
                 equations = normal_equations(observed, state)
-                damping = max(_LEAST_DAMPING, damping * max(0.02, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3))
+                damping = max(_LEAST_DAMPING, damping * max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3))
                 continue
-        damping, growth, last = damping * growth, growth * 2, np.inf
+        damping, growth, last = damping * growth, growth * 2, 0.0
         if damping > _MOST_DAMPING:
             break
     return state, iteration, False
