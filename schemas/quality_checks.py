@@ -7,12 +7,16 @@ import difflib
 from collections.abc import Iterator, Mapping
 
 from schemas.checks_of_loads import OF_LOADS
+from schemas.checks_of_photographs import OF_PHOTOGRAPHS
 from schemas.checks_of_points import OF_POINTS
 from schemas.faults import Fault
 from schemas.quality_check import Checks, Limits
 from schemas.sections import SetLimits
 
-CHECKS: Mapping[str, Checks] = {"photogrammetry": OF_POINTS, "interferometer": OF_LOADS}
+CHECKS: Mapping[str, Checks] = {
+    "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS},
+    "interferometer": OF_LOADS,
+}
 
 
 def settable(kind: str) -> dict[str, Limits]:

@@ -34,6 +34,8 @@ DECLARATION = Stage(
         "reading_corrections?",
         "relabelled?",
         "resurveys?",
+        *("photographs?", "object_points?", "image_orientations?", "image_residuals?", "scale_bar_lengths?"),
+        *("bundle_statistics?", "ray_statistics?", "ray_information?"),
     ),
     leaves=("qa", "likely_names?"),
     settings=(
@@ -64,6 +66,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.quality.limits import CampaignLimits
     from stages.quality.of_decisions import overruled_points
     from stages.quality.of_names import likely_names, likely_table, names_known, settled_names
+    from stages.quality.of_photographs import photograph_checks
     from stages.quality.of_surveys import later_surveys
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
@@ -81,6 +84,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         names_known(observations, bodies, likely, settled),
         later_surveys(resurveys, settings.exclude, limits),
         overruled_points(observations, settings),
+        photograph_checks(tables, limits),
     )
     read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
     outcome = _judged(found, read, settings, progress)
