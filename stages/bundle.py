@@ -24,7 +24,7 @@ DECLARATION = Stage(
     ),
     settings=(
         *("photographs.datum", "photographs.false_alarm", "photographs.variance_components"),
-        "photographs.marker_mm",
+        *("photographs.marker_mm", "photographs.target_mm", "photographs.eccentricity"),
     ),
     summary="adjusts the rays of all photographs together: object points, cameras, what is wrong with which ray",
 )
@@ -45,7 +45,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress) -> Ou
     cameras = given_cameras(photographs, tables.get("cameras_given"))
     named = named_network(rays, photographs, cameras, tables, settings.photographs.marker_mm)
     given = settings.photographs
-    choices = Choices(given.datum, given.false_alarm, given.variance_components)
+    radii = _radii(tables.get("image_targets"), given.target_mm)
+    choices = Choices(given.datum, given.false_alarm, given.variance_components, given.eccentricity, radii)
     try:
         found = adjust_network(named, rays, cameras.interior, choices, progress)
         artifacts = NetworkTables(found, rays).all(tables.get("scale_bars"))
@@ -57,6 +58,15 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress) -> Ou
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{len(rays.point):,} rays of {len(photographs)} images"
     return Outcome(artifacts, read=read, left_out=_left_out(found), figure=_figure(found))
+
+
+def _radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float]:
+    """The radii in m of circular targets by the names of their points; of those that no table tells under ""."""
+    radii = {} if target_mm is None else {"": 0.5e-3 * target_mm}
+    if targets is None or "diameter_mm" not in targets.column_names:
+        return radii
+    rows = targets.select(["body", "target", "diameter_mm"]).to_pylist()
+    return radii | {f"{row['body']}/{row['target']}": 0.5e-3 * row["diameter_mm"] for row in rows if row["diameter_mm"]}
 
 
 def _left_out(found: AdjustedNetwork) -> str:

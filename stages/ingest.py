@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 DECLARATION = Stage(
     name="ingest",
-    reads=("object_points?", "scale_bars?"),
+    reads=("object_points?", "point_correlations?", "scale_bars?"),
     leaves=(
         *("survey?", "configurations?", "scans?", "observations?", "start?"),
         *(
@@ -100,10 +100,12 @@ def _adjusted(tables: Mapping[str, pa.Table], source: CampaignFiles, log: FaultL
     if "object_points" not in tables:
         return None
     from stages.ingestion.adjusted_points import AdjustedPoints
+    from stages.ingestion.inner_datum import in_inner_datum
 
+    points = in_inner_datum(tables["object_points"], tables.get("point_correlations"))
     bars = tables.get("scale_bars")
     ends = () if bars is None else (*bars.column("first").to_pylist(), *bars.column("second").to_pylist())
-    return AdjustedPoints(tables["object_points"], frozenset(ends), source.folder)
+    return AdjustedPoints(points, frozenset(ends), source.folder)
 
 
 def _check_tables(settings: Any, log: FaultLog) -> None:

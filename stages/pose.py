@@ -21,7 +21,7 @@ DECLARATION = Stage(
     name="pose",
     reads=(
         *("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
-        *("point_correlations?", "point_sensitivities?"),
+        *("object_points?", "point_correlations?", "point_sensitivities?"),
     ),
     leaves=(
         *("poses?", "residuals?", "pose_sensitivities?"),
@@ -55,7 +55,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
     fitted = _bodies(observations, tables.get("survey"), poses, settings, progress)
-    errors = point_errors(observations, tables.get("point_correlations"), tables.get("point_sensitivities"))
+    network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
+    errors = point_errors(observations, *network)
     if errors is not None:
         rows = [observation_rows(observations, body.name, poses, body.points.targets) for body in fitted]
         fitted = with_correlations(fitted, rows, errors, settings.reference_body)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.bundle_adjustment.circle_centres import eccentricities, without_eccentricity
 from stages.bundle_adjustment.rays_as_network import ImagePoints, NamedNetwork, Names
 from stages.declaration import Progress
 from truing.estimation.bundle.adjustment import Adjustment
@@ -25,11 +27,18 @@ _BEYOND = 0.5  # of the extent of the coded points: so far around them circles w
 @dataclass(frozen=True)
 class Choices:
     """How to adjust: the datum, the probability of a good ray to be rejected, whether the noise of cameras and kinds of
-    target is estimated."""
+    target is estimated, whether eccentricities are taken off, and the radii of circles by point's name ("": others)."""
 
     datum: Datum
     false_alarm: float
     variance_components: bool
+    eccentricity: bool
+    radius_m: Mapping[str, float]
+
+    def radii(self, points: Names) -> Array:
+        """The radii (P,) in m of points by name, NaN where not known."""
+        otherwise = self.radius_m.get("", np.nan)
+        return np.array([self.radius_m.get(name, otherwise) for name in points], dtype=float)
 
 
 @dataclass(frozen=True)
@@ -57,17 +66,23 @@ def adjust_network(
 
     interior (C, 10) to start from, NaN where a principal distance is not known. Raises UndeterminedNetworkError.
     """
-    progress(0, 3, "start values")
+    progress(0, 4, "start values")
     start = find_start(named.network, interior, named.markers)
-    progress(1, 3, f"adjusting {named.network.rays.count:,} rays")
+    progress(1, 4, f"adjusting {named.network.rays.count:,} rays")
     snooped = _robustly(named.network, start.state, choices, start.ray_agrees)
-    progress(2, 3, "matching circles without code")
+    progress(2, 4, "matching circles without code")
     whole, state, unmatched, reason = _with_circles(named, table, snooped)
     if len(whole.points) > len(named.points):
         agrees = np.concatenate([snooped.used, np.ones(whole.network.rays.count - len(snooped.used), bool)])
         snooped = _robustly(whole.network, state, choices, agrees)
-    nothing = np.zeros((whole.network.rays.count, 2))
-    return AdjustedNetwork(whole, snooped, nothing, unmatched, reason, start)
+    off = np.zeros((whole.network.rays.count, 2))
+    if choices.eccentricity:
+        off = eccentricities(whole, table, snooped.adjustment.state, snooped.used, choices.radii(whole.points))
+    if off.any():
+        progress(3, 4, "centres of circles")
+        whole = replace(whole, network=without_eccentricity(whole.network, off))
+        snooped = _robustly(whole.network, snooped.adjustment.state, choices, snooped.used)
+    return AdjustedNetwork(whole, snooped, off, unmatched, reason, start)
 
 
 def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) -> Snooped:

@@ -64,8 +64,7 @@ class NetworkTables:
         """A row per adjusted point."""
         numbers = np.concatenate([np.zeros(0, np.int64), *(self.covariance.point_numbers(p) for p in self.poses)])
         blocks = self.covariance.point_blocks()[numbers] * self.factor
-        sigma = np.sqrt(np.einsum("nii->ni", blocks))
-        correlation = blocks / (sigma[:, :, None] * sigma[:, None, :])
+        sigma, correlation = _sigma_and_correlation(blocks)
         met = intersections(self.network, self.adjusted.state, self.adjusted.used.astype(float))
         count = len(self.network.point_pose)
         square = self._squares(self.network.rays.point, count)
@@ -102,9 +101,7 @@ class NetworkTables:
         for pose in self.poses:
             numbers = self.covariance.point_numbers(pose)
             cov = self.covariance.points(pose)
-            sigma = np.sqrt(np.diagonal(cov))
-            correlation = np.clip(cov / sigma[:, None] / sigma, -1.0, 1.0)
-            blocks = correlation.reshape(len(numbers), 3, len(numbers), 3)
+            blocks = _sigma_and_correlation(cov)[1].reshape(len(numbers), 3, len(numbers), 3)
             first, second = np.triu_indices(len(numbers), 1)
             pairs = {
                 f"corr_{a}_{b}": blocks[first, i, second, j] for i, a in enumerate(_AXES) for j, b in enumerate(_AXES)
@@ -161,7 +158,7 @@ class NetworkTables:
     def camera_correlations(self) -> pa.Table:
         """A row per pair of parameters that are common to all poses."""
         first, second = np.triu_indices(len(self.parameters), 1)
-        correlation = np.clip(self.common / self.common_sigma[:, None] / self.common_sigma, -1.0, 1.0)
+        correlation = _sigma_and_correlation(self.common)[1]
         names = np.array(self.parameters, dtype=object)
         columns = {"parameter": names[first], "other_parameter": names[second]}
         return _table("camera_correlations", {**columns, "correlation": correlation[first, second]}, self.text)
@@ -211,7 +208,7 @@ class NetworkTables:
             "camera": self._camera(np.concatenate([rays.image, table.image[lost]])),
             "point": np.concatenate([named.points[rays.point], table.point[lost]]),
             "kind": np.array(named.kinds, dtype=object)[np.concatenate([rays.kind, table.kind[lost]])],
-            **_paired("{}_px", np.concatenate([rays.xy_px, table.xy_px[lost]])),
+            **_paired("{}_px", table.xy_px[np.concatenate([named.row, lost])]),
             **_paired("v{}_px", np.concatenate([v, np.full((len(lost), 2), np.nan)])),
             **_paired("sigma_{}_px", np.concatenate([sigma, stated])),
             **_paired("redundancy_{}", np.concatenate([redundancy, np.full((len(lost), 2), np.nan)])),
@@ -260,6 +257,15 @@ class NetworkTables:
         length = float(np.linalg.norm(apart))
         along = np.concatenate([-apart, apart]) / length
         return 1e3 * length, 1e3 * max(float(along @ cov @ along), 0.0) ** 0.5
+
+
+def _sigma_and_correlation(cov: Array) -> tuple[Array, Array]:
+    """Standard deviations (..., n) and correlations (..., n, n); of what a minimal datum holds, both are zero."""
+    variance = np.diagonal(cov, axis1=-2, axis2=-1)
+    largest = variance.max(axis=-1, initial=0.0)[..., None]
+    sigma = np.sqrt(np.where(variance > 1e-14 * largest, variance, 0.0))
+    size = np.where(sigma > 0.0, sigma, np.inf)
+    return sigma, np.clip(cov / size[..., :, None] / size[..., None, :], -1.0, 1.0)
 
 
 def _paired(name: str, values: Array) -> dict[str, Array]:

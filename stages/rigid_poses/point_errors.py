@@ -66,9 +66,15 @@ class PointErrors:
 
 
 def point_errors(
-    observations: pa.Table, correlations: pa.Table | None, sensitivities: pa.Table | None
+    observations: pa.Table,
+    correlations: pa.Table | None,
+    sensitivities: pa.Table | None,
+    object_points: pa.Table | None = None,
 ) -> PointErrors | None:
-    """The errors of object points that came out of a network; None where nothing is known to be common to them."""
+    """The errors of object points that came out of a network; None where nothing is known to be common to them.
+
+    Their own are those of object_points, in the datum that the correlations are in; without it, of the observations.
+    """
     if correlations is None or "point" not in observations.column_names or not correlations.num_rows:
         return None
     poses, points = pose_ids(observations), tuple(dict.fromkeys(observations.column("point").to_pylist()))
@@ -80,13 +86,27 @@ def point_errors(
     first, second = first[order], second[order]
     between = np.column_stack([number_column(correlations, name) for name in _PAIRS])[order].reshape(-1, 3, 3)
     start = np.searchsorted(pose[first], np.arange(len(poses) + 1))
-    sigma = np.column_stack([number_column(observations, f"sigma_{a}_mm") for a in "xyz"]) * 1e-3
-    own = np.broadcast_to(np.eye(3), (len(pose), 3, 3)).copy()
-    for pair, i, j in _OWN:
-        if f"corr_{pair}" in observations.column_names:
-            own[:, i, j] = own[:, j, i] = np.nan_to_num(number_column(observations, f"corr_{pair}"))
+    sigma, own = _own(observations if object_points is None else _same_rows(object_points, of_row))
     parameters, effect = _effects(sensitivities, of_row, len(pose))
     return PointErrors(pose, sigma, own, first, second, between, start, parameters, effect)
+
+
+def _own(points: pa.Table) -> tuple[Array, Array]:
+    """Standard deviations (N, 3) in m and correlations (N, 3, 3) of each point by itself."""
+    sigma = np.column_stack([number_column(points, f"sigma_{a}_mm") for a in "xyz"]) * 1e-3
+    own = np.broadcast_to(np.eye(3), (len(sigma), 3, 3)).copy()
+    for pair, i, j in _OWN:
+        if f"corr_{pair}" in points.column_names:
+            own[:, i, j] = own[:, j, i] = np.nan_to_num(number_column(points, f"corr_{pair}"))
+    return sigma, own
+
+
+def _same_rows(object_points: pa.Table, of_row: _Rows) -> pa.Table:
+    """The object points in the order of the observations."""
+    found = of_row.find(object_points, "point")
+    order = np.empty(len(of_row.code), np.int64)
+    order[found[found >= 0]] = np.flatnonzero(found >= 0)
+    return object_points.take(order)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,175 @@
+"""A photographed machine from rays to poses: errors against the truth, what is rejected, common, and checked."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from numpy.typing import NDArray
+
+from tests.blind.generator.schedule import random_moves
+from tests.photographs.hidden import UnstableCamera
+from tests.photographs.ray_folder import write_rays
+from tests.photographs.rays import Photographed, Shooting, draw_rays
+from tests.stages.line import run_line
+
+Array = NDArray[np.float64]
+Tables = dict[str, pa.Table]
+
+LINE = ("images", "bundle", "ingest", "qa", "pose")
+
+
+def photograph(folder: Path, *effects: Any, poses: int = 3) -> Photographed:
+    moves = random_moves(poses, 0, np.random.default_rng(3))
+    photographed = draw_rays(Shooting(), moves, [], effects, np.random.default_rng(1))
+    write_rays(photographed, folder, seed=1)
+    return photographed
+
+
+@pytest.fixture(scope="module")
+def adjusted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photographed, Path, Tables]:
+    folder = tmp_path_factory.mktemp("rays") / "machine"
+    photographed = photograph(folder)
+    return photographed, folder, run_line(folder, *LINE)[0]
+
+
+def _covariance(tables: Tables, pose: int) -> tuple[list[str], Array, Array]:
+    """Names, coordinates (n, 3) and covariance (3n, 3n) in mm of a pose's points, as the artifacts tell them."""
+    points = tables["object_points"].to_pandas().query("pose == @pose")
+    sigma = points[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy()
+    names = points["point"].tolist()
+    correlation = np.zeros((len(names), 3, len(names), 3))
+    for k, row in enumerate(points.itertuples()):
+        own = [[1, row.corr_xy, row.corr_xz], [row.corr_xy, 1, row.corr_yz], [row.corr_xz, row.corr_yz, 1]]
+        correlation[k, :, k] = own
+    pairs = tables["point_correlations"].to_pandas().query("pose == @pose")
+    place = {name: k for k, name in enumerate(names)}
+    i, j = pairs["point"].map(place).to_numpy(), pairs["other_point"].map(place).to_numpy()
+    blocks = pairs[[f"corr_{a}_{b}" for a in "xyz" for b in "xyz"]].to_numpy().reshape(-1, 3, 3)
+    correlation[i, :, j], correlation[j, :, i] = blocks, blocks.transpose(0, 2, 1)
+    size = sigma.ravel()
+    cov = correlation.reshape(len(size), len(size)) * size[:, None] * size
+    return names, points[["x_mm", "y_mm", "z_mm"]].to_numpy(), cov
+
+
+def _truth(photographed: Photographed, pose: int, names: list[str]) -> Array:
+    place = {"/".join(name): k for k, name in enumerate(photographed.names)}
+    number = list(photographed.campaign.schedule.pose).index(pose)
+    return np.asarray(photographed.points[number][[place[name] for name in names]])
+
+
+def _brought_over(found: Array, truth: Array) -> tuple[Array, Array]:
+    """The true points in the frame of those found, and the derivatives (3n, 6) of points by a rigid motion."""
+    u, _, vt = np.linalg.svd((found - found.mean(0)).T @ (truth - truth.mean(0)))
+    R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    moved = (truth - truth.mean(0)) @ R.T + found.mean(0)
+    x = moved - moved.mean(0)
+    turns = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=-1)
+    return moved, np.concatenate([np.tile(np.eye(3), (len(x), 1)), turns.reshape(-1, 3)], axis=1)
+
+
+def test_points_are_as_far_from_the_truth_as_their_whole_covariance_says(adjusted: Any) -> None:
+    photographed, _, tables = adjusted
+    for pose in photographed.campaign.schedule.pose:
+        names, found, cov = _covariance(tables, pose)
+        moved, J = _brought_over(found, _truth(photographed, pose, names))
+        free = np.linalg.svd(J)[0][:, 6:]  # what rigid motions leave
+        error = free.T @ (found - moved).ravel()
+        chi2 = error @ np.linalg.solve(free.T @ cov @ free, error)
+        freedom = len(error)
+        assert abs(chi2 / freedom - 1.0) < 4.0 * np.sqrt(2.0 / freedom)
+
+
+def test_relative_poses_are_as_far_from_the_truth_as_they_say(adjusted: Any) -> None:
+    """Base and platform as the survey has them, on the true points of each pose."""
+    photographed, _, tables = adjusted
+    poses = tables["poses"].to_pandas().query("default and body == 'platform'")
+    names = ["/".join(name) for name in photographed.names]
+    survey = tables["survey"].to_pandas()
+    total = 0.0
+    for row in poses.itertuples():
+        truth = _truth(photographed, row.pose, names)
+        motion = {}
+        for body in ("base", "platform"):
+            own = survey[survey["body"] == body]
+            at = [names.index(f"{body}/{target}") for target in own["target"]]
+            motion[body] = _motion(own[["x_mm", "y_mm", "z_mm"]].to_numpy(), truth[at])
+        (R0, t0), (R1, t1) = motion["base"], motion["platform"]
+        offset = np.array([row.px_mm, row.py_mm, row.pz_mm]) - R0.T @ (t1 - t0)
+        cov = np.array([[getattr(row, f"cov_{min(i, j)}_{max(i, j)}") for j in range(3)] for i in range(3)]) * 1e6
+        total += offset @ np.linalg.solve(cov, offset)
+    assert total < 27.9  # one in a thousand of chi-square with 9 degrees; the survey's own error is in both
+
+
+def _motion(source: Array, target: Array) -> tuple[Array, Array]:
+    u, _, vt = np.linalg.svd((target - target.mean(0)).T @ (source - source.mean(0)))
+    R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return R, target.mean(0) - R @ source.mean(0)
+
+
+def test_wrong_rays_are_listed_with_their_reason_and_hardly_any_good_one(adjusted: Any) -> None:
+    photographed, _, tables = adjusted
+    residuals = tables["image_residuals"].to_pandas()
+    rejected = residuals[residuals["rejected"]]
+    assert len(residuals) == len(photographed.pose)
+    assert rejected["reason"].notna().all()
+    assert residuals[~residuals["rejected"]]["reason"].isna().all()
+    order = photographed.gross  # the rows of image_points, in their order
+    assert rejected.index.isin(np.flatnonzero(order)).sum() >= order.sum() - 1
+    assert (~rejected.index.isin(np.flatnonzero(order))).sum() <= 6  # one in a thousand of 1000, four times
+
+
+def test_the_datum_changes_no_residual_and_no_relative_pose(adjusted: Any, tmp_path: Path) -> None:
+    _, folder, tables = adjusted
+    other = tmp_path / "minimal"
+    shutil.copytree(folder, other)
+    with (other / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write('\n[photographs]\ndatum = "minimal"\n')
+    found = run_line(other, *LINE)[0]
+    for name in ("vx_px", "vy_px"):
+        first, second = (t["image_residuals"].column(name).to_numpy(zero_copy_only=False) for t in (tables, found))
+        np.testing.assert_allclose(second, first, atol=1e-6, equal_nan=True)
+    columns = [*(f"p{a}_mm" for a in "xyz"), *(f"r{a}_rad" for a in "xyz"), "cov_0_0", "cov_2_2", "cov_3_4", "cov_5_5"]
+    first, second = (
+        t["poses"].to_pandas().query("default and body == 'platform'")[columns].to_numpy() for t in (tables, found)
+    )
+    sigma = np.sqrt(first[:, 6])[:, None] * 1e3
+    assert np.abs(first[:, :3] - second[:, :3]).max() < 0.02 * sigma.min()
+    np.testing.assert_allclose(second[:, 6:], first[:, 6:], rtol=0.02)
+
+
+def test_ends_of_bars_are_no_targets_and_what_is_left_out_is_counted(adjusted: Any) -> None:
+    _, _, tables = adjusted
+    assert set(tables["observations"].column("body").to_pylist()) == {"base", "platform"}
+    assert "point" in tables["observations"].column_names
+    (row,) = [r for r in tables["exclusions"].to_pylist() if "scale bars" in r["reason"]]
+    assert row["rows"] == 12  # two ends of two bars in three poses
+
+
+def test_what_is_common_to_all_poses_is_told(adjusted: Any) -> None:
+    _, _, tables = adjusted
+    told = set(tables["pose_sensitivities"].column("parameter").to_pylist())
+    assert {"camera c", "bar S", "bar T"} <= told
+    bar = tables["scale_bar_lengths"].to_pandas()
+    assert (bar["deviation_mm"].abs() < 4.0 * bar["deviation_sigma_mm"]).all()
+
+
+def test_a_good_campaign_fails_no_check_and_warns_of_nothing_in_its_photographs(adjusted: Any) -> None:
+    from schemas.checks_of_photographs import OF_PHOTOGRAPHS
+
+    _, _, tables = adjusted
+    rows = [row for row in tables["qa"].to_pylist() if row["check"] in OF_PHOTOGRAPHS]
+    assert {row["check"] for row in rows} == set(OF_PHOTOGRAPHS)
+    assert [row["message"] for row in rows if row["verdict"] not in ("pass", "not evaluated")] == []
+
+
+def test_a_camera_that_jumps_is_told_of(tmp_path: Path) -> None:
+    photograph(tmp_path / "jump", UnstableCamera("c", jump_px=2.0, from_pose=3))
+    tables = run_line(tmp_path / "jump", "images", "bundle", "ingest", "qa")[0]
+    (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "camera-stability"]
+    assert row["verdict"] == "warn"
+    assert "pose 3" in row["message"]

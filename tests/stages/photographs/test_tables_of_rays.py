@@ -1,0 +1,112 @@
+"""Rays measured elsewhere and what is known beforehand: names, sigmas, formats, and everything that can be wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from schemas.faults import CampaignFaults
+from tests.stages.line import run_line
+
+TOML = """[campaign]
+name = "rays"
+kind = "photogrammetry"
+[noise]
+image_px = 0.05
+[[cameras]]
+name = "camera"
+width_px = 4000
+height_px = 3000
+focal_px = 4000.0
+"""
+RAYS = "pose,image,point,x_px,y_px\n1,a,ring12-17,100,200\n1,a,,300,200\n1,b,ring12-17,100.5,210\n"
+TARGETS = "family,code,body,target,diameter_mm\nring12,17,platform,P01,5\naruco4x4_50,3,base,M3,\n"
+
+
+def write(folder: Path, toml: str = TOML, **files: str) -> Path:
+    (folder / "campaign.toml").write_text(toml, encoding="utf-8")
+    for name, text in {"image_points": RAYS, **files}.items():
+        (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+    return folder
+
+
+def faults(folder: Path) -> str:
+    with pytest.raises(CampaignFaults) as error:
+        run_line(folder, "images")
+    return str(error.value)
+
+
+def test_codes_become_the_targets_that_the_table_says_corners_included(tmp_path: Path) -> None:
+    rays = RAYS + "1,b,aruco4x4_50-3.2,5,6\n1,b,ring12-18,7,8\n"
+    table = run_line(write(tmp_path, image_points=rays, image_targets=TARGETS), "images")[0]["image_points"]
+    named = [tuple(row[key] for key in ("point", "body", "target", "kind")) for row in table.to_pylist()]
+    assert named == [
+        ("platform/P01", "platform", "P01", "ring12"),
+        ("", "", "", "circle"),
+        ("platform/P01", "platform", "P01", "ring12"),
+        ("base/M3.2", "base", "M3.2", "aruco"),
+        ("ring12-18", "", "ring12-18", "ring12"),
+    ]
+
+
+def test_sigmas_are_those_of_the_file_then_those_declared(tmp_path: Path) -> None:
+    rays = "pose,image,point,x_px,y_px,sigma_x_px,sigma_y_px\n1,a,p,1,2,0.1,0.2\n1,b,p,3,4,,\n"
+    table = run_line(write(tmp_path, image_points=rays), "images")[0]["image_points"]
+    assert table.column("cov_xx_px2").to_pylist() == pytest.approx([0.01, 0.0025])
+    assert table.column("cov_yy_px2").to_pylist() == pytest.approx([0.04, 0.0025])
+
+
+def test_bars_and_known_points_are_called_as_points_are(tmp_path: Path) -> None:
+    bars = "bar,first,second,length_mm,sigma_mm\nB,ring12-17,ring12-18,500,0.01\n"
+    known = "body,target,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm\nplatform,P01,1,2,3,0.1,0.1,0.1\n"
+    tables = run_line(write(tmp_path, image_targets=TARGETS, scale_bars=bars, known_points=known), "images")[0]
+    assert tables["scale_bars"].to_pylist()[0] | {"serves": "scale"} == tables["scale_bars"].to_pylist()[0]
+    assert tables["scale_bars"].column("first").to_pylist() == ["platform/P01"]
+    assert tables["known_points"].column("point").to_pylist() == ["platform/P01"]
+
+
+def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
+    cameras = "camera,width_px,height_px,pixel_um,c_mm,free\ncamera,4000,3000,5,20,c x0 y0\n"
+    toml = TOML.split("[[cameras]]")[0]
+    table = run_line(write(tmp_path, toml, cameras=cameras), "images")[0]["cameras_given"].to_pandas()
+    assert table.set_index("parameter").loc["c", "value"] == pytest.approx(4000.0)
+    assert table[table["free"]]["parameter"].tolist() == ["c", "x0", "y0"]
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        ({"image_points": RAYS + "1,b,ring12-17,1,2\n"}, "row 5, column point: found 'ring12-17'; expected each point"),
+        ({"image_points": RAYS.replace("100.5", "x")}, "row 4, column x_px: found 'x'"),
+        (
+            {"cameras": "camera,width_px\ncamera,4000\n"},
+            "column cameras.name: found 'camera'; expected each camera once",
+        ),
+        ({"cameras": "camera,free\nother,c f\n"}, "cameras.csv, column free: found 'f'; expected names of c x0"),
+        ({"scale_bars": "bar,first,second,length_mm,sigma_mm\nB,p,p,500,0\n"}, "expected another point than the first"),
+        ({"scale_bars": "bar,first,second,length_mm,sigma_mm\nB,p,q,500,0\n"}, "column sigma_mm: found '0.0'"),
+        ({"scale_bars": "bar,first,second,length_mm\nB,p,q,500\n"}, "a column sigma_mm"),
+        ({"known_points": "point,x_mm,y_mm,z_mm\np,1,2,3\n"}, "column sigma_x_mm: expected a standard deviation"),
+        ({"image_targets": TARGETS + "ring12,17,base,B1,\n"}, "row 4, column code: found '17'; expected every family"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, files: dict[str, str], told: str) -> None:
+    assert told in faults(write(tmp_path, **files))
+
+
+def test_rays_need_a_format_and_a_sigma(tmp_path: Path) -> None:
+    said = faults(write(tmp_path, TOML.split("[noise]")[0]))
+    assert "width_px and height_px of camera camera" in said
+    assert "column noise.image_px" in said
+
+
+def test_photographs_and_points_are_not_both_told(tmp_path: Path) -> None:
+    write(tmp_path, points="pose,body,target,x_mm,y_mm,z_mm\n1,b,t,1,2,3\n")
+    with pytest.raises(CampaignFaults, match="either photographs .* or points, not both"):
+        run_line(tmp_path, "ingest")
+
+
+def test_rays_that_make_no_network_are_a_fault_that_says_why(tmp_path: Path) -> None:
+    with pytest.raises(CampaignFaults, match="rays that make a network"):
+        run_line(write(tmp_path), "images", "bundle")
