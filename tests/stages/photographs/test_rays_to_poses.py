@@ -98,7 +98,7 @@ def test_relative_poses_are_as_far_from_the_truth_as_they_say(adjusted: Any) -> 
             own = survey[survey["body"] == body]
             at = [names.index(f"{body}/{target}") for target in own["target"]]
             motion[body] = _motion(own[["x_mm", "y_mm", "z_mm"]].to_numpy(), truth[at])
-        (R0, t0), (R1, t1) = motion["base"], motion["platform"]
+        (R0, t0), (_, t1) = motion["base"], motion["platform"]
         offset = np.array([row.px_mm, row.py_mm, row.pz_mm]) - R0.T @ (t1 - t0)
         cov = np.array([[getattr(row, f"cov_{min(i, j)}_{max(i, j)}") for j in range(3)] for i in range(3)]) * 1e6
         total += offset @ np.linalg.solve(cov, offset)
