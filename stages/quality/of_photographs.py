@@ -55,7 +55,7 @@ class _Figures:
         for figure, subject, value in rows:
             self.values.setdefault(figure, {})[subject] = value
 
-    def of(self, figure: str) -> dict[str, float]:
+    def told(self, figure: str) -> dict[str, float]:
         """Values by subject."""
         return self.values.get(figure, {})
 
@@ -81,8 +81,8 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
 
 
 def _scale(figures: _Figures) -> Iterator[Check]:
-    free = list(figures.of("scale from none"))
-    known = sum(len(figures.of(f"scale from {what}")) for what in ("scale bars", "known points", "markers"))
+    free = list(figures.told("scale from none"))
+    known = sum(len(figures.told(f"scale from {what}")) for what in ("scale bars", "known points", "markers"))
     said = f"{known} poses have a scale."
     if free:
         said = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
@@ -107,7 +107,7 @@ def _angles(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
 
 
 def _coverage(camera: str, figures: _Figures, limits: CampaignLimits) -> Check:
-    share = figures.of("covered share of the format").get(camera, 0.0)
+    share = figures.told("covered share of the format").get(camera, 0.0)
     said = f"Camera {camera}: image points lie in {100 * share:.0f} % of its format's cells."
     return limits.of("format-coverage").row(f"camera {camera}", share, "1", said)
 
@@ -127,8 +127,8 @@ def _rejected(camera: str, residuals: pa.Table, limits: CampaignLimits) -> Check
 
 def _systematic(camera: str, figures: _Figures, residuals: pa.Table) -> Check:
     subject = f"camera {camera}"
-    p_value = figures.of("systematic residuals, p-value").get(camera)
-    mean = figures.of("systematic residuals, largest mean").get(camera)
+    p_value = figures.told("systematic residuals, p-value").get(camera)
+    mean = figures.told("systematic residuals, largest mean").get(camera)
     if p_value is None or mean is None:
         return without("residuals by region", "residuals-systematic", subject, "no ray is left")
     sigma = float(np.median(number_column(_of(residuals, "camera", camera), "sigma_x_px")))
@@ -140,8 +140,8 @@ def _systematic(camera: str, figures: _Figures, residuals: pa.Table) -> Check:
 
 def _noise(figures: _Figures, limits: CampaignLimits) -> Iterator[Check]:
     limit = limits.of("image-noise")
-    spread = figures.of("noise over stated, sigma")
-    for subject, ratio in figures.of("noise over stated").items():
+    spread = figures.told("noise over stated, sigma")
+    for subject, ratio in figures.told("noise over stated").items():
         off = max(ratio, 1.0 / ratio)
         sigma = spread.get(subject, 0.0)
         said = f"{subject}: the noise of image coordinates is {ratio:.2f} ± {sigma:.2f} times what is stated."
