@@ -60,7 +60,8 @@ def measure_markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise 
     """
     corners, family, code = _detected(grey, families)
     rejected: Counter[tuple[int, str]] = Counter()
-    keep = _once(corners, family, code, rejected)
+    keep = np.flatnonzero(_once(corners, family, code, rejected))
+    keep = keep[np.lexsort([code[keep], family[keep]])]
     corners, family, code = corners[keep], family[keep], code[keep]
     if not len(corners):
         empty, numbers = np.empty(0), np.empty(0, np.int64)
@@ -105,7 +106,8 @@ def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
     if grey.dtype == np.uint8:
         return np.ascontiguousarray(grey)
     low, high = float(grey.min()), float(grey.max())
-    return np.ascontiguousarray((np.asarray(grey, np.float32) - low) * (255.0 / max(high - low, 1.0)), np.uint8)
+    stretched = (np.asarray(grey, np.float32) - low) * (255.0 / max(high - low, 1.0))
+    return np.ascontiguousarray(np.rint(stretched).astype(np.uint8))
 
 
 def _once(
