@@ -31,9 +31,8 @@ from truing.estimation.bundle.projection import project
 from truing.estimation.bundle.solution import eliminate_poses, solve, tie_variances, tie_weights
 
 _START_DAMPING = 1e-6
-_LEAST_DAMPING = 1e-12
+_LEAST_DAMPING = 1e-11  # less is none
 _MOST_DAMPING = 1e12
-_UNDAMPED = 1e-11  # a step held back by more tells nothing of how far the least sum of squares is
 _SETTLED = 1e-10  # squared length, in standard deviations, of what is left to go
 _ROUNDING = 1e-15  # of the sum of squares
 
@@ -131,36 +130,41 @@ def _total(observed: Observed, state: State) -> float:
     return sum_of_squares(observed, state) + float(np.sum(misclosure[soft] ** 2 / variance[soft]))
 
 
-def _iterated(observed: Observed, state: State, most: int) -> tuple[State, int, bool]:
-    """Return the state of the least sum of squares, after how many steps, and whether it settled."""
+def _iterated(observed: Observed, start: State, most: int) -> tuple[State, int, bool]:
+    """Return the state of the least sum of squares, after how many steps, and whether it settled.
+
+    The last steps have no damping at all: what holds back a weak direction tells nothing of how far it has to go.
+    """
+    layout, state = observed.layout, start
     equations = normal_equations(observed, state)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
     weight = tie_weights(observed, equations)
-    damping, growth, iteration, last = _START_DAMPING, 2.0, 0, 0.0
+    damping, growth, iteration, last, least = _START_DAMPING, 2.0, 0, 0.0, 0.0
     for iteration in range(1, most + 1):
-        free = freedoms(observed.layout, state)
         try:
-            step = solve(observed.layout, eliminate_poses(observed, equations, free, weight, damping))
+            free = freedoms(layout, state)
+            step = solve(layout, eliminate_poses(observed, equations, free, weight, damping))
         except np.linalg.LinAlgError:
-            step = None
-        if step is not None:
-            tried = moved(observed.layout, state, step)
-            before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
-            gain = before - _merit(observed, tried, weight, step.multipliers)
-            left = length * (min(length / last, 1.0) if last else 1.0)  # as the last two steps contracted
-            if left <= _SETTLED + _ROUNDING * before:
-                state = tried if gain > 0 else state
-                if damping <= _UNDAMPED:
-                    return state, iteration, True
-                equations, damping = normal_equations(observed, state), _UNDAMPED  # short because it was held back
-                continue
-            if gain > 1e-4 * foreseen:
-                state, growth, last = tried, 2.0, length
+            least = max(least, min(damping, _LEAST_DAMPING))
+            damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
+            continue
+        tried = moved(layout, state, step)
+        before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
+        gain = before - _merit(observed, tried, weight, step.multipliers)
+        left = length * (min(length / last, 1.0) if last else 1.0)  # as the last two steps contracted
+        settled = left <= _SETTLED + _ROUNDING * before
+        if settled and damping <= least:
+            return (tried if gain > 0 else state), iteration, True
+        if settled or gain > 1e-4 * foreseen:
+            if gain > 0:
+                state = tried
                 equations = normal_equations(observed, state)
-                damping = max(_LEAST_DAMPING, damping * max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3))
-                continue
-        damping, growth, last = damping * growth, growth * 2, 0.0
+            growth, last = 2.0, length
+            damping *= 0.0 if settled else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
+            damping = damping if damping >= _LEAST_DAMPING else least
+            continue
+        damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
         if damping > _MOST_DAMPING:
             break
     return state, iteration, False

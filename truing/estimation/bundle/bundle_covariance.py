@@ -203,25 +203,25 @@ def covariance(observed: Observed, state: State, held: tuple[Array, ...]) -> Bun
     """
     layout = observed.layout
     equations = normal_equations(observed, state)
-    free = freedoms(layout, state)
     weight = tie_weights(observed, equations)
     try:
-        reduced = eliminate_poses(observed, equations, free, weight, 0.0)
+        reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, 0.0)
     except np.linalg.LinAlgError:
-        raise UndeterminedNetworkError("the network falls apart: images and points have free directions") from None
+        raise UndeterminedNetworkError("the network falls apart: images and points are free to move") from None
     _check_pivots(layout, reduced)
-    common = _inverse(layout, reduced.common, np.diagonal(equations.common))
+    common = _inverse(layout, reduced)
     poses = tuple(
-        None if one is None else _given_common(layout, pose, one, free[pose], held[pose])
+        None if one is None else _given_common(layout, pose, one, reduced.free[pose], held[pose])
         for pose, one in enumerate(reduced.poses)
     )
     draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))
-    return replace(draft, distance_redundancy=_redundancy_of_distances(draft, reduced, weight))
+    return replace(draft, distance_redundancy=_redundancy_of_distances(draft, reduced))
 
 
-def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced, weight: Array) -> Array:
+def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array:
     """Return the redundancy numbers (q,) of distances, by their multipliers where they have one: with the multiplier's
     block -q of the inverse, 1 - a Q a^T / s^2 = (1 + r t) t q - r t, which holds its digits where s is small."""
+    weight = reduced.weight
     observed = found.observed
     variance = tie_variances(observed, weight)
     _, misclosure = found.distance_variances()
@@ -258,12 +258,12 @@ def _check_pivots(layout: Layout, reduced: Reduced) -> None:
         raise UndeterminedNetworkError(f"free directions are left, seen at {', '.join(faults[:20])}{more}")
 
 
-def _inverse(layout: Layout, common: Array, alone: Array) -> Array:
-    """Return the covariance of the common unknowns, alone (c,) being the information of each if all else were known;
-    the fault names those that are not determined."""
+def _inverse(layout: Layout, reduced: Reduced) -> Array:
+    """Return the covariance of the common unknowns; the fault names those that are not determined."""
+    common = reduced.common
     if not len(common):
         return common
-    scale = 1 / np.sqrt(alone)
+    scale = 1 / np.sqrt(reduced.alone)
     values, vectors = np.linalg.eigh(scale[:, None] * common * scale)
     if not values[0] > _SINGULAR:
         share = np.abs(vectors[:, 0])

@@ -54,7 +54,7 @@ def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Fr
     mixture = _null_space(np.concatenate(taken))
     if mixture.shape[1]:
         flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
-        mixture = mixture @ np.linalg.inv(np.linalg.qr(flat, mode="r"))
+        mixture = mixture @ np.linalg.inv(np.linalg.cholesky(flat.T @ flat)).T
     return Freedom(of_images @ mixture, of_points @ mixture, mixture)
 
 

@@ -19,11 +19,15 @@ _DIRECT = 100.0
 
 @dataclass(frozen=True)
 class Reduced:
-    """The poses, eliminated, and the equations (c, c) and right side (c,) left for the common unknowns."""
+    """The poses, eliminated, and the equations (c, c) and right side (c,) left for the common unknowns; the information
+    (c,) of these before, if all else were known; the poses' freedoms and the direct weights (q,) of distances."""
 
     poses: tuple[EliminatedPose | None, ...]
     common: Array
     side: Array
+    alone: Array
+    free: tuple[Freedom, ...]
+    weight: Array
 
 
 def tie_weights(observed: Observed, equations: NormalEquations) -> Array:
@@ -77,7 +81,8 @@ def eliminate_poses(
         eliminated = EliminatedPose(blocks_of(equations, layout, pose, free[pose], ties), ties, damping)
         common += eliminated.common
         poses.append(eliminated)
-    return Reduced(tuple(poses), common[:, :-1], common[:, -1])
+    alone = np.diagonal(equations.common)
+    return Reduced(tuple(poses), common[:, :-1], common[:, -1], alone, free, weight)
 
 
 def solve(layout: Layout, reduced: Reduced) -> Step:
