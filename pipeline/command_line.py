@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -280,6 +281,74 @@ def power(
         return power_campaign(campaign, PowerWish(names, draws, gross, seed), _workforce(workers, scheduler), out)
 
     _end(tell)
+
+
+@app.command()
+def plan(
+    campaign: OneCampaign,
+    stations: Annotated[int, typer.Option("--stations", min=3, max=200, help="Photographs to take at most.")] = 12,
+    wanted: Annotated[
+        float | None,
+        typer.Option("--wanted", metavar="MM", min=1e-6, help="Stop where every target's standard deviation is below."),
+    ] = None,
+    distance: Annotated[
+        str,
+        typer.Option("--distance", metavar="MM,MM", help="Between which a target is sharp; default: wherever it fits."),
+    ] = "",
+    elevation: Annotated[
+        str, typer.Option("--elevation", metavar="DEG,DEG", help="Of stations above the xy-plane, lowest and highest.")
+    ] = "0,80",
+    incidence: Annotated[
+        float, typer.Option("--incidence", min=1.0, max=89.0, help="Largest angle from a target's normal, degrees.")
+    ] = 60.0,
+    least: Annotated[
+        float, typer.Option("--least", min=0.0, max=1000.0, help="Smallest image of a target, pixels.")
+    ] = 8.0,
+    directions: Annotated[int, typer.Option("--directions", min=8, max=500, help="From how many sides to try.")] = 60,
+    camera: Annotated[
+        str | None, typer.Option("--camera", metavar="NAME", help="Which, where the campaign has several.")
+    ] = None,
+    normals: Annotated[
+        Path | None,
+        typer.Option(
+            "--normals", metavar="FILE", help="Where targets face: body, target, normal_x, normal_y, normal_z."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: runs/<name>/plan.csv."),
+    ] = None,
+) -> None:
+    """Choose where to stand with a camera, and tell how well the targets will be known from there.
+
+    Needs no photograph yet: targets.csv, a camera and the noise of an image point in campaign.toml are enough; scale
+    bars count where targets are their ends. Leaves the stations, predicted standard deviations (FILE-targets,
+    FILE-bodies), what fewer or more photographs would do (FILE-curve) and a page (FILE.html).
+
+    Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
+    """
+
+    def choose() -> ExitCode:
+        from pipeline.plan_command import PlanFiles, plan_campaign
+        from stages.photograph_plan import PlanWish
+
+        near, far = _pair("--distance", distance) if distance else (None, None)
+        bounds = _pair("--elevation", elevation)
+        wish = PlanWish(stations, wanted, near, far, bounds, directions, incidence, least)
+        return plan_campaign(campaign, wish, PlanFiles(camera, normals, out))
+
+    _end(choose)
+
+
+def _pair(option: str, text: str) -> tuple[float, float]:
+    """Two numbers by a comma; raises typer.BadParameter."""
+    try:
+        low, high = (float(word) for word in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{option}: two numbers by a comma, as 500,1500; found {text!r}") from None
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise typer.BadParameter(f"{option}: finite numbers; found {text!r}")
+    return low, high
 
 
 @app.command()

@@ -1,0 +1,124 @@
+"""`truing plan`: where to stand with a camera, from a campaign's targets and its camera alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.campaign_folder import CampaignFolder, open_campaign, run_folder_of
+from pipeline.given_table import ENDINGS, read_given, table_bytes
+from pipeline.problems import ExitCode
+from pipeline.voice import Voice
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.photograph_plan import PhotographPlan, PlanWish
+
+_DEFAULT_FILE = "plan.csv"
+
+
+@dataclass(frozen=True)
+class PlanFiles:
+    """What the call names: the camera of several, a table of normals, the file to write; each may be absent."""
+
+    camera: str | None = None
+    normals: Path | None = None
+    out: Path | None = None
+
+
+def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
+    """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
+    from stages.photograph_layout import planned_network
+    from stages.photograph_plan import plan_photographs
+    from stages.photograph_plan_tables import sentences, tables
+
+    campaign, voice = open_campaign(place), Voice(quiet=False)
+    settings = campaign.validated()
+    _check(settings.campaign.kind, wish, files)
+    normals = None if files.normals is None else read_given(files.normals, "a table of normals")
+    planned, targets, left_out = planned_network(settings, _tables(campaign), normals, files.camera)
+    try:
+        with voice.during("plan") as progress:
+            found = plan_photographs(
+                planned, targets, wish, settings.reference_body, lambda done, of: progress(done, of, "stations")
+            )
+    except ValueError as why:
+        raise CampaignFaults([Fault(str(campaign.file), f"targets that can be photographed: {why}")]) from None
+    for line in (*sentences(found), *left_out):
+        voice.say(line)
+    file = run_folder_of(campaign, None, several=False) / _DEFAULT_FILE if files.out is None else files.out
+    written = _leave(campaign.name, found, tables(found), left_out, file)
+    voice.say(f"tables and page: {', '.join(map(str, written))}")
+    return ExitCode.DONE
+
+
+def _check(kind: str, wish: PlanWish, files: PlanFiles) -> None:
+    faults = []
+    if kind != "photogrammetry":
+        faults.append(Fault("campaign.toml", "photogrammetry", column="campaign.kind", value=kind))
+    if files.out is not None and files.out.suffix not in ENDINGS:
+        faults.append(Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out)))
+    low, high = wish.elevation_deg
+    if not -90.0 <= low < high <= 90.0:
+        faults.append(Fault("--elevation", "two angles from -90 to 90, the lower one first", value=f"{low:g},{high:g}"))
+    nearest, farthest = wish.nearest_mm, wish.farthest_mm
+    if nearest is not None and farthest is not None and nearest >= farthest:
+        faults.append(Fault("--distance", "two distances, the shorter one first", value=f"{nearest:g},{farthest:g}"))
+    if faults:
+        raise CampaignFaults(faults)
+
+
+def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
+    """The survey, and what is known of cameras, scale bars and codes; raises CampaignFaults."""
+    from stages.image_tables.known_beforehand import read_cameras, read_image_targets, read_scale_bars
+    from stages.ingestion.tables import read_survey
+    from truing.formats.faultlog import FaultLog
+    from truing.formats.source import CampaignFiles
+
+    settings, log = campaign.validated(), FaultLog()
+    source = CampaignFiles(campaign.folder, settings)
+    targets = read_image_targets(source, log)
+    codes = None if targets is None else targets.table
+    found = {
+        "survey": read_survey(source, settings, log),
+        "cameras_given": read_cameras(source, settings, log),
+        "scale_bars": read_scale_bars(source, codes, log),
+        "image_targets": targets,
+    }
+    log.throw()
+    if found["survey"] is None:
+        raise CampaignFaults([Fault("targets.csv", "the survey of the targets, or their planned places")])
+    return {name: table.table for name, table in found.items() if table is not None}
+
+
+def _leave(
+    name: str, plan: PhotographPlan, tables: Mapping[str, pa.Table], left_out: tuple[str, ...], file: Path
+) -> list[Path]:
+    """Write the tables and the page; the files, in order."""
+    from pipeline.problems import environment
+    from pipeline.whole_file import write_whole
+    from stages.photograph_plan_tables import sentences
+    from truing.report.plan_page import plan_head, plan_sections
+    from truing.report.rendering.render import render_page
+
+    with environment(f"{file.parent} cannot be made"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    written = {file.with_name(f"{file.stem}{ending}{file.suffix}"): table for ending, table in tables.items()}
+    for path, table in written.items():
+        write_whole(path, table_bytes(table, file.suffix, quoting="needed"))
+    frames = {ending.lstrip("-") or "stations": table.to_pandas() for ending, table in tables.items()}
+    points = 1e3 * plan.planned.layout.points
+    for axis, column in zip("xyz", points.T, strict=True):
+        frames["targets"][f"{axis}_mm"] = column
+    camera = plan.planned.camera
+    half = (0.5 * camera.width_px / plan.planned.interior[0], 0.5 * camera.height_px / plan.planned.interior[0])
+    page = render_page(
+        plan_head(name, (*sentences(plan), *left_out), plan.reaches, frames),
+        plan_sections(frames, plan.stations.R, half, plan.wish.wanted_mm),
+    )
+    write_whole(file.with_suffix(".html"), page.encode())
+    return [*written, file.with_suffix(".html")]

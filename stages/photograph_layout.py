@@ -1,0 +1,132 @@
+"""The network that a plan of photographs is about: targets in one frame, the camera, the scale bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.faults import CampaignFaults, Fault
+from stages.diagnosis.mechanism_points import nominal_legs
+from stages.photograph_plan import Targets
+from truing.estimation.bundle.camera import Camera
+from truing.estimation.bundle.network import Array, Bars
+from truing.estimation.bundle.planning.information import PlannedNetwork
+from truing.estimation.bundle.planning.stations import Layout
+from truing.simulation.kinematics import forward
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_FILE = "campaign.toml"
+_XYZ = ("x_mm", "y_mm", "z_mm")
+_NORMAL = ("normal_x", "normal_y", "normal_z")
+_NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism tells
+
+
+def planned_network(
+    settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None, camera: str | None
+) -> tuple[PlannedNetwork, Targets, tuple[str, ...]]:
+    """The network, its targets, and what of the campaign could not be part of it; raises CampaignFaults.
+
+    tables: survey, and where there are any cameras_given, scale_bars, image_targets.
+    """
+    noise = settings.noise.image_px
+    chosen, interior = _camera(tables.get("cameras_given"), camera)
+    faults = [] if noise else [Fault(_FILE, "the standard deviation of an image coordinate", column="noise.image_px")]
+    faults += [] if isinstance(chosen, Camera) else [chosen]
+    if faults or not isinstance(chosen, Camera):
+        raise CampaignFaults(faults)
+    targets, left_out = _targets(settings, tables, normals)
+    bars, astray = _bars(tables.get("scale_bars"), targets)
+    return PlannedNetwork(chosen, interior, noise, targets.layout, bars), targets, (*left_out, *astray)
+
+
+def _camera(given: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault, Array]:
+    """The camera of that name, or the only one."""
+    rows = [] if given is None else given.to_pylist()
+    names = list(dict.fromkeys(row["camera"] for row in rows))
+    if wanted not in names and (wanted is not None or len(names) != 1):
+        many = f"the name of one: {', '.join(names)}" if names else "a camera: [[cameras]] in campaign.toml"
+        return Fault("--camera" if names else _FILE, many, value=wanted), np.empty(0)
+    own = [row for row in rows if row["camera"] == (wanted or names[0])]
+    first = own[0]
+    interior = np.array([np.nan if row["value"] is None else row["value"] for row in own])
+    if not first["width_px"] or not first["height_px"] or np.isnan(interior[0]):
+        expected = "width_px, height_px and c_mm (with pixel_um) or focal_px"
+        return Fault(_FILE, expected, column="cameras", value=first["camera"]), np.empty(0)
+    free = tuple(row["parameter"] for row in own if row["free"])
+    pitch = 1e-6 * first["pixel_um"] if first["pixel_um"] else None
+    radius = first["balancing_radius_px"]
+    return Camera(first["camera"], first["width_px"], first["height_px"], radius, pitch, free), interior
+
+
+def _targets(
+    settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None
+) -> tuple[Targets, tuple[str, ...]]:
+    """The surveyed targets in one frame: that of the base of a mechanism in its middle, else that of the survey."""
+    rows = tables["survey"].to_pylist()
+    legged = settings.mechanism.is_legged
+    kept = [row for row in rows if not legged or row["body"] in _NOMINAL]
+    turned = _directions(normals, {(row["body"], row["target"]) for row in kept})
+    points = np.array([[row[name] for name in _XYZ] for row in kept]) * 1e-3
+    directions = np.array([turned.get((row["body"], row["target"]), [np.nan] * 3) for row in kept])
+    if legged:
+        legs = nominal_legs(settings.mechanism)
+        reached = forward(legs, legs.rho0)
+        moves = np.array([row["body"] == "platform" for row in kept])
+        points[moves] = points[moves] @ reached.R.T + reached.p
+        directions[moves] = directions[moves] @ reached.R.T
+    layout = Layout(points, directions, _diameters(settings, tables.get("image_targets"), kept))
+    left_out = sorted({row["body"] for row in rows} - {row["body"] for row in kept})
+    said = (f"Not planned for, because nothing tells where they are: {', '.join(left_out)}.",) if left_out else ()
+    return Targets(tuple(row["body"] for row in kept), tuple(row["target"] for row in kept), layout), said
+
+
+def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[tuple[str, str], Array]:
+    """The unit normal of each target that the given table has, in its body's frame."""
+    if normals is None:
+        return {}
+    if lacking := [name for name in ("body", "target", *_NORMAL) if name not in normals.column_names]:
+        raise CampaignFaults(Fault("--normals", "this column", column=name) for name in lacking)
+    found: dict[tuple[str, str], Array] = {}
+    faults = []
+    for number, row in enumerate(normals.to_pylist(), start=2):
+        key = (str(row["body"]), str(row["target"]))
+        direction = np.array([row[name] if isinstance(row[name], int | float) else np.nan for name in _NORMAL])
+        length = float(np.linalg.norm(direction))
+        if key not in known:
+            faults.append(Fault("--normals", "a surveyed target", row=number, value="/".join(key)))
+        elif not 0.0 < length < np.inf:
+            faults.append(Fault("--normals", "three numbers that make a direction", row=number, value=str(direction)))
+        else:
+            found[key] = direction / length
+    if faults:
+        raise CampaignFaults(faults)
+    return found
+
+
+def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
+    """The diameter (P,) of each target in m: its own, else that of all; NaN where nothing tells."""
+    told = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
+    usual = settings.photographs.target_mm
+    own = [told.get((row["body"], row["target"]), {}).get("diameter_mm") or usual for row in rows]
+    return np.array([np.nan if value is None else 1e-3 * value for value in own])
+
+
+def _bars(table: pa.Table | None, targets: Targets) -> tuple[Bars, tuple[str, ...]]:
+    """The scale bars between targets of the plan, and what is said of others."""
+    place = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
+    rows = [] if table is None else [row for row in table.to_pylist() if row["serves"] == "scale"]
+    kept = [row for row in rows if row["first"] in place and row["second"] in place]
+    kept = list({row["bar"]: row for row in kept}.values())
+    astray = sorted({row["bar"] for row in rows} - {row["bar"] for row in kept})
+    said = (f"Not used, because their ends are no surveyed targets: {', '.join(astray)}.",) if astray else ()
+    if not kept:
+        return Bars.none(), said
+    number = np.arange(len(kept))
+    ends = np.array([[place[row["first"]], place[row["second"]]] for row in kept])
+    length = np.linalg.norm(np.diff(targets.layout.points[ends], axis=1)[:, 0], axis=1)  # as the survey has it
+    sigma, repeat = (np.array([1e-3 * row[name] for row in kept]) for name in ("sigma_mm", "repeat_sigma_mm"))
+    return Bars(number, ends[:, 0], ends[:, 1], repeat, length, sigma), said

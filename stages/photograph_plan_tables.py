@@ -1,0 +1,156 @@
+"""A plan of photographs as tables and in sentences: where to stand, how well targets will be known, why not better."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stages.photograph_plan import PhotographPlan
+from truing.estimation.bundle.planning.prediction import Prediction, body_motion, largest_sigma
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_FEW_RAYS = 4  # a target with fewer of them shows no gross error
+_NARROW = np.radians(60.0)
+
+
+def stations_table(plan: PhotographPlan) -> pa.Table:
+    """The stations: where, which way the camera looks, how it is rolled about that, how many targets it sees."""
+    import pyarrow as pa
+
+    stations, view = plan.stations, plan.stations.R[:, :, 2]
+    distance = np.linalg.norm(stations.centre - plan.planned.layout.middle, axis=1)
+    columns: dict[str, Any] = {"station": np.arange(1, stations.count + 1)}
+    columns |= {f"{axis}_mm": np.round(1e3 * stations.centre[:, i], 1) for i, axis in enumerate("xyz")}
+    columns |= {f"view_{axis}": np.round(view[:, i], 6) for i, axis in enumerate("xyz")}
+    columns |= {
+        "roll_deg": np.round(np.degrees(stations.roll_rad), 1),
+        "distance_mm": np.round(1e3 * distance, 1),
+        "targets": plan.seen.sum(axis=1),
+    }
+    return pa.table(columns)
+
+
+def targets_table(plan: PhotographPlan) -> pa.Table:
+    """Per target its rays, predicted standard deviations, and what limits them."""
+    import pyarrow as pa
+
+    own = plan.prediction
+    sigmas = 1e3 * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
+    columns: dict[str, Any] = {
+        "body": list(plan.targets.body),
+        "target": list(plan.targets.name),
+        "rays": own.rays,
+        "angle_deg": np.round(np.degrees(own.angle), 1),
+    }
+    columns |= {f"sigma_{axis}_mm": sigmas[:, i] for i, axis in enumerate("xyz")}
+    columns |= {"sigma_mm": 1e3 * own.sigma, "limited_by": limits_of(own)}
+    return pa.table(columns)
+
+
+def limits_of(prediction: Prediction) -> list[str]:
+    """What each target's standard deviation comes from most: rays that are few or narrow, the camera, the scale, the
+    noise."""
+    whole = prediction.sigma**2
+    camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / whole
+    scale = 1.0 - largest_sigma(prediction.with_known_scale) ** 2 / whole
+    said = []
+    for place, variance in enumerate(whole):
+        if np.isnan(variance):
+            said.append("not seen twice")
+        elif scale[place] > 0.5:
+            said.append("scale")
+        elif camera[place] > 0.5:
+            said.append("camera")
+        elif prediction.rays[place] < _FEW_RAYS:
+            said.append("few rays")
+        else:
+            said.append("narrow rays" if prediction.angle[place] < _NARROW else "noise")
+    return said
+
+
+def bodies_table(plan: PhotographPlan) -> pa.Table:
+    """Per body its targets' standard deviations and that of the pose that follows from them, seen from the reference
+    body."""
+    import pyarrow as pa
+
+    own, body = plan.prediction, np.array(plan.targets.body)
+    of_points = body[own.points]
+    at = plan.planned.layout.points[own.points]
+    rows = []
+    for name in dict.fromkeys(plan.targets.body):
+        sigma = own.sigma[body == name]
+        members = np.flatnonzero(of_points == name)
+        other = None if plan.reference in (None, name) else np.flatnonzero(of_points == plan.reference)
+        row: dict[str, Any] = {
+            "body": name,
+            "targets": int((body == name).sum()),
+            "worst_mm": 1e3 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else None,
+            "mean_mm": 1e3 * float(np.sqrt(np.nanmean(sigma**2))) if np.isfinite(sigma).any() else None,
+        }
+        if len(members) >= 3 and (other is None or len(other) >= 3):
+            motion = np.sqrt(np.diag(body_motion(own.together, at, members, other, at[members].mean(axis=0))))
+            row |= {"position_mm": 1e3 * float(motion[:3].max()), "rotation_urad": 1e6 * float(motion[3:].max())}
+        rows.append(row)
+    names = ("body", "targets", "worst_mm", "mean_mm", "position_mm", "rotation_urad")
+    return pa.table({name: [row.get(name) for row in rows] for name in names})
+
+
+def curve_table(plan: PhotographPlan) -> pa.Table:
+    """How well a number of stations does, chosen one by one."""
+    import pyarrow as pa
+
+    number, worst, mean = zip(*plan.curve, strict=True) if plan.curve else ((), (), ())
+    return pa.table(
+        {"stations": list(number), "worst_mm": [1e3 * v for v in worst], "mean_mm": [1e3 * v for v in mean]}
+    )
+
+
+def sentences(plan: PhotographPlan) -> list[str]:
+    """What a person in the laboratory takes along."""
+    own, wish = plan.prediction, plan.wish
+    told = [
+        f"{plan.stations.count} photographs, chosen from {plan.candidates} stations: the worst target to "
+        f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(own.sigma**2)):.2g} mm (standard deviations)."
+    ]
+    if wish.wanted_mm is not None:
+        reached = (
+            f"That is the wanted {wish.wanted_mm:g} mm"
+            if plan.reaches
+            else f"The wanted {wish.wanted_mm:g} mm are not reached"
+        )
+        told.append(f"{reached}{_remedy(plan)}.")
+    if plan.undetermined:
+        told.append(f"Seen by fewer than two of them: {', '.join(plan.undetermined[:10])}.")
+    known = float(np.nanmax(largest_sigma(own.with_known_camera)))
+    if 1e3 * known < 0.8 * plan.worst_mm:
+        told.append(f"With a camera that is calibrated beforehand it would be {1e3 * known:.2g} mm.")
+    if not len(plan.planned.bars.bar):
+        told.append("Nothing gives the scale: what is told here is the shape alone. Name scale_bars with their sigma.")
+    return told
+
+
+def _remedy(plan: PhotographPlan) -> str:
+    """What would reach what is wanted; empty where it is reached."""
+    wanted = plan.wish.wanted_mm
+    if plan.reaches or wanted is None or plan.undetermined:
+        return ""
+    scaled = 1e3 * float(np.nanmax(largest_sigma(plan.prediction.with_known_scale)))
+    rest = max(plan.worst_mm**2 - scaled**2, 0.0)
+    if rest >= wanted**2:
+        return f": the scale bars alone leave {np.sqrt(rest):.2g} mm, whatever is photographed"
+    more = int(np.ceil(plan.stations.count * scaled**2 / (wanted**2 - rest)))
+    return f": some {more} photographs would, or a better camera"
+
+
+def tables(plan: PhotographPlan) -> Mapping[str, pa.Table]:
+    """All of the plan's tables, by the ending of their file's name."""
+    return {
+        "": stations_table(plan),
+        "-targets": targets_table(plan),
+        "-bodies": bodies_table(plan),
+        "-curve": curve_table(plan),
+    }

@@ -1,0 +1,121 @@
+"""`truing plan`: stations for a campaign's targets, tables and a page, and what is said where they cannot be."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+
+CAMPAIGN = """
+[campaign]
+name = "frame"
+kind = "photogrammetry"
+
+[noise]
+image_px = 0.05
+
+[[cameras]]
+name = "camera"
+width_px = 4000
+height_px = 3000
+pixel_um = 5.0
+c_mm = 20.0
+free = ["c", "x0", "y0", "A1"]
+"""
+TARGETS = "body,target,x_mm,y_mm,z_mm\n" + "".join(
+    f"{body},{i},{x},{y},{z}\n"
+    for body, z in (("table", 0.0), ("carriage", 60.0))
+    for i, (x, y) in enumerate([(-200, -150), (200, -150), (200, 150), (-200, 150), (30, 0)])
+)
+BARS = "bar,first,second,length_mm,sigma_mm\nA,table/0,table/1,400.0,0.004\nB,elsewhere/0,elsewhere/1,500.0,0.004\n"
+FEW = ("--directions", "10")
+
+
+@pytest.fixture
+def place(tmp_path):
+    for name, text in (("campaign.toml", CAMPAIGN), ("targets.csv", TARGETS), ("scale_bars.csv", BARS)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def plan(place, *options):
+    return CliRunner().invoke(app, ["plan", str(place), *options])
+
+
+def test_stations_for_what_is_wanted(place):
+    found = plan(place, "--wanted", "0.02", *FEW, "--out", str(place / "plan.csv"))
+    assert found.exit_code == 0, found.output
+    assert "That is the wanted 0.02 mm" in found.output
+    assert "Not used, because their ends are no surveyed targets: B" in found.output
+    stations, targets = pd.read_csv(place / "plan.csv"), pd.read_csv(place / "plan-targets.csv")
+    curve, bodies = pd.read_csv(place / "plan-curve.csv"), pd.read_csv(place / "plan-bodies.csv")
+    assert 3 <= len(stations) < 12
+    assert targets["sigma_mm"].max() <= 0.02
+    assert (targets["rays"] <= len(stations)).all()
+    enough = curve.loc[curve["worst_mm"] <= 0.02, "stations"].min()
+    assert len(stations) == enough
+    assert curve["mean_mm"].is_monotonic_decreasing
+    assert list(bodies["body"]) == ["table", "carriage"]
+    assert (bodies[["position_mm", "rotation_urad"]] > 0).all(axis=None)
+    assert "Where the cameras stand" in (place / "plan.html").read_text(encoding="utf-8")
+
+
+def test_what_a_scale_bar_limits_no_photograph_cures(place):
+    (place / "scale_bars.csv").write_text(BARS.replace("0.004", "0.2"), encoding="utf-8")
+    found = plan(place, "--wanted", "0.01", "--stations", "6", *FEW, "--out", str(place / "plan.csv"))
+    assert "the scale bars alone leave" in found.output
+    assert set(pd.read_csv(place / "plan-targets.csv")["limited_by"]) == {"scale"}
+
+
+def test_targets_that_face_away_are_told(place):
+    rows = "".join(
+        f"{body},{i},0,0,{-1 if (body, i) == ('table', 4) else 1}\n" for body in ("table", "carriage") for i in range(5)
+    )
+    (place / "normals.csv").write_text(f"body,target,normal_x,normal_y,normal_z\n{rows}", encoding="utf-8")
+    found = plan(
+        place, *FEW, "--stations", "5", "--normals", str(place / "normals.csv"), "--out", str(place / "plan.csv")
+    )
+    assert found.exit_code == 0, found.output
+    assert "Seen by fewer than two of them: table/4" in found.output
+    targets = pd.read_csv(place / "plan-targets.csv").set_index(["body", "target"])
+    assert targets.loc[("table", 4), "limited_by"] == "not seen twice"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options", "expected"),
+    [
+        ("image_px = 0.05", "point_mm = 0.1", (), "column noise.image_px: expected the standard deviation"),
+        ("c_mm = 20.0\n", "", (), "c_mm (with pixel_um) or focal_px"),
+        ('name = "camera"', 'name = "one"', ("--camera", "two"), "the name of one: one"),
+        ("", "", ("--distance", "500,100"), "the shorter one first"),
+        ("", "", ("--elevation", "50,10"), "the lower one first"),
+        ("", "", ("--distance", "10000,10001", "--least", "900"), "targets that can be photographed"),
+        ("", "", ("--out", "plan.txt"), "a file that ends in .csv or .parquet"),
+    ],
+)
+def test_what_cannot_be_planned_is_a_fault(place, old, new, options, expected):
+    (place / "campaign.toml").write_text(CAMPAIGN.replace(old, new, 1) if old else CAMPAIGN, encoding="utf-8")
+    (place / "image_targets.csv").write_text(
+        "family,code,body,target,diameter_mm\nring12,1,table,0,5\nring12,2,table,1,5\nring12,3,table,2,5\n"
+        "ring12,4,table,3,5\nring12,5,table,4,5\nring12,6,carriage,0,5\nring12,7,carriage,1,5\n",
+        encoding="utf-8",
+    )
+    found = plan(place, *FEW, *options)
+    assert found.exit_code == 2, found.output
+    assert expected in found.output
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("body,target,normal_x\ntable,0,1\n", "this column"),
+        ("body,target,normal_x,normal_y,normal_z\ntable,99,0,0,1\n", "a surveyed target"),
+        ("body,target,normal_x,normal_y,normal_z\ntable,0,0,0,0\n", "three numbers that make a direction"),
+    ],
+)
+def test_normals_that_are_none_are_faults(place, text, expected):
+    (place / "normals.csv").write_text(text, encoding="utf-8")
+    found = plan(place, *FEW, "--normals", str(place / "normals.csv"))
+    assert (found.exit_code, expected in found.output) == (2, True)

@@ -1,0 +1,249 @@
+"""The page of a plan of photographs: the network in space, where to stand, how well each target will be known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
+from truing.report.numbers import rough
+from truing.report.page import Head, Listing, Section
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+
+_STATION_HEADS = (
+    "station",
+    "x, mm",
+    "y, mm",
+    "z, mm",
+    "azimuth, °",
+    "elevation, °",
+    "distance, mm",
+    "roll, °",
+    "targets seen",
+)
+_TARGET_HEADS = ("body", "target", "rays", "widest angle, °", "σ x, mm", "σ y, mm", "σ z, mm", "σ, mm", "limited by")
+_BODY_HEADS = ("body", "targets", "worst, mm", "mean, mm", "position, mm", "rotation, µrad")
+_LIMITS = {
+    "noise": "the noise of image points: more photographs help, by the root of their number",
+    "few rays": "fewer than four rays: a gross error in one could not be told",
+    "narrow rays": "rays within 60°: photographs from further round help",
+    "camera": "the camera, which is calibrated along with it: rolled photographs, or a calibration beforehand, help",
+    "scale": "the scale bars: better ones, or more, help; more photographs do not",
+    "not seen twice": "fewer than two photographs",
+}
+_EYE = {"x": 0.95, "y": -1.1, "z": 0.7}
+_SYMBOL = 0.16  # a camera's pyramid, of the object's size
+
+
+def plan_head(campaign: str, said: Sequence[str], reaches: bool, frames: Mapping[str, pd.DataFrame]) -> Head:
+    """What a busy person takes along."""
+    targets = frames["targets"]
+    tiles = [
+        ("photographs", str(len(frames["stations"]))),
+        ("targets", str(len(targets))),
+        ("worst target", f"{rough(float(targets['sigma_mm'].max()))} mm"),
+        ("rays per target", f"{targets['rays'].mean():.0f}"),
+    ]
+    marks = ["pass" if reaches else "warn", *[""] * (len(said) - 1)]
+    return Head(f"{campaign}: where to stand", tuple(zip(marks, said, strict=True)), tuple(tiles))
+
+
+@common_look()
+def plan_sections(
+    frames: Mapping[str, pd.DataFrame], R: NDArray[np.float64], half: tuple[float, float], wanted_mm: float | None
+) -> list[Section]:
+    """The network, the stations, the number of stations, the targets; R (K, 3, 3) from camera axes, half the format's
+    width and height over the principal distance."""
+    stations, targets = frames["stations"], frames["targets"]
+    network = Section(
+        "network",
+        "The network",
+        "Cameras where they stand, each with its field of view; targets coloured by how well they will be known. "
+        "Nothing is known of what stands in between: a station from which the view is "
+        "blocked is left out, or moved a little.",
+        figures=(
+            (
+                _network(stations, targets, R, half),
+                "Drag to turn. The short edge of a pyramid is the short side of the image.",
+            ),
+        ),
+    )
+    listing = Listing(
+        _STATION_HEADS, tuple(map(tuple, _station_rows(stations))), caption="In the order of a walk round the object"
+    )
+    where = Section(
+        "stations",
+        "Where to stand",
+        "Places are in the frame of the targets. The camera looks at their middle: azimuth and elevation are those of "
+        "the station seen from there.",
+        listings=(listing,),
+    )
+    return [network, where, _numbers(frames["curve"], len(stations), wanted_mm), _known(frames)]
+
+
+def _network(
+    stations: pd.DataFrame, targets: pd.DataFrame, R: NDArray[np.float64], half: tuple[float, float]
+) -> go.Figure:
+    import plotly.graph_objects as go
+
+    centre = stations[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float)
+    at = targets[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float)
+    size = _SYMBOL * float(np.ptp(np.concatenate([centre, at]), axis=0).max())
+    figure = go.Figure()
+    wide, high = half
+    corners = np.array([[-wide, -high, 1], [wide, -high, 1], [wide, high, 1], [-wide, high, 1]])
+    tips = centre[:, None] + size * np.einsum("kij,cj->kci", R, corners)
+    for roll, colour in ((False, BLUE), (True, ORANGE)):
+        own = np.abs(stations["roll_deg"].to_numpy()) > 45.0
+        own = own if roll else ~own
+        if own.any():
+            x, y, z = _pyramids(centre[own], tips[own]).T
+            name = "rolled by 90°" if roll else "upright"
+            figure.add_trace(
+                go.Scatter3d(
+                    x=x, y=y, z=z, mode="lines", name=name, line={"color": colour, "width": 3}, hoverinfo="skip"
+                )
+            )
+    places, together = np.unique(centre, axis=0, return_inverse=True)
+    numbers = [", ".join(str(n) for n in stations["station"][together.ravel() == i]) for i in range(len(places))]
+    figure.add_trace(
+        go.Scatter3d(
+            x=places[:, 0],
+            y=places[:, 1],
+            z=places[:, 2],
+            mode="text",
+            text=numbers,
+            hovertext=[f"station {number}" for number in numbers],
+            hoverinfo="text",
+            name="number of the station",
+            showlegend=False,
+        )
+    )
+    known = targets["sigma_mm"].notna()
+    figure.add_trace(_targets(targets[known], at[known]))
+    if (~known).any():
+        lost = at[~known]
+        marker = {"color": GREY, "size": 4, "symbol": "x"}
+        figure.add_trace(
+            go.Scatter3d(x=lost[:, 0], y=lost[:, 1], z=lost[:, 2], mode="markers", marker=marker, name="not seen twice")
+        )
+    style(figure, label("Where the cameras stand"), "and how well each target will be known", 620)
+    axes = {f"{axis}axis": {"title": {"text": f"{axis}, mm"}} for axis in "xyz"}
+    figure.update_layout(scene={"aspectmode": "data", "camera": {"eye": _EYE}, **axes}, legend={"orientation": "h"})
+    return figure
+
+
+def _pyramids(centre: NDArray[np.float64], tips: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One line (N, 3) along the edges of all pyramids, with breaks between them."""
+    gap = np.full((len(centre), 3), np.nan)
+    a, b, c, d = (tips[:, i] for i in range(4))
+    walk = [centre, a, b, centre, c, d, centre, gap, b, c, gap, d, a, gap]
+    return np.stack(walk, axis=1).reshape(-1, 3)
+
+
+def _targets(targets: pd.DataFrame, at: NDArray[np.float64]) -> go.Scatter3d:
+    import plotly.graph_objects as go
+
+    words = [f"{r.body}/{r.target}: σ {rough(r.sigma_mm)} mm, {r.rays} rays" for r in targets.itertuples()]
+    return go.Scatter3d(
+        x=at[:, 0],
+        y=at[:, 1],
+        z=at[:, 2],
+        mode="markers",
+        name="targets",
+        text=words,
+        hoverinfo="text",
+        showlegend=False,
+        marker={
+            "size": 4,
+            "color": 1e3 * targets["sigma_mm"],
+            "colorscale": "Viridis_r",
+            "colorbar": {"title": {"text": "σ, µm"}, "thickness": 12, "len": 0.6},
+        },
+    )
+
+
+def _station_rows(stations: pd.DataFrame) -> list[list[str]]:
+    return [
+        [
+            str(r.station),
+            *(f"{v:.0f}" for v in (r.x_mm, r.y_mm, r.z_mm)),
+            f"{np.degrees(np.arctan2(-r.view_y, -r.view_x)):.0f}",
+            f"{np.degrees(np.arcsin(np.clip(-r.view_z, -1.0, 1.0))):.0f}",
+            f"{r.distance_mm:.0f}",
+            f"{r.roll_deg:.0f}",
+            str(r.targets),
+        ]
+        for r in stations.itertuples()
+    ]
+
+
+def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Section:
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for column, name, colour in (("worst_mm", "worst target", ORANGE), ("mean_mm", "mean of all", BLUE)):
+        look = {"mode": "lines+markers", "line": {"color": colour}}
+        figure.add_trace(go.Scatter(x=curve["stations"], y=1e3 * curve[column], name=name, **look))
+    if wanted_mm is not None:
+        ends = [int(curve["stations"].min()), int(curve["stations"].max())] if len(curve) else []
+        look = {"mode": "lines", "line": {"color": GREY, "dash": "dot"}}
+        figure.add_trace(go.Scatter(x=ends, y=[1e3 * wanted_mm] * len(ends), name="wanted", **look))
+    style(figure, label("How well so many photographs do"), "chosen one by one, before any is exchanged", 340)
+    figure.update_xaxes(title={"text": "photographs"})
+    figure.update_yaxes(type="log", title={"text": "σ, µm"})
+    lead = f"{taken} are taken here. Fewer than four rays to a target cannot show a gross error in one of them."
+    return Section(
+        "number",
+        "How many photographs",
+        lead,
+        figures=((figure, "One standard deviation along the direction in which a target is known least."),),
+    )
+
+
+def _known(frames: Mapping[str, pd.DataFrame]) -> Section:
+    targets, bodies = frames["targets"], frames["bodies"]
+    ordered = targets.sort_values("sigma_mm", ascending=False, na_position="first")
+    rows = tuple(
+        (
+            r.body,
+            r.target,
+            str(r.rays),
+            f"{r.angle_deg:.0f}",
+            *(_mm(v) for v in (r.sigma_x_mm, r.sigma_y_mm, r.sigma_z_mm, r.sigma_mm)),
+            r.limited_by,
+        )
+        for r in ordered.itertuples()
+    )
+    marks = tuple("warn" if row[-1] in ("not seen twice", "few rays") else "" for row in rows)
+    limits = targets["limited_by"].value_counts()
+    said = tuple(("", f"{count} of {len(targets)} targets: {_LIMITS[str(name)]}.") for name, count in limits.items())
+    listings = (
+        Listing(
+            _BODY_HEADS,
+            _body_rows(bodies),
+            caption="Bodies, and their poses as these targets give them; seen from the reference body, if any",
+        ),
+        Listing(
+            _TARGET_HEADS, rows, marks, "Targets, the worst first", folded=True, held_by="the table beside this page"
+        ),
+    )
+    lead = "Standard deviations in the free datum: with respect to all targets together. What limits them:"
+    return Section("targets", "How well the targets will be known", lead, listings=listings, said=said)
+
+
+def _body_rows(bodies: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (r.body, str(r.targets), *(_mm(v) for v in (r.worst_mm, r.mean_mm, r.position_mm, r.rotation_urad)))
+        for r in bodies.itertuples()
+    )
+
+
+def _mm(value: float | None) -> str:
+    return "–" if value is None or value != value else rough(float(value))
