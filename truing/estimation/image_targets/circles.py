@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ _HELD = 0.1  # of the contrast: levels in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
 _STRAY = 0.08  # share of an edge's pixels that may be taken for something else
 _MISFIT = 0.1  # of the contrast, beyond the noise: what an ellipse's picture leaves; sharpened ones 0.05
+_SEVERAL = 5  # targets, whose residuals together tell how large the noise is
 _SOFTEST = 0.8  # blur over semi-minor axis
 
 
@@ -103,18 +104,11 @@ def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
     first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None, _HELD)
     first = first[_kept(_faults(first, plan, noise, least), rejected)]
     reading, outer = _surroundings(grey, first, plan)
-    ring = reading.ring if reading.ring.any() else None
-    last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, outer, ring, 0.0)
-    coded = reading.number >= 0
-    faults = _faults(last, plan, noise, least)
-    for name, wrong in (
-        ("at border", ~_ring_inside(grey, first, plan)),
-        ("unreadable code", reading.unreadable),
-        ("part of a ring", _on_rings(first, reading) & ~coded),
-        ("no code", ~coded & ~reading.unreadable & (not plan.uncoded)),
-    ):
-        faults = np.where((faults == "") & wrong, name, faults)
-    return _targets(last, reading, _kept(faults, rejected), rejected, noise, plan)
+    good = _kept(_code_faults(grey, first, reading, plan), rejected)
+    reading, first = _of(reading, good), first[good]
+    last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, outer[good], reading.ring, 0.0)
+    good = _kept(_faults(last, plan, noise, least), rejected)
+    return _targets(last[good], _of(reading, good), rejected, noise, plan)
 
 
 def _with_clear_sides(grey: NDArray, found: Candidates, least: float, rejected: Counter[str]) -> Array:
@@ -139,13 +133,14 @@ def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: 
     """Return the fits (N, RESULTS) of the pictures of ellipses, from start (N, UNKNOWNS), out to outer (N,) radii."""
     results = np.zeros((len(start), edge.RESULTS))
     if len(start):
-        coded = np.zeros(len(start), bool) if ring is None else ring.any(1)
         rings = np.zeros((len(start), 1)) if ring is None else ring
         a, b = _axes(start)[0].max(0)
         most = int(4 * (1.5 * a + 20) * (1.5 * b + 20))
         level = np.array([noise.read_var, noise.gain])
         wide = grey.astype(np.uint16, copy=False)
-        edge.fit_edges(wide, np.ascontiguousarray(start), rings, coded, outer, level, _top(grey), held, most, results)
+        edge.fit_edges(
+            wide, np.ascontiguousarray(start), rings, rings.any(1), outer, level, _top(grey), held, most, results
+        )
     return results
 
 
@@ -217,6 +212,23 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     return reading, np.select([reading.number >= 0, free], [_TO_RING, _FAR], _NEAR)
 
 
+def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) -> NDArray[np.str_]:
+    """Return why dots (N, RESULTS) are none of those looked for, by what is around them; empty where they are."""
+    coded = reading.number >= 0
+    tests = {
+        "at border": ~_ring_inside(grey, fit, plan),
+        "unreadable code": reading.unreadable & ~coded,
+        "part of a ring": ~coded & _on_rings(fit, reading),
+        "no code": ~coded & (not plan.uncoded),
+    }
+    return np.select(list(tests.values()), list(tests), "")
+
+
+def _of(reading: Reading, numbers: NDArray[np.int64]) -> Reading:
+    """Return the readings of some rings, by number."""
+    return Reading(*(getattr(reading, each.name)[numbers] for each in fields(Reading)))
+
+
 def _on_rings(fit: Array, reading: Reading) -> Mask:
     """Return which dots (N,) lie on the ring of another, be it readable or not."""
     from scipy.spatial import cKDTree
@@ -238,14 +250,13 @@ def _ring_inside(grey: NDArray, fit: Array, plan: CirclePlan) -> Mask:
     return inside_image(grey, fit[:, :2], _matrices(fit), 3.0) | (not plan.codes)
 
 
-def _targets(
-    fit: Array, reading: Reading, good: NDArray[np.int64], rejected: Counter[str], noise: ImageNoise, plan: CirclePlan
-) -> ImageTargets:
-    """Return the targets of fits (N, RESULTS), those of `good` numbers."""
-    fit = fit[good]
+def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageNoise, plan: CirclePlan) -> ImageTargets:
+    """Return the targets of fits (N, RESULTS)."""
     axes, angle = _axes(fit)
-    # what the picture of an ellipse leaves beyond the image's noise is taken for noise as well, independent by pixel
-    factor = noise.correlation + np.maximum(0.0, fit[:, edge.CHI2] - 1)
+    # Targets leave less than the image's noise where no flat part of it showed the noise alone; what one of them leaves
+    # beyond it is taken for noise as well, independent by pixel.
+    level = min(float(np.median(fit[:, edge.CHI2])), 1.0) if len(fit) >= _SEVERAL else 1.0
+    factor = level * noise.correlation + np.maximum(0.0, fit[:, edge.CHI2] - level)
     covariance = fit[:, [[edge.C_XX, edge.C_XY], [edge.C_XY, edge.C_YY]]] * factor[:, None, None]
     return ImageTargets(
         fit[:, :2],
@@ -254,9 +265,9 @@ def _targets(
         angle,
         np.abs(fit[:, edge.CONTRAST]),
         fit[:, edge.CONTRAST] > 0,
-        reading.family[good],
-        reading.number[good],
-        reading.confidence[good],
+        reading.family,
+        reading.number,
+        reading.confidence,
         fit[:, edge.BLUR],
         +rejected,
         noise,

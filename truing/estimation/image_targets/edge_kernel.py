@@ -39,8 +39,9 @@ RESULTS = UNKNOWNS + 9
 C_XX, C_XY, C_YY, CHI2, FREEDOM, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
 _MIN_BLUR, _MAX_BLUR = 0.3, 6.0
 _STEPS = 16
-_SMALL_STEP = 1e-4  # px: of the centre, a hundredth of the best scatter there is
-_RELAID = 2
+# px: a step of the centre after which the next is far below the best scatter there is; and where another fit follows.
+_SMALL_STEP, _COARSE_STEP = 1e-3, 2e-2
+_RELAID, _BRIGHT = 2, 0.01  # times; where the light of a ring is more than this share of the contrast
 _STRIP = 0.5  # px, width of a strip along the edge
 # Illumination changes by so much of itself from one pixel to the next, one sigma: what is known of it beforehand. The
 # picture of a small blurred target cannot tell a slope from a shift.
@@ -153,7 +154,7 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
 
 
 @inner
-def _descend(p, origin, size, n, pixels, top, held, work):  # type: ignore[no-untyped-def]
+def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
     """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
     normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes = work
     count = count_nodes(p)
@@ -178,9 +179,9 @@ def _descend(p, origin, size, n, pixels, top, held, work):  # type: ignore[no-un
         if gained >= 0:
             p[:], normal[:], rhs[:], cost = trial, trial_normal, trial_rhs, trial_cost
         damping *= 0.1 if gained >= 0 else 10.0
-        if moved < _SMALL_STEP and abs(gained) < 1e-4 * cost:
+        if moved < small and abs(gained) < 0.1 * small * cost:
             return cost
-    return cost if moved < 10 * _SMALL_STEP else -1.0
+    return cost if moved < 10 * small else -1.0
 
 
 @inner
@@ -279,26 +280,27 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         if held_share > 0:
             held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
             held[5] = held[4]
-        settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, work) >= 0
+        settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) >= 0
         # the light of a ring is laid where the dot is thought to be: that is repeated
-        for _ in range(_RELAID * coded[t]):
-            if settled:
+        for _ in range(_RELAID):
+            if settled and pixels[4, :n].max() > _BRIGHT:
                 n = _gather(grey, p, ring[t], True, outer[t], noise, pixels)
-                settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, work) >= 0
+                settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) >= 0
         if not settled:
             continue
         n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
         left = _drop_outlying(p, origin, size, n, pixels, top, nodes, result)
         if left <= 2 * UNKNOWNS:
             continue
-        cost = _descend(p, origin, size, n, pixels, top, held, work)
+        cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if held_share > 0 else _SMALL_STEP, work)
         if cost < 0:
             continue
         weights = pixels[3, :n].sum()
         result[CHI2], result[FREEDOM] = cost / (left - UNKNOWNS), left - UNKNOWNS
-        uneven, freedom = _uneven_square(p, origin, size, n, pixels, top, nodes)
-        if freedom > UNKNOWNS:
-            result[CHI2], result[FREEDOM] = uneven, freedom
+        if held_share == 0:
+            uneven, freedom = _uneven_square(p, origin, size, n, pixels, top, nodes)
+            if freedom > UNKNOWNS:
+                result[CHI2], result[FREEDOM] = uneven, freedom
         result[MISFIT] = math.sqrt(cost / weights) / max(abs(p[CONTRAST]), 1e-9)
         good = True
         for axis in range(2):
