@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mechanism import LeggedMechanism
     from stages.diagnosis.mechanism_points import Gathered
+    from stages.diagnosis.ray_findings import RayFindings
     from stages.diagnosis.shown import Channels
     from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
     from truing.simulation.cause import Cause
@@ -31,6 +32,10 @@ DECLARATION = Stage(
         "signals?",
         "given_compliance?",
         "qa?",
+        "ray_statistics?",
+        "ray_information?",
+        "ray_effects?",
+        "point_correlations?",
     ),
     leaves=(
         "diagnosis",
@@ -82,17 +87,29 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     import numpy as np
 
     from stages.diagnosis.mistaken_readings import mistaken
+    from stages.diagnosis.ray_findings import corrected, with_shared_errors
 
     if why := mistaken(tables):
         return _not_evaluated(why)
+    rays = _rays(tables, settings, progress)
     try:
-        gathered = gathered_of(tables, settings)
+        gathered = gathered_of(tables if rays is None else corrected(tables, rays), settings)
     except ValueError as why:
-        return _not_evaluated(str(why))
+        return _not_evaluated(str(why)) if rays is None else _of_rays_alone(rays, str(why), settings)
     try:
-        return _diagnose(gathered, settings, progress)
+        if rays is not None:
+            gathered = with_shared_errors(gathered, tables, rays)
+        return _diagnose(gathered, rays, settings, progress)
     except np.linalg.LinAlgError:
         return _not_evaluated("the fit left what the legs can reach: geometry, survey or readings are far from right")
+
+
+def _rays(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings | None:
+    """What rays tell by themselves; None where points do not come from photographs of several poses."""
+    from stages.diagnosis.ray_findings import ray_findings
+    from stages.diagnosis.ray_points import has_rays
+
+    return ray_findings(tables, settings, rule_of(settings), progress) if has_rays(tables) else None
 
 
 def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
@@ -143,50 +160,78 @@ def _unreached(gathered: Gathered) -> str:
     return f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {len(readings)} poses"
 
 
-def _diagnose(gathered: Gathered, settings: Campaign, progress: Progress) -> Outcome:
+def _diagnose(gathered: Gathered, rays: RayFindings | None, settings: Campaign, progress: Progress) -> Outcome:
     from stages.diagnosis.artifacts import artifacts_of
+    from stages.diagnosis.ray_rows import with_rays
 
-    rule = rule_of(settings)
+    rule = rule_of(settings, of_points=rays is not None)
     diagnosis = decided(gathered, settings, progress)
     progress(0, 1, "what could have stayed hidden, and what to measure next")
     artifacts = artifacts_of(diagnosis, gathered, rule, settings)
+    read, left_out = _read(gathered), _left_out(gathered, diagnosis.gross)
+    if rays is not None:
+        artifacts = with_rays(artifacts, rays, rule_of(settings))
+        read = f"{read}; rays of {len(rays.gathered.calibration.conditions.poses)} poses"
+        left_out = "; ".join(filter(None, (left_out if left_out != "nothing" else "", rays.left_out))) or "nothing"
     return Outcome(
         artifacts,
-        read=_read(gathered),
-        left_out=_left_out(gathered, diagnosis.gross),
+        read=read,
+        left_out=left_out,
         figure=_figure(artifacts["diagnosis"], diagnosis, gathered.shown),
     )
 
 
-def rule_of(settings: Campaign) -> Settings:
-    """How sure a finding must be in a campaign."""
+def _of_rays_alone(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
+    """What rays tell where points cannot be held against anything."""
+    from stages.diagnosis.ray_rows import with_rays
+
+    artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
+    return Outcome(
+        artifacts,
+        read=f"rays of {len(rays.gathered.calibration.conditions.poses)} poses",
+        left_out=rays.left_out or "nothing",
+        figure=f"{_found(artifacts['diagnosis'])} in rays; points not evaluated: {why}",
+    )
+
+
+def rule_of(settings: Campaign, *, of_points: bool = False) -> Settings:
+    """How sure a finding must be in a campaign; of its points alone, where rays are judged as well."""
+    from stages.diagnosis.ray_findings import SHARE_OF_RAYS
     from truing.estimation.diagnosis.acceptance import Settings
 
-    return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
+    share = 1.0 - SHARE_OF_RAYS if of_points else 1.0
+    return Settings(share * settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
 
 
-def kinds_of(settings: Campaign) -> dict[str, Cause]:
+def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cause]:
     """The causes that a campaign's instrument and mechanism know, by id."""
-    from truing.simulation.causes import catalogue, catalogue_of_bodies, catalogue_of_readings
+    from truing.simulation.causes import (
+        catalogue,
+        catalogue_of_bodies,
+        catalogue_of_readings,
+        of_photographed_points,
+    )
 
     if settings.campaign.kind == "interferometer":
         return catalogue_of_readings()
-    return catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+    own = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+    return own | of_photographed_points() if photographed else own
 
 
 def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
     from truing.estimation.diagnosis.acceptance import Acceptance
 
+    photographed = bool(gathered.model.scene.photographed)
     search = Acceptance(
         gathered.model,
         gathered.calibration,
         gathered.held_out,
-        rule_of(settings),
+        rule_of(settings, of_points=photographed),
         lambda what: progress(0, 1, what),
         gathered.given,
     )
-    return search.run(list(kinds_of(settings).values()))
+    return search.run(list(kinds_of(settings, photographed=photographed).values()))
 
 
 def _read(gathered: Gathered) -> str:
@@ -206,17 +251,22 @@ def _figure(table: pa.Table, diagnosis: Diagnosis, channels: Channels | None) ->
     from stages.diagnosis.shown import POINTS
     from truing.report.numbers import two_decimals
 
-    found = [row for row in table.to_pylist() if row["verdict"] == "found"]
     final = diagnosis.final
     shown = POINTS if channels is None else channels.whole(final.error)
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
     left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"
-    if not found:
+    if not any(verdict == "found" for verdict in table.column("verdict").to_pylist()):
         return f"nothing found: {left}"
     before = shown.rms(diagnosis.plain.error) or 0.0
+    return f"{_found(table)}: {two_decimals(before)} -> {left}"
+
+
+def _found(table: pa.Table) -> str:
+    """What was found, in words."""
+    found = [row for row in table.to_pylist() if row["verdict"] == "found"]
     # What is found of the noise has no name of its own among the causes.
     names = ["noise not as declared" if '"noise_ratio"' in row["parameters"] else row["cause"] for row in found]
-    return f"found {', '.join(dict.fromkeys(names))}: {two_decimals(before)} -> {left}"
+    return f"found {', '.join(dict.fromkeys(names))}" if names else "nothing found"
 
 
 def _not_evaluated(why: str) -> Outcome:

@@ -45,7 +45,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     if any(name not in tables or not tables[name].num_rows for name in ("observations", "poses", "residuals")):
         raise ValueError("needs measured points of bodies")
     poses = pose_ids(tables["observations"])
-    covariates, role = _known_of_poses(tables.get("configurations"), poses, settings.campaign.drives)
+    covariates, role = known_of_poses(tables.get("configurations"), poses, settings.campaign.drives)
     found, words = targets_of(tables, poses, covariates["order"], settings.noise.point_mm)
     if not found:
         raise ValueError("needs a body with three targets, seen together in three poses")
@@ -69,7 +69,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     )
 
 
-def _known_of_poses(
+def known_of_poses(
     table: pa.Table | None, poses: tuple[int | str, ...], drives: tuple[str, ...]
 ) -> tuple[dict[str, Array], NDArray]:
     """Covariates (B,) by column, with the order in time and the direction of each drive's last movement; roles (B,)."""

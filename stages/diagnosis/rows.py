@@ -13,6 +13,7 @@ from stages.diagnosis.shown import POINTS, Channels, Shown
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.diagnosis.ray_points import RayShown
     from truing.estimation.diagnosis.acceptance import Diagnosis
     from truing.estimation.diagnosis.fitted_model import Stand
     from truing.estimation.diagnosis.noise_following import NoiseFollowing
@@ -28,7 +29,7 @@ class Words:
     detectable: Mapping[str, str]
     next_measurement: Mapping[str, str]
     remark: str
-    channels: Channels | None = None
+    channels: Channels | RayShown | None = None
 
     def of_verdict(self, verdict: Verdict) -> Shown:
         """In which unit, and over what, a verdict's numbers are told."""

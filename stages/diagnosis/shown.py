@@ -43,7 +43,7 @@ class Shown:
         """The root mean square that noise alone leaves."""
         return floor.rms_of(self.targets) / self.si
 
-    def largest_motion(self, before: PredictionError, after: PredictionError) -> float:
+    def largest_motion(self, before: PredictionError, after: PredictionError) -> float | None:
         """How far an effect moves any one prediction."""
         moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
         return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si

@@ -33,6 +33,8 @@ _WORDS = {
     "gain": "gains of the signals, as declared",
     "legforce": "models of what a leg carries",
     "optics": "beams and material, as declared",
+    "photographs": "cameras and scale bars, common to all poses",
+    "common": "lengths of scale bars, as calibrated",
 }
 _READ = {
     "points": "readings of the actuators",
@@ -75,13 +77,20 @@ def _source(final: Stand, given: Given) -> tuple[str, bool]:
     """A source in words, and whether its size was found from what was measured."""
     readings, survey = final.learned
     if given.source == POINTS:
-        return ("measured points" if final.fit.frames.size else "readings and signals") + ", at the noise found", True
+        return f"{_measured(final)}, at the noise found", True
     if given.source == READINGS:
         kind = "bench" if not final.fit.frames.size else "points" if final.model.leg_count else "bodies"
         return _found(_READ[kind], readings)
     if given.source == "shape":
         return _found(_WORDS["shape"], survey)
     return _WORDS[given.source], False
+
+
+def _measured(final: Stand) -> str:
+    """What was measured, in words."""
+    if final.fit.frames.size:
+        return "measured points"
+    return "readings and signals" if final.model.scene.rays is None else "rays of photographs"
 
 
 def _found(words: str, ratio: float) -> tuple[str, bool]:

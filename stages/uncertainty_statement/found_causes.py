@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from truing.simulation.cause import Step
-from truing.simulation.causes import catalogue
+from truing.simulation.causes import catalogue, catalogue_of_rays, of_photographed_points
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,5 +23,5 @@ def found_causes(tables: Mapping[str, pa.Table]) -> dict[str, str]:
 
 def of_instrument(cause: str) -> bool:
     """Whether a cause, by its id, changes what is recorded of points, and so every pose of them."""
-    known = catalogue().get(cause)
+    known = (catalogue() | of_photographed_points() | catalogue_of_rays()).get(cause)
     return known is not None and known.step is Step.INSTRUMENT

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.chain import Met, Passage, State, moved_by_shape
-from truing.simulation.effects_model import RecordedModel
+from truing.simulation.effects_model import COMMON, RecordedModel
 from truing.simulation.legs import Closure, Legs
 from truing.simulation.point_model import Prediction
 from truing.simulation.recording import Recording, designs
@@ -86,6 +86,16 @@ class BodyModel(RecordedModel):
     nominal = _NO_LEGS
 
     @property
+    def _common_errors(self) -> NDArray | None:
+        """Return how points follow the errors that photographs of all poses share."""
+        return self.conditions.common_errors
+
+    @property
+    def _pose_errors(self) -> NDArray | None:
+        """Return how points follow the errors that the photographs of each pose share."""
+        return self.conditions.pose_errors
+
+    @property
     def leg_count(self) -> int:
         """Return the number of legs: none."""
         return 0
@@ -99,7 +109,7 @@ class BodyModel(RecordedModel):
     def layout(self) -> dict[str, slice]:
         """Return where each kind of shared unknown stands in the vector."""
         sizes = {"shape": self.known.survey.modes.shape[-1], "seat": _POSE * int(self.known.levels.sum())}
-        sizes |= {cause.key: len(cause.parameters(0)) for cause in self.causes}
+        sizes |= self._common_sizes | {cause.key: len(cause.parameters(0)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
@@ -112,8 +122,8 @@ class BodyModel(RecordedModel):
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns H: six for each body but the leading one."""
-        return _POSE * len(self._local)
+        """Return the number of local unknowns H: six for each body but the leading one, then what photographs share."""
+        return _POSE * len(self._local) + self._pose_size
 
     @property
     def unpredicted(self) -> NDArray:
@@ -142,6 +152,8 @@ class BodyModel(RecordedModel):
             drives=self.known.drives,
             placed=self.known.placed,
             still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.still)),
+            photographed=self.photographed is not None,
+            scale_bars=self.photographed.scale_bars if self.photographed else (),
         )
 
     def with_causes(self, causes: Sequence[Cause]) -> Self:
@@ -166,14 +178,16 @@ class BodyModel(RecordedModel):
             if body in self._local:
                 by_local[:, own, :, self._local[body]] = slope @ self._pose_factor(body)
         slopes = self._by_shared(shared, local, recording) if by_shared else np.empty((*by_local.shape[:-1], 0))
+        by_local = recording.recorded(by_local)
+        self._fill_pose_errors(by_local)
         return Prediction(
-            recording.state.points,
+            self._with_errors(recording.state.points, shared, local),
             slopes,
-            recording.recorded(by_local),
+            by_local,
             np.empty(0),
             np.empty((0, slopes.shape[-1])),
             self._shared_known,
-            ~self.unpredicted,
+            self._local_known,
         )
 
     def _by_shared(self, shared: NDArray, local: NDArray, recording: Recording) -> NDArray:
@@ -189,6 +203,7 @@ class BodyModel(RecordedModel):
         self._fill_structure(slopes, shared, recording)
         slopes = recording.recorded(slopes)
         self._fill_instruments(slopes, shared, recording)
+        self._fill_common(slopes)
         return slopes
 
     def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
@@ -209,6 +224,7 @@ class BodyModel(RecordedModel):
     def _shared_known(self) -> NDArray:
         known = np.zeros(self.shared_size, bool)
         known[self.layout["shape"]] = self.known.surveyed
+        known[self.layout.get(COMMON, slice(0))] = True
         return known
 
     def _name(self, body: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.photographs.photographed import Photographed
 from truing.simulation.recording import Recording
 from truing.simulation.split import Split
 
@@ -75,9 +76,15 @@ class EffectsModel(ABC):
         return cause.reach * self.effect_scale(cause)
 
 
+# What photographs of all poses have in common, among the shared unknowns.
+COMMON = "photographs"
+
+
 @dataclass(frozen=True)
 class RecordedModel(EffectsModel):
-    """Points of bodies in space, which instruments record."""
+    """Points of bodies in space, which instruments record; ``photographed`` where they were computed from images."""
+
+    photographed: Photographed | None = field(default=None, kw_only=True)
 
     @abstractmethod
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
@@ -85,12 +92,62 @@ class RecordedModel(EffectsModel):
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, in the model's frame."""
-        return self._recording(shared, local).state.points
+        return self._with_errors(self._recording(shared, local).state.points, shared, local)
 
     def turns(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
         recording = self._recording(shared, local)
         return recording.recorded(recording.state.turn)
+
+    @property
+    @abstractmethod
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the model does not claim to predict."""
+
+    @property
+    @abstractmethod
+    def _common_errors(self) -> NDArray | None:
+        """Return how points (B, K, 3, Q) follow the errors that photographs of all poses share; None where none do."""
+
+    @property
+    def _common_sizes(self) -> dict[str, int]:
+        """Return how many unknowns photographs of all poses have in common; nothing where there are none."""
+        return {} if self.photographed is None else {COMMON: self.photographed.errors}
+
+    @property
+    @abstractmethod
+    def _pose_errors(self) -> NDArray | None:
+        """Return how points (B, K, 3, E) follow the errors that photographs of each pose share; None where none do."""
+
+    @property
+    def _pose_size(self) -> int:
+        """Return how many errors the points of a pose share, the last ones of the local unknowns."""
+        return 0 if self.photographed is None else self.photographed.pose_errors
+
+    @property
+    def _local_known(self) -> NDArray:
+        """Return which local unknowns (H,) have a prior that is knowledge."""
+        known = ~self.unpredicted
+        return np.asarray(known | (np.arange(len(known)) >= len(known) - self._pose_size))
+
+    def _with_errors(self, points: NDArray, shared: NDArray, local: NDArray) -> NDArray:
+        """Return points (B, K, 3) with the errors that photographs of all poses, and of each, share."""
+        if self._common_errors is not None:
+            points = points + self._common_errors @ shared[self.layout[COMMON]]
+        if self._pose_errors is not None:
+            own = local[:, None, local.shape[1] - self._pose_size :, None]
+            points = points + (self._pose_errors @ own)[..., 0]
+        return points
+
+    def _fill_pose_errors(self, by_local: NDArray) -> None:
+        """Fill in the derivatives by the errors that photographs of each pose share."""
+        if self._pose_errors is not None:
+            by_local[..., by_local.shape[-1] - self._pose_size :] = self._pose_errors
+
+    def _fill_common(self, by_shared: NDArray) -> None:
+        """Fill in the derivatives by the errors that photographs of all poses share."""
+        if self._common_errors is not None:
+            by_shared[..., self.layout[COMMON]] = self._common_errors
 
     def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the parameters of instruments' effects."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from truing.estimation.rigid_poses.rigid import umeyama
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause, Step
+from truing.simulation.effects_model import COMMON
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
@@ -53,7 +54,7 @@ class PredictedPoses:
 def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
     """Return the extended model of a fit over targets: its geometry and effects with their joint covariance."""
     own = model.targets.body != LEG
-    parts = [part for name, part in model.layout.items() if name not in ("shape", "seat")]
+    parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", COMMON)]
     kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     smaller = with_targets(model, own)
     sigma = survey_noise(model)[own]
@@ -68,7 +69,8 @@ def with_targets(model: PointModel, own: NDArray) -> PointModel:
     targets = Targets(found.body[kept], found.leg[kept], names, bodies)
     # What was known before is in the covariance already.
     surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0), earlier=None)
-    return replace(model, targets=targets, known=surveyed)
+    conditions = replace(model.conditions, common_errors=None, pose_errors=None)
+    return replace(model, targets=targets, known=surveyed, conditions=conditions, photographed=None)
 
 
 def exact_survey(targets: Targets) -> ShapeUnknowns:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause
-from truing.simulation.causes import catalogue
+from truing.simulation.causes import catalogue, of_photographed_points
 from truing.simulation.effect_text import (
     cause_of,
     covariance_lines,
@@ -128,7 +128,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     nominal, identified = (
         _legs(about["mechanism"], [leg[kind] for leg in document["legs"]]) for kind in ("nominal", "identified")
     )
-    causes = tuple(cause_of(effect, catalogue()) for effect in effects)
+    causes = tuple(cause_of(effect, catalogue() | of_photographed_points()) for effect in effects)
     model = _model(document, nominal, causes)
     values = {cause.key: np.array(effect["values"], float) for cause, effect in zip(causes, effects, strict=True)}
     shared = model.unknowns(identified, values)

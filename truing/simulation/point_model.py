@@ -59,6 +59,8 @@ class PointModel(Unknowns):
             known.pitch_m,
             known.flexure_length_m,
             lengths_apart="u" in self.nominal.closure.geometry,
+            photographed=self.photographed is not None,
+            scale_bars=self.photographed.scale_bars if self.photographed else (),
         )
 
     def state(self, shared: NDArray, local: NDArray) -> State:
@@ -68,11 +70,11 @@ class PointModel(Unknowns):
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         recording = self._recording(shared, local)
-        points = recording.state.points
+        points = self._with_errors(recording.state.points, shared, local)
         slopes, rows = np.empty((*points.shape, 0)), (np.empty(0), np.empty((0, 0)))
         if by_shared:
             slopes, rows = self._by_shared(shared, recording), self._known_rows(shared)
-        return Prediction(points, slopes, self._by_local(recording), *rows, self._shared_known, ~self.unpredicted)
+        return Prediction(points, slopes, self._by_local(recording), *rows, self._shared_known, self._local_known)
 
     def _by_shared(self, shared: NDArray, recording: Recording) -> NDArray:
         """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
@@ -83,6 +85,7 @@ class PointModel(Unknowns):
         self._fill_shape(slopes, shared, recording)
         slopes = recording.recorded(slopes)
         self._fill_instruments(slopes, shared, recording)
+        self._fill_common(slopes)
         return slopes
 
     def _by_local(self, recording: Recording) -> NDArray:
@@ -91,7 +94,9 @@ class PointModel(Unknowns):
         if (reading := self._reading_change) is not None:
             slopes[..., : reading.size] = recording.motion(reading, recording.passage.met)
         self._fill_rolls(slopes, recording)
-        return recording.recorded(slopes)
+        slopes = recording.recorded(slopes)
+        self._fill_pose_errors(slopes)
+        return slopes
 
     def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return how recorded points (B, K, 3, n), m, follow each channel by which a cause may act, per SI unit.
@@ -154,7 +159,7 @@ class PointModel(Unknowns):
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         passage = self._passage(shared, local)
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
-        roll[:, self.known.ridden] = local[:, self.local_size - len(self.known.ridden) :] * FREE_ANGLE_RAD
+        roll[:, self.known.ridden] = local[:, self._rolls] * FREE_ANGLE_RAD
         frames = leg_frames(passage.state, self.upright, roll, self._seats(shared)[0])
         return record(passage, self.targets, frames, self.effects(shared))
 
@@ -207,7 +212,7 @@ class PointModel(Unknowns):
             by_shared[:, own, :, first + 3 : first + 6] = turned
 
     def _fill_rolls(self, by_local: NDArray, recording: Recording) -> None:
-        first = self.local_size - len(self.known.ridden)
+        first = self._rolls.start
         frames, state = recording.frames, recording.passage.state
         for place, leg in enumerate(self.known.ridden):
             own = self._riding(leg)

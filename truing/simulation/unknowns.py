@@ -57,13 +57,17 @@ class Known:
 class Conditions:
     """What is known of each pose: readings (B, L) in m, covariates (B,) or (B, L) by column; the poses' names.
 
-    ``span_s`` is the first and last time of the whole campaign, of which these poses may be a part.
+    ``span_s`` is the first and last time of the whole campaign, of which these poses may be a part. ``common_errors``
+    (B, K, 3, Q): how points, in the model's frame, follow the errors that photographs of all poses share, m;
+    ``pose_errors`` (B, K, 3, E) those that the points of each pose share.
     """
 
     readings: NDArray
     covariates: Mapping[str, NDArray] = field(default_factory=dict)
     poses: tuple[int | str, ...] = ()
     span_s: tuple[float, float] | None = None
+    common_errors: NDArray | None = field(default=None, kw_only=True)
+    pose_errors: NDArray | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -92,19 +96,35 @@ class Unknowns(RecordedModel):
         sizes = {"a": 3 * count, "b": 3 * count, "u": 2 * count, "l": count}
         sizes = {name: size for name, size in sizes.items() if self.known.geometry.get(name, 0.0) > 0}
         sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.ridden)}
-        sizes |= {cause.key: len(cause.parameters(count)) for cause in self.causes}
+        sizes |= self._common_sizes | {cause.key: len(cause.parameters(count)) for cause in self.causes}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns H: actuators (unless exact), then rolls."""
-        return self.nominal.count * (self.known.reading_sigma > 0) + len(self.known.ridden)
+        """Return the number of local unknowns H: actuators (unless exact), then rolls, then what photographs share."""
+        return self._rolls.stop + self._pose_size
+
+    @property
+    def _rolls(self) -> slice:
+        """Return where the rolls stand among the local unknowns."""
+        first = self.nominal.count * (self.known.reading_sigma > 0)
+        return slice(first, first + len(self.known.ridden))
 
     @property
     def unpredicted(self) -> NDArray:
-        """Return which local unknowns (H,) the mechanism says nothing of: the rolls of the legs."""
-        return np.arange(self.local_size) >= self.local_size - len(self.known.ridden)
+        """Return which local unknowns (H,) the mechanism says nothing of: rolls of legs, errors of photographs."""
+        return np.arange(self.local_size) >= self._rolls.start
+
+    @property
+    def _common_errors(self) -> NDArray | None:
+        """Return how points follow the errors that photographs of all poses share."""
+        return self.conditions.common_errors
+
+    @property
+    def _pose_errors(self) -> NDArray | None:
+        """Return how points follow the errors that the photographs of each pose share."""
+        return self.conditions.pose_errors
 
     @property
     def leg_count(self) -> int:

@@ -38,8 +38,11 @@ def rows_by_source(
     places = np.arange(len(whitened.rows))
     within, of_pose = places % tall, places < first
     shared = places - first - extra
+    # What measurements of a pose share is an error of theirs, though it has an unknown of its own.
+    of_points = np.concatenate([np.ones(height, bool), problem.local_known])
+    of_points[height + readings.start : height + readings.stop] = False
     found = {
-        POINTS: of_pose & (within < height),
+        POINTS: of_pose & of_points[within],
         READINGS: of_pose & (within >= height + readings.start) & (within < height + readings.stop),
         EARLIER: ~of_pose & (shared < 0),
         PLAUSIBLE: np.zeros(len(places), bool),

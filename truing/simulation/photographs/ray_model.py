@@ -27,9 +27,18 @@ _NO_BODY, _NO_LEG = 4, -1
 
 @dataclass(frozen=True)
 class RayModel(EffectsModel):
-    """Cameras, scale bars and air that are the same in all poses, but for a set of effects."""
+    """Cameras, scale bars and air that are the same in all poses, but for a set of effects.
+
+    ``common`` are the numbers that an adjustment does not know exactly, though they are common to all poses.
+    """
 
     conditions: RayPoses
+    common: tuple[int, ...]
+
+    @classmethod
+    def of(cls, rays: RayPoses) -> Self:
+        """Return the model of some poses, in which everything that was estimated of what they share is open."""
+        return cls(rays, tuple(n for n, p in enumerate(rays.parameters) if p.sigma != 0.0 and rays.tells[n]))
 
     @property
     def leg_count(self) -> int:
@@ -38,9 +47,7 @@ class RayModel(EffectsModel):
 
     @cached_property
     def _common(self) -> NDArray:
-        """Return which numbers an adjustment does not know exactly, though they are common to all poses."""
-        rays = self.conditions
-        return np.array([n for n, p in enumerate(rays.parameters) if p.sigma != 0.0 and rays.tells[n]], int)
+        return np.array(self.common, int)
 
     @cached_property
     def _common_sigma(self) -> NDArray:
@@ -121,11 +128,22 @@ class RayModel(EffectsModel):
             found = found + _of_rays(effect.cause).moved(rays, effect.values)
         return found
 
+    def by_shared(self, shared: NDArray) -> NDArray:
+        """Return how these offsets (B, T, G), in units of each number's scale, follow the shared unknowns."""
+        rays = self.conditions
+        found = np.zeros((len(rays.poses), len(rays.parameters), self.shared_size))
+        place = np.arange(self.layout["common"].start, self.layout["common"].stop)
+        found[:, self._common, place] = self._common_sigma
+        for effect in self.effects(shared):
+            slopes = _of_rays(effect.cause).slopes(rays, effect.values) / self._scale[:, None]
+            found[..., self.layout[effect.cause.key]] = slopes * self.effect_sigma(effect.cause)
+        return found
+
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return channels and derivatives at shared (G,) unknowns; by the shared ones if asked for."""
         rays = self.conditions
         channels = np.einsum("bkt,bt->bk", rays.root, self.offsets(shared) / self._scale)
-        slopes = self._by_shared(shared) if by_shared else np.empty((*channels.shape, 0))
+        slopes = rays.root @ self.by_shared(shared) if by_shared else np.empty((*channels.shape, 0))
         return Prediction(
             channels[..., None],
             slopes[:, :, None],
@@ -166,16 +184,6 @@ class RayModel(EffectsModel):
         known = np.zeros(self.shared_size, bool)
         known[self.layout["common"]] = [self.conditions.parameters[n].sigma is not None for n in self._common]
         return known
-
-    def _by_shared(self, shared: NDArray) -> NDArray:
-        """Return the channels' derivatives (B, K, G) by the shared unknowns."""
-        rays = self.conditions
-        slopes = np.zeros((*rays.root.shape[:2], self.shared_size))
-        slopes[..., self.layout["common"]] = rays.root[..., self._common] * self._common_sigma
-        for effect in self.effects(shared):
-            own = self._followed(effect.cause, effect.values)
-            slopes[..., self.layout[effect.cause.key]] = own * self.effect_sigma(effect.cause)
-        return slopes
 
     def _followed(self, cause: Cause, values: NDArray) -> NDArray:
         """Return how channels (B, K, P) follow a cause's parameters at values (P,), SI."""
