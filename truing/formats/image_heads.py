@@ -92,7 +92,7 @@ def _tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any]]:
         with warnings.catch_warnings():
             # Cameras of a hundred megapixels are no attack; what is more than twice that is refused all the same.
             warnings.simplefilter("ignore")
-            with Image.open(path, formats=("JPEG", "MPO", "PNG")) as image:
+            with Image.open(path, formats=("JPEG", "PNG")) as image:
                 bits = start[24] if start[:4] == b"\x89PNG" else 8
                 exif = _exif(image)
                 return image.width, image.height, 8 if bits < 8 else bits, *exif

@@ -31,7 +31,7 @@ def _plain(path: Path) -> NDArray[np.uint8]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damaged tags, and of large images: heads are looked at before
-            with Image.open(path, formats=("JPEG", "MPO", "PNG", "TIFF")) as image:
+            with Image.open(path, formats=("JPEG", "PNG", "TIFF")) as image:
                 image.draft("L", image.size)  # a JPEG holds its luminance apart from its colours
                 return np.asarray(image.convert("L"))
     except (*NO_IMAGE, Image.DecompressionBombError) as error:

@@ -1,0 +1,217 @@
+"""Photographs: which there are, what their heads tell, their grey values, and all that can be wrong with them."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
+
+from schemas.campaign import read_campaign
+from tests.tolerance import assert_close
+from truing.formats.faultlog import FaultLog
+from truing.formats.image_heads import read_head
+from truing.formats.image_pixels import read_grey
+from truing.formats.photographs import list_photographs
+from truing.formats.raw import Unusable
+from truing.formats.source import CampaignFiles, has_photographs
+
+MODEL, ORIENTATION, EXIF, FOCAL, FOCAL_35, SERIAL = 0x110, 0x112, 0x8769, 0x920A, 0xA405, 0xA431
+PLANE_X, PLANE_UNIT, WIDTH_TAKEN, TAKEN, SPLIT = 0xA20E, 0xA210, 0xA002, 0x9003, 0x9291
+GREY = np.random.default_rng(1).integers(0, 255, (40, 60)).astype(np.uint8)
+
+
+def saved(path, pixels=GREY, tags=None, exposure=None, **more):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".tif":
+        more["tiffinfo"] = ImageFileDirectory_v2()
+        more["tiffinfo"].update({**(tags or {}), **({EXIF: exposure} if exposure else {})})
+    else:
+        more["exif"] = Image.Exif()
+        more["exif"].update(tags or {})
+        more["exif"].get_ifd(EXIF).update(exposure or {})
+    Image.fromarray(pixels).save(path, **more)
+    return path
+
+
+def listed(folder, log=None, sensor_width_mm=None, **entry):
+    files = {"files": {"images": entry}} if entry else {}
+    campaign = read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, **files})
+    return list_photographs(CampaignFiles(folder, campaign), sensor_width_mm, FaultLog() if log is None else log)
+
+
+def told(folder, **entry):
+    log = FaultLog()
+    return [(one.image, one.pose, one.camera) for one in listed(folder, log, **entry).found], log.faults()
+
+
+def test_poses_and_cameras_by_folder_or_name(tmp_path):
+    for name in ("images/10_2.jpg", "images/9_1.png", "images/7/left/a.tif", "images/7/right/a.tif", "images/8/B.JPG"):
+        saved(tmp_path / name)
+    found, faults = told(tmp_path)
+    assert not faults
+    assert sorted(found) == [
+        ("10_2", "10", "camera"),
+        ("7/left/a", "7", "left"),
+        ("7/right/a", "7", "right"),
+        ("8/B", "8", "camera"),
+        ("9_1", "9", "camera"),
+    ]
+
+
+def test_poses_by_a_pattern_with_what_else_lies_there_counted(tmp_path):
+    for name in ("raw/DSC_p07_c2_0013.jpg", "raw/DSC_p08_c2_0014.jpg"):
+        saved(tmp_path / name)
+    (tmp_path / "raw/DSC_p07_c2_0013.NEF").write_bytes(b"raw")
+    entry = {"path": "raw/*", "from_name": r"_p(?P<pose>\d+)_c(?P<camera>\d)", "offset": {"pose": 100}}
+    found, faults = told(tmp_path, **entry)
+    assert not faults
+    assert found == [("raw/DSC_p07_c2_0013", "107", "2"), ("raw/DSC_p08_c2_0014", "108", "2")]
+    assert listed(tmp_path, **entry).left_out == {("raw", "no photograph (.nef)"): 1}
+    assert listed(tmp_path, **entry).poses_are_numbers
+
+
+def test_pictures_beside_points_make_no_campaign_of_photographs(tmp_path):
+    saved(tmp_path / "images/1/setup.jpg")
+    assert has_photographs(tmp_path, {})
+    (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n")
+    assert not has_photographs(tmp_path, {})
+    assert has_photographs(tmp_path, {"files": {"images": {"path": "images/*/*.jpg"}}})
+
+
+@pytest.mark.parametrize(
+    ("exposure", "sensor", "expected", "told_by"),
+    [
+        ({}, None, None, None),
+        ({FOCAL: IFDRational(50), FOCAL_35: 75}, None, 75 * np.hypot(60, 40) / np.hypot(36, 24), "35 mm film"),
+        ({FOCAL: IFDRational(50), FOCAL_35: 75}, 24.0, 50 * 60 / 24.0, "sensor_width_mm"),
+        # 60 px on 30 mm, of which the file holds all
+        ({FOCAL: IFDRational(50), PLANE_X: IFDRational(20), PLANE_UNIT: 3}, None, 50 * 2.0, "focal plane"),
+        # made half as large since: 120 px on 30 mm
+        (
+            {FOCAL: IFDRational(50), PLANE_X: IFDRational(40), PLANE_UNIT: 3, WIDTH_TAKEN: 120},
+            *(None, 50 * 2.0, "focal plane"),
+        ),
+        # nonsense: a resolution that would make the sensor a kilometre wide, a focal length of zero
+        ({FOCAL: IFDRational(50), PLANE_X: IFDRational(1, 1000), PLANE_UNIT: 3}, None, None, None),
+        ({FOCAL: IFDRational(0, 0), FOCAL_35: 0}, 24.0, None, None),
+    ],
+)
+@pytest.mark.parametrize("ending", ["jpg", "png", "tif"])
+def test_the_principal_distance_to_start_from(tmp_path, ending, exposure, sensor, expected, told_by):
+    head = read_head(saved(tmp_path / f"a.{ending}", tags={MODEL: "D850"}, exposure=exposure), sensor)
+    assert (head.width_px, head.height_px, head.bits) == (60, 40, 8)
+    if expected is None:
+        assert head.principal_distance_px is head.principal_distance_from is None
+    else:
+        assert_close(head.principal_distance_px, expected, atol=1e-9)
+        assert told_by in head.principal_distance_from
+
+
+def test_cameras_by_model_serial_number_focal_length_and_format(tmp_path):
+    exposure = {SERIAL: "0042\0", FOCAL: IFDRational(35), TAKEN: "2026:11:22 10:11:12", SPLIT: "25"}
+    saved(tmp_path / "images/1/a.jpg", tags={MODEL: "D850", ORIENTATION: 6}, exposure=exposure)
+    saved(tmp_path / "images/1/b.jpg", tags={MODEL: "D850"}, exposure={**exposure, FOCAL: IFDRational(50)})
+    saved(tmp_path / "images/1/c.jpg", GREY.T, tags={MODEL: "D850"}, exposure={**exposure, FOCAL: IFDRational(50)})
+    saved(tmp_path / "images/1/d.jpg", tags={MODEL: "X2"})
+    found = listed(tmp_path).found
+    assert [one.camera for one in found] == [
+        "D850 0042, 35 mm, 60 x 40",
+        "D850 0042, 50 mm, 60 x 40",
+        "D850 0042, 50 mm, 40 x 60",
+        "X2",
+    ]
+    assert [one.head.turned for one in found] == ["on its side", "", "", ""]
+    assert (found[0].head.width_px, found[0].head.taken_at) == (60, "2026-11-22T10:11:12.25")
+
+
+def test_grey_values_as_they_stand(tmp_path):
+    colour = np.random.default_rng(2).integers(0, 255, (40, 60, 3)).astype(np.uint8)
+    luminance = colour @ [0.299, 0.587, 0.114]
+    deep = GREY.astype(np.uint16) * 257
+    cases = {"a.png": GREY, "b.tif": GREY, "c.png": deep, "d.tif": deep}
+    for name, pixels in cases.items():
+        path = saved(tmp_path / name, pixels)
+        grey = read_grey(path, read_head(path))
+        assert grey.dtype == pixels.dtype
+        assert (grey == pixels).all()
+    for name, scale in (("e.png", 1), ("f.tif", 1), ("g.png", 257), ("h.tif", 257)):
+        path = str(tmp_path / name)
+        cv2.imwrite(path, colour[..., ::-1] if scale == 1 else colour[..., ::-1].astype(np.uint16) * 257)
+        path = tmp_path / name
+        assert_close(read_grey(path, read_head(path)) / scale, luminance, atol=1.0)
+    smooth = np.add.outer(np.arange(40), 2 * np.arange(60)).astype(np.uint8)
+    path = saved(tmp_path / "i.jpg", np.dstack([smooth] * 3), tags={ORIENTATION: 6}, quality=95)
+    assert_close(read_grey(path, read_head(path)), smooth, atol=3.0)
+
+
+def bomb(width, height):
+    """The head of a PNG that announces so many pixels, and hardly any of them."""
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0" * 99))]
+    body = [
+        struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in (*chunks, (b"IEND", b""))
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(body)
+
+
+def test_everything_that_is_wrong_is_told_at_once(tmp_path):
+    folder = tmp_path / "images" / "1"
+    saved(folder / "twice.jpg")
+    saved(folder / "twice.png")
+    saved(folder / "tiny.png", np.zeros((1, 1), np.uint8))
+    saved(tmp_path / "images" / "nopose.jpg")
+    (folder / "empty.jpg").write_bytes(b"")
+    (folder / "text.jpg").write_text("no picture at all")
+    (folder / "bomb.png").write_bytes(bomb(60_000, 60_000))
+    (folder / "damaged.tif").write_bytes(b"II*\0\x08\0\0\0\xff\xff")
+    Image.fromarray(GREY.astype(np.float32)).save(folder / "deep.tif")
+    _, faults = told(tmp_path)
+    found = {str(fault).split(": ", 1)[0]: str(fault).split(": ", 1)[1] for fault in faults}
+    assert {name: [word for word in words if word in found[name]] for name, words in EXPECTED.items()} == EXPECTED
+    assert found.keys() == EXPECTED.keys()
+
+
+EXPECTED = {
+    "images/1/twice.png": ["'1/twice'", "images/1/twice.jpg has it, too"],
+    "images/1/tiny.png": ["'1 x 1'", "at least 16 px"],
+    "images/nopose.jpg": ["a pose in its name", "from_name"],
+    "images/1/empty.jpg": ["this file is empty"],
+    "images/1/text.jpg": ["JPEG, PNG or TIFF"],
+    "images/1/bomb.png": ["million pixels"],
+    "images/1/damaged.tif": ["a TIFF with a damaged head"],
+    "images/1/deep.tif": ["'32'", "8 or 16 bits"],
+}
+
+
+def test_an_entry_that_leads_to_no_photograph(tmp_path):
+    saved(tmp_path / "a.png")
+    (tmp_path / "table.csv").write_text("x\n1\n")
+    for entry, words in (
+        ({"path": "table.csv"}, "a photograph (.jpg"),
+        ({"path": "none/*.jpg"}, "an existing file"),
+        ({"path": "a.png", "from_name": r"x(?P<pose>\d)"}, "tells the pose"),
+        ({"path": "a.png", "constants": {"pose": 1, "body": "b"}}, "one of camera, image, pose"),
+        ({"path": "a.png", "constants": {"pose": 1}, "separator": ";"}, "one of constants, from_name"),
+    ):
+        _, faults = told(tmp_path, **entry)
+        assert len(faults) == 1
+        assert words in str(faults[0])
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "deep.png", "deep.tif"])
+def test_what_ends_early_or_is_damaged_is_refused_and_never_half_read(tmp_path, name):
+    path = saved(
+        tmp_path / name, np.tile(GREY, (4, 4)) if "deep" not in name else np.tile(GREY, (4, 4)) * np.uint16(257)
+    )
+    content = path.read_bytes()
+    head = read_head(path)
+    for cut in (len(content) // 3, len(content) - 200):
+        path.write_bytes(content[:cut])
+        with pytest.raises(Unusable, match=r"a whole photograph|as JPEG, PNG or TIFF"):
+            read_grey(path, head)
+    path.write_bytes(content)
+    assert read_grey(path, head).shape == (160, 240)
