@@ -11,6 +11,7 @@ from typing import Any
 from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
 from pipeline.campaign_run import CampaignRun, detached_run
 from pipeline.problems import ExitCode
+from pipeline.settings_view import SettingsView
 from pipeline.stage_order import RAW_READERS, stage_module
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
@@ -48,7 +49,8 @@ def _read_raw(run: CampaignRun) -> str:
         try:
             source = CampaignFiles(run.campaign.folder, run.settings)
             if stage.name == "images" and source.entries("images"):
-                said.append(f"opened {stage_module(stage.name).look(run.settings, source)}")
+                settings = SettingsView(run.settings, stage.settings)
+                said.append(f"opened {stage_module(stage.name).look(settings, source)}")
                 continue
             outcome = run.outcome(stage, lambda done, total, what: None)
             drain(outcome.artifacts)
