@@ -68,6 +68,8 @@ DECLARATION = Stage(
         "changes?",
         "uncertainty?",
         "uncertainty_budget?",
+        *("object_points?", "cameras?", "camera_correlations?", "image_orientations?", "image_residuals?"),
+        *("scale_bar_lengths?", "bundle_statistics?"),
     ),
     leaves=("report",),
     settings=("campaign.name", "mechanism.legs", "mechanism.height_mm"),

@@ -158,7 +158,7 @@ class NetworkTables:
     def camera_correlations(self) -> pa.Table:
         """A row per pair of parameters that are common to all poses."""
         first, second = np.triu_indices(len(self.parameters), 1)
-        correlation = _sigma_and_correlation(self.common)[1]
+        correlation = np.clip(self.common / self.common_sigma[:, None] / self.common_sigma, -1.0, 1.0)
         names = np.array(self.parameters, dtype=object)
         columns = {"parameter": names[first], "other_parameter": names[second]}
         return _table("camera_correlations", {**columns, "correlation": correlation[first, second]}, self.text)

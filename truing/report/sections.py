@@ -15,6 +15,7 @@ from truing.report.knowledge.section import knowledge
 from truing.report.load_steps import is_bench
 from truing.report.measured_section import measured
 from truing.report.page import Listing, Section
+from truing.report.photographs.section import photographs
 from truing.report.poses.section import poses
 from truing.report.quality_section import quality
 from truing.report.reasons import why_absent
@@ -40,6 +41,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
         diagnosis(tables) or _absent("diagnosis", "Diagnosis", tables),
         measured(tables),
         quality(tables) or _absent("qa", "Quality", tables),
+        photographs(tables),
         *(_placed(tables) if bench else [poses(tables) or _absent("poses", "Poses", tables)]),
         deformation(tables) or load_deformation(tables) or _absent("deformation", "Deformation", tables),
         calibration(tables) or sensor_calibration(tables) or _absent("calibration", "Calibration", tables),

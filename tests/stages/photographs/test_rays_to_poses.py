@@ -173,3 +173,28 @@ def test_a_camera_that_jumps_is_told_of(tmp_path: Path) -> None:
     (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "camera-stability"]
     assert row["verdict"] == "warn"
     assert "pose 3" in row["message"]
+
+
+def test_the_page_shows_every_camera_and_lists_every_ray_that_was_left_out(adjusted: Any) -> None:
+    from truing.report.photographs.section import photographs
+
+    _, _, tables = adjusted
+    frames = {name: table.to_pandas() for name, table in tables.items() if isinstance(table, pa.Table)}
+    section = photographs(frames)
+    assert section is not None
+    (network, _), (residuals, _) = section.figures
+    assert [step.label for step in network.layout.sliders[0].steps] == ["1", "2", "3"]
+    seen = [trace for trace in network.data if trace.visible]
+    cameras = next(trace for trace in seen if trace.name == "projection centre")
+    assert len(cameras.x) == (frames["image_orientations"]["pose"] == 1).sum()
+    assert {trace.name for trace in seen} >= {"base", "platform", "bars", "camera"}
+    assert len(residuals.layout.sliders[0].steps) == 1 + len(frames["image_orientations"])
+    (left,) = [listing for listing in section.listings if listing.caption.startswith("Rays left out")]
+    assert len(left.rows) == frames["image_residuals"]["rejected"].sum()
+    assert all(row[-1] for row in left.rows)
+
+
+def test_a_campaign_without_photographs_has_no_such_section() -> None:
+    from truing.report.photographs.section import photographs
+
+    assert photographs({}) is None

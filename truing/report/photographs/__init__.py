@@ -1,0 +1,1 @@
+"""The section of photographs: network, residuals, cameras, rejected rays."""

@@ -1,0 +1,178 @@
+"""The section of the photographs: what their rays say of points, cameras, scale bars, and of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
+from truing.report.page import Listing, Section
+from truing.report.photographs.network_figure import network_picture
+from truing.report.photographs.residual_figure import residual_picture
+from truing.report.tables import Tables, cell, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OPEN = 12
+_HELD = "image_residuals.parquet"
+
+
+def photographs(tables: Tables) -> Section | None:
+    """The network of rays; None where a campaign's points do not come out of photographs."""
+    points, residuals = filled(tables, "object_points"), filled(tables, "image_residuals")
+    cameras, images = filled(tables, "cameras"), filled(tables, "image_orientations")
+    if points is None or residuals is None or cameras is None or images is None:
+        return None
+    points = _with_bodies(points, tables)
+    figures = (
+        (network_picture(points, images, cameras), "Long ellipsoids point to the cameras where these stand too close."),
+        (
+            residual_picture(residuals, cameras),
+            "Noise points anywhere. Neighbours that point the same way are distortion that the camera's model does not "
+            "have; a single long vector is a target that was measured wrong.",
+        ),
+    )
+    listings = [
+        _cameras(cameras, tables),
+        *_bars(tables),
+        *_noise(tables),
+        *_rejected(residuals),
+        _points(points),
+    ]
+    lead = _lead(points, residuals, images, tables)
+    return Section("photographs", "Photographs", lead, figures, tuple(listings))
+
+
+def _with_bodies(points: pd.DataFrame, tables: Tables) -> pd.DataFrame:
+    """The object points with the bodies that the survey gave those without a code."""
+    seen = filled(tables, "observations")
+    if seen is None or "point" not in seen:
+        return points
+    known = seen[["pose", "point", "body"]].rename(columns={"body": "of_survey"})
+    both = points.merge(known, on=["pose", "point"], how="left")
+    return both.assign(body=both["of_survey"].fillna(both["body"])).drop(columns="of_survey")
+
+
+def _figures(tables: Tables) -> dict[tuple[str, str], float]:
+    table = filled(tables, "bundle_statistics")
+    if table is None:
+        return {}
+    return {(r.figure, cell(r.subject)): float(r.value) for r in table.itertuples()}
+
+
+def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, tables: Tables) -> str:
+    told = _figures(tables)
+    used = int((~residuals["rejected"]).sum())
+    said = f"{used:,} rays of {count(len(images), 'photograph')} make {count(len(points), 'object point')} in "
+    said += f"{count(points['pose'].nunique(), 'pose')}"
+    redundancy = told.get(("redundancy", ""))
+    said += f", with a redundancy of {redundancy:,.0f}." if redundancy else "."
+    sigma = points[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy()
+    said += (
+        f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
+    )
+    kept = residuals[~residuals["rejected"]]
+    return said + f"{float(np.median(kept['sigma_x_px'])):.3f} px. {len(residuals) - used:,} rays were left out."
+
+
+def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
+    strongest = _strongest(tables)
+    rows = []
+    for r in cameras.itertuples():
+        sigma = float(r.sigma) if r.free and np.isfinite(r.sigma) else None
+        unit = "" if r.unit == "1" else r.unit
+        how = "estimated" if r.free else "held"
+        rows.append(
+            (
+                r.camera,
+                r.parameter,
+                with_uncertainty(float(r.value), sigma, unit),
+                how,
+                strongest.get(f"{r.camera} {r.parameter}", ""),
+            )
+        )
+    heads = ("camera", "parameter", "value", "", "strongest correlation")
+    return Listing(heads, tuple(rows), caption="Cameras: interior orientation as adjusted", held_by="cameras.parquet")
+
+
+def _strongest(tables: Tables) -> dict[str, str]:
+    """Per parameter, the other one that it is correlated with most."""
+    table = filled(tables, "camera_correlations")
+    if table is None:
+        return {}
+    best: dict[str, tuple[float, str]] = {}
+    for r in table.itertuples():
+        for one, other in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
+            if abs(r.correlation) > abs(best.get(one, (0.0, ""))[0]):
+                best[one] = (r.correlation, other)
+    return {one: f"{value:+.2f} with {other}" for one, (value, other) in best.items()}
+
+
+def _bars(tables: Tables) -> Iterator[Listing]:
+    table = filled(tables, "scale_bar_lengths")
+    if table is None:
+        return
+    rows = tuple(
+        (
+            str(r.pose),
+            r.bar,
+            r.serves,
+            with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
+            with_uncertainty(r.adjusted_mm, r.adjusted_sigma_mm, "mm"),
+            printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm")),
+        )
+        for r in table.itertuples()
+    )
+    heads = ("pose", "bar", "serves as", "calibrated", "adjusted", "difference")
+    yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by="scale_bar_lengths.parquet")
+
+
+def _noise(tables: Tables) -> Iterator[Listing]:
+    told = _figures(tables)
+    rows = tuple(
+        (
+            subject,
+            with_uncertainty(value, told.get(("noise over stated, sigma", subject))),
+            plain(told.get(("redundancy of a component", subject))),
+        )
+        for (figure, subject), value in told.items()
+        if figure == "noise over stated"
+    )
+    if rows:
+        heads = ("camera and kind of target", "noise over stated", "redundancy")
+        yield Listing(heads, rows, caption="Noise of the image coordinates, as the residuals tell it")
+
+
+def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
+    left = residuals[residuals["rejected"]]
+    if not len(left):
+        return
+    left = left.assign(size=np.hypot(left["vx_px"], left["vy_px"])).sort_values("size", ascending=False, kind="stable")
+    rows = tuple(_ray(r) for r in left.itertuples())
+    heads = ("pose", "image", "point", "kind", "at x, y (px)", "off by (px)", "why")
+    yield Listing(heads, rows, caption=f"Rays left out ({len(rows)})", folded=len(rows) > _OPEN, held_by=_HELD)
+
+
+def _ray(r: Any) -> tuple[str, ...]:
+    off = f"{r.vx_px:+.2f}, {r.vy_px:+.2f}" if np.isfinite(r.vx_px) else "–"
+    return str(r.pose), r.image, r.point, r.kind, f"{r.x_px:.1f}, {r.y_px:.1f}", off, cell(r.reason)
+
+
+def _points(points: pd.DataFrame) -> Listing:
+    rows = tuple(
+        (
+            str(r.pose),
+            r.point,
+            ", ".join(with_uncertainty(getattr(r, f"{a}_mm"), getattr(r, f"sigma_{a}_mm")) for a in "xyz"),
+            str(r.rays),
+            f"{r.largest_angle_deg:.0f}",
+        )
+        for r in points.itertuples()
+    )
+    heads = ("pose", "point", "x, y, z (mm)", "rays", "largest angle (deg)")
+    return Listing(
+        heads, rows, caption=f"All {len(rows):,} object points", folded=True, held_by="object_points.parquet"
+    )
