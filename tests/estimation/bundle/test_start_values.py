@@ -24,6 +24,7 @@ def test_a_network_orients_itself_from_nothing(planar):
     assert start.image_oriented.all()
     assert start.point_placed.all()
     assert start.scale == ("scale bars",)
+    assert start.miss_px[0] < 0.5
     assert not start.ray_agrees[made.gross_px * made.gross > 50].any()
     assert start.ray_agrees[~made.gross].mean() > 0.97
     assert shape_error(start.state.points, made.truth.points) < 2e-3
@@ -36,6 +37,14 @@ def test_a_wrong_principal_distance_is_mended(factor):
     start = find_start(made.network, guess(made.network.cameras, factor))
     assert start.image_oriented.all()
     assert abs(start.state.interior[0, 0] / made.truth.interior[0, 0] - 1) < 0.03
+
+
+def test_a_long_lens_that_nothing_is_known_of_is_found():
+    far = np.array([14000.0, 20.0, -10.0, 0, 0, 0, 0, 0, 0, 0])
+    made = simulate(seed=1, images=7, points=20, distance=10.0, interior=far)
+    start = find_start(made.network, guess(made.network.cameras, known=False))
+    assert start.image_oriented.all()
+    assert abs(start.state.interior[0, 0] / far[0] - 1) < 0.05
 
 
 def test_the_adjustment_converges_from_ten_degrees_and_ten_per_cent():

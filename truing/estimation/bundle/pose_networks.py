@@ -13,6 +13,7 @@ from truing.estimation.bundle.network import Bars, Index, KnownPoints, Network, 
 class PoseNetwork:
     """A pose with its own numbers and the cameras of the whole, without bars; image, point and ray lead back."""
 
+    number: int
     network: Network
     image: Index
     point: Index
@@ -46,5 +47,5 @@ def pose_networks(network: Network) -> list[PoseNetwork]:
             Bars.none(),
             KnownPoints(to_point[known.point[held]], known.xyz_m[held], known.cov_m2[held]),
         )
-        found.append(PoseNetwork(alone, image, point, ray))
+        found.append(PoseNetwork(pose, alone, image, point, ray))
     return found

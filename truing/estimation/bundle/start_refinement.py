@@ -19,7 +19,7 @@ from truing.estimation.bundle.pose_networks import PoseNetwork
 _WIDE_PER_SIDE = 0.01  # tolerance at first, over the longer side: a lens not calibrated yet bends so much and more
 _NARROW_PER_SIDE = 5e-4  # and at last, or
 _SPREADS = 6.0  # times the spread of what agrees
-_FREE = ((3, ("c",)), (6, ("c", "A1")), (12, ("c", "x0", "y0", "A1", "A2", "B1", "B2")))  # from so many images on
+_FREE = ((3, ("c",)), (6, ("c", "A1")), (8, ("c", "x0", "y0", "A1", "A2", "B1", "B2")))  # from so many images on
 _ROUNDS = 3  # of bounded influence
 _BOUND = 2.0  # spreads up to which a ray has full weight
 _PLAUSIBLE = (0.4, 2.5)  # range of an adjusted principal distance over that before
@@ -51,11 +51,22 @@ def prepare(network: Network, interior: Array) -> Grown:
         given=nothing,
         X=nothing,
         agrees=np.zeros(rays.count, bool),
-        tolerance_px=_WIDE_PER_SIDE * float(longer_sides(network)[np.unique(camera)].max(initial=1.0)),
+        tolerance_px=_WIDE_PER_SIDE * _side(network),
         interior=interior,
         failed={},
     )
     return with_interior(network, empty, interior)
+
+
+def _side(network: Network) -> float:
+    """Return the longest side in px of a pose's images."""
+    return float(longer_sides(network)[network.image_camera].max(initial=1.0))
+
+
+def reopened(network: Network, now: Grown) -> Grown:
+    """Return the pose with the tolerance it began with: what a lens not known yet bent too far may agree after all."""
+    wide = _WIDE_PER_SIDE * _side(network)
+    return replace(now, tolerance_px=wide, agrees=now.rays.agree(now.X, wide))
 
 
 def with_interior(network: Network, now: Grown, interior: Array) -> Grown:
@@ -101,7 +112,7 @@ def taken_over(network: Network, now: Grown, state: State) -> Grown:
     rays = replace(own.rays, R=R, centre=centre)
     off = np.linalg.norm(rays.misses(X)[0], axis=1)
     spread = 1.4826 * float(np.median(off[now.agrees])) / 1.1774 if now.agrees.any() else np.inf
-    side = float(longer_sides(network)[network.image_camera].max(initial=1.0))
+    side = _side(network)
     tolerance = float(np.clip(_SPREADS * spread, _NARROW_PER_SIDE * side, now.tolerance_px))
     return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agree(X, tolerance))
 
@@ -115,13 +126,14 @@ def _adjusted(network: Network, state: State, used: Mask) -> Adjustment | None:
     for free in (count, np.zeros_like(count)):
         released = replace(bare, cameras=_released(network, free))
         try:
-            done = _bounded(released, state, used)
+            with np.errstate(all="ignore"):  # a false beginning may lead anywhere, and is not taken over
+                done = _bounded(released, state, used)
         except (UndeterminedNetworkError, np.linalg.LinAlgError):
             continue
-        change = done.state.interior[:, 0] / state.interior[:, 0]
-        if not used.any() or not ((change > _PLAUSIBLE[0]) & (change < _PLAUSIBLE[1]))[count > 0].all():
-            continue
-        return done
+        change = (done.state.interior[:, 0] / state.interior[:, 0])[count > 0]
+        finite = np.isfinite(done.state.centre[images]).all() and np.isfinite(done.residuals_px[used]).all()
+        if finite and ((change > _PLAUSIBLE[0]) & (change < _PLAUSIBLE[1])).all():
+            return done
     return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from truing.estimation.bundle.resection import FEWEST
 from truing.estimation.bundle.start_refinement import longer_sides, prepare, refined
 
 _FIELD_WIDTHS = (1.25, 0.85, 1.8, 2.6, 0.6, 4.0)  # principal distance over the longer side, the usual first
+_FEW_SEEDS = 1  # beginnings tried with each field width before all are
 _PAIRS = 12  # pairs of images whose relative orientation is tried
 _BEST_PAIRS = 3  # of them that are grown
 _TRIAL_IMAGES = 6  # up to which rival seeds are grown before one is chosen
 _GOOD_ANGLE = np.radians(15.0)  # of intersection; more is no better to start from
 _LEAST_ANGLE = np.radians(2.0)
 _CLEAR_IMAGES = 0.6  # of the images that could be are oriented,
-_CLEAR_SHARE = 0.8  # of an oriented image's rays agree, and
+_CLEAR_SHARE = 0.6  # of an oriented image's rays agree, and
 _CLEAR_PER_SIDE = 5e-4  # they miss by less than this part of the longer side: no rival is looked for
 _SCORED_PER_SIDE = 5e-3  # a miss of this part of the longer side counts nothing
 
@@ -35,41 +37,45 @@ def begin(network: Network, interior: Array, corners: Index, size_m: Array) -> G
     """Return a pose, alone in its network, oriented as far as it goes, principal distances tried at several field
     widths where the given ones (C,) are NaN, or free and nothing comes of them."""
     best, best_score = prepare(network, np.nan_to_num(interior, nan=1.0)), -1.0
-    for values in _interiors(network, interior):
+    for values, most in _interiors(network, interior):
         rng = np.random.default_rng(0)  # the same rays give the same start, whatever else is tried
-        trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng)
-        if score > best_score:
+        trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng, most)
+        clear = _is_clear(network, trial)
+        if clear or score > best_score:
             best, best_score = trial, score
-        if _is_clear(network, trial):
+        if clear:
             break
     return grow(best, np.random.default_rng(0), lambda now: refined(network, now))
 
 
-def _interiors(network: Network, interior: Array) -> Iterator[Array]:
-    """Return the interiors to be tried: as given, then principal distances of several field widths."""
+def _interiors(network: Network, interior: Array) -> Iterator[tuple[Array, int | None]]:
+    """Return the interiors to be tried, each with how many beginnings: as given, then principal distances of several
+    field widths, with few beginnings each and, where nothing comes of them, with all."""
     cameras = np.unique(network.image_camera)
     unknown = np.isnan(interior[cameras, 0])
     free = np.array(["c" in network.cameras[k].free for k in cameras])
     if not unknown.any():
-        yield np.nan_to_num(interior, nan=1.0)
+        yield interior, None
     doubtful = cameras[unknown] if unknown.any() else cameras[free]
-    for width in _FIELD_WIDTHS if len(doubtful) else ():
-        values = interior.copy()
-        values[doubtful, 0] = width * longer_sides(network)[doubtful]
-        yield np.nan_to_num(values, nan=1.0)
+    for most in (_FEW_SEEDS, None):
+        for width in _FIELD_WIDTHS if len(doubtful) else ():
+            values = interior.copy()
+            values[doubtful, 0] = width * longer_sides(network)[doubtful]
+            yield np.nan_to_num(values, nan=1.0), most
 
 
 def _best_seed(
-    network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator
+    network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator, most: int | None
 ) -> tuple[Grown, float]:
-    """Return the best of all beginnings, grown to a few images, and its score."""
+    """Return the best of all beginnings, or the first so many, grown to a few images, and its score."""
     best, best_score = empty, 0.0
-    for seed in _seeds(network, empty, corners, size_m, rng):
+    for seed in islice(_seeds(network, empty, corners, size_m, rng), most):
         trial = grow(seed, rng, lambda now: refined(network, now), _TRIAL_IMAGES)
         score = _score(network, trial)
-        if score > best_score:
+        clear = _is_clear(network, trial)
+        if clear or score > best_score:
             best, best_score = trial, score
-        if _is_clear(network, trial):
+        if clear:
             break
     return best, best_score
 

@@ -20,7 +20,7 @@ from truing.estimation.bundle.network import Array, Index, Network, State
 from truing.estimation.bundle.pose_networks import PoseNetwork, pose_networks
 from truing.estimation.bundle.resection import FEWEST
 from truing.estimation.bundle.start_frame import in_frame
-from truing.estimation.bundle.start_refinement import joined, refined, refined_together
+from truing.estimation.bundle.start_refinement import joined, refined, refined_together, reopened
 from truing.estimation.bundle.start_seeds import begin, usual_distance
 
 
@@ -42,7 +42,8 @@ class Markers:
 class Start:
     """Start values: the state (NaN where nothing was found), which images (I,) are oriented and points (P,) placed,
     which rays (N,) agree, why images and points were left out ("" where they were not), and per pose (S) where its
-    frame and its scale come from: "known points", "scale bars", "markers", "none" (free), "not oriented"."""
+    frame and its scale come from ("known points", "scale bars", "markers", "none": free, "not oriented") and the median
+    miss_px of its agreeing rays (NaN where there are none): much more than measuring noise tells of a poor start."""
 
     state: State
     image_oriented: Mask
@@ -52,6 +53,7 @@ class Start:
     point_reason: tuple[str, ...]
     frame: tuple[str, ...]
     scale: tuple[str, ...]
+    miss_px: Array
 
 
 def find_start(network: Network, interior: Array, markers: Markers | None = None) -> Start:
@@ -74,14 +76,17 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     found = _finished(network, poses, [replace(now, interior=values) for now in found])
     whole = joined(network, poses, found)
     state, frame, scale = in_frame(network, whole, markers.corners, markers.size_m)
-    agrees = np.zeros(network.rays.count, bool)
+    agrees, miss = np.zeros(network.rays.count, bool), np.full(len(poses), np.nan)
     failed: dict[int, tuple[int, int]] = {}
     for pose, now in zip(poses, found, strict=True):
         agrees[pose.ray] = now.agrees
+        if now.agrees.any():
+            off = now.rays.misses(now.X)[0][now.agrees]
+            miss[pose.number] = np.median(np.linalg.norm(off, axis=1))
         failed |= {int(pose.image[image]): why for image, why in now.failed.items()}
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
     images, points = _image_reasons(network, failed, placed, oriented), _point_reasons(network, state, placed, oriented)
-    return Start(state, oriented, placed, agrees, images, points, tuple(frame), tuple(scale))
+    return Start(state, oriented, placed, agrees, images, points, tuple(frame), tuple(scale), miss)
 
 
 def _markers_of(pose: PoseNetwork, markers: Markers) -> tuple[Index, Array]:
@@ -92,14 +97,17 @@ def _markers_of(pose: PoseNetwork, markers: Markers) -> tuple[Index, Array]:
 
 
 def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
-    """Return all poses adjusted together, images tried again that failed before, and once more adjusted."""
-    together = refined_together(network, poses, found)
+    """Return all poses adjusted together with the first tolerance, images tried again that failed before, and once more
+    adjusted."""
+    together = refined_together(network, poses, [reopened(p.network, now) for p, now in zip(poses, found, strict=True)])
     again = []
     for pose, now in zip(poses, together, strict=True):
         rng = np.random.default_rng(0)
-        fresh = intersected(replace(now, failed={}), rng) if now.oriented.any() else now
-        again.append(grow(fresh, rng, partial(refined, pose.network)))
-    return refined_together(network, poses, [replace(now, interior=together[0].interior) for now in again])
+        if now.oriented.any() and not now.oriented.all():
+            wide = replace(reopened(pose.network, now), failed={})
+            now = grow(intersected(wide, rng), rng, partial(refined, pose.network))
+        again.append(intersected(replace(now, interior=together[0].interior), rng) if now.oriented.any() else now)
+    return refined_together(network, poses, again)
 
 
 def _image_reasons(
