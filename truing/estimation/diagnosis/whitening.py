@@ -146,7 +146,7 @@ class Whitened:
 
         Rows err independently, each by one; groups that hold every row sum to `covariance`.
         """
-        follows = self._inverse[place] @ (self._inverse.T @ self.rows.T)
+        follows = (self._inverse[place] @ self._inverse.T) @ self.rows.T
         return {name: follows[:, own] @ follows[:, own].T for name, own in rows.items()}
 
     def without_local(self, columns: NDArray) -> NDArray:
