@@ -67,26 +67,34 @@ def _reconstruction(problem: Problem):  # type: ignore[no-untyped-def]
     return found, reset, state
 
 
+def _adjuster(found, threads: int):  # type: ignore[no-untyped-def]
+    """Return pycolmap's adjustment of all images: points eliminated, a dense decomposition of what is left, which is
+    faster here than what it chooses for more than fifty images; two images hold the datum, without strain."""
+    import pycolmap
+
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point = False
+    options.print_summary = False
+    options.ceres.max_num_images_direct_dense_cpu_solver = 100
+    solver = options.ceres.solver_options
+    solver.num_threads = threads
+    solver.function_tolerance, solver.gradient_tolerance = _TOLERANCE, 0.0
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in found.images:
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    return pycolmap.create_default_ceres_bundle_adjuster(options, config, found)
+
+
 def pycolmap_solver(problem: Problem, threads: int, covariance: bool) -> Solver:
     """Return pycolmap's adjustment; with its covariance of points, images and camera where asked for."""
     import pycolmap
 
     found, reset, state = _reconstruction(problem)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = False
-    options.print_summary = False
-    solver = options.ceres.solver_options
-    solver.num_threads = threads
-    solver.function_tolerance = _TOLERANCE
-    solver.gradient_tolerance = 0.0
-    config = pycolmap.BundleAdjustmentConfig()
-    for number in found.images:
-        config.add_image(number)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
 
     def solve() -> State:
         reset()
-        adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, found)
+        adjuster = _adjuster(found, threads)
         adjuster.solve()
         if covariance and pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), found, adjuster) is None:
             raise RuntimeError("pycolmap found no covariance")
@@ -96,39 +104,21 @@ def pycolmap_solver(problem: Problem, threads: int, covariance: bool) -> Solver:
 
 
 def pyceres_solver(problem: Problem, threads: int) -> Solver:
-    """Return ceres by its own bindings, with pycolmap's compiled cost of a ray, points eliminated first."""
+    """Return ceres alone, by its own bindings, on the problem that pycolmap posed once."""
     import pyceres
-    import pycolmap
-    from pycolmap import cost_functions
 
-    network, start = problem.network, problem.start
-    matrices = _camera_from_world(start)
-    first_poses = [np.append(pose.rotation.quat, pose.translation) for pose in map(pycolmap.Rigid3d, matrices)]
-    camera_start = np.array([start.interior[0, 0], *_CENTRE, 0.0, 0.0])
-    poses, points, camera = [p.copy() for p in first_poses], [p.copy() for p in start.points], camera_start.copy()
-    program = pyceres.Problem()
-    rays = network.rays
-    for i, p, xy in zip(rays.image, rays.point, rays.xy_px, strict=True):
-        cost = cost_functions.ReprojErrorCost(pycolmap.CameraModelId.RADIAL, xy)
-        program.add_residual_block(cost, None, [points[p], poses[i], camera])
-    for pose in poses:
-        quaternion, shift = pyceres.EigenQuaternionManifold(), pyceres.EuclideanManifold(3)
-        program.set_manifold(pose, pyceres.ProductManifold(quaternion, shift))
-    program.set_manifold(camera, pyceres.SubsetManifold(5, [1, 2]))
+    found, reset, state = _reconstruction(problem)
+    adjuster = _adjuster(found, threads)
     options = pyceres.SolverOptions()
     options.linear_solver_type = pyceres.LinearSolverType.DENSE_SCHUR
     options.num_threads = threads
     options.minimizer_progress_to_stdout = False
     options.function_tolerance, options.gradient_tolerance = _TOLERANCE, 0.0
-    options.max_num_iterations = 100
 
     def solve() -> State:
-        for place, first in zip([*poses, *points, camera], [*first_poses, *start.points, camera_start], strict=True):
-            place[:] = first
-        pyceres.solve(options, program, pyceres.SolverSummary())
-        f, _, _, k1, k2 = camera
-        found = [pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:4]), pose[4:]).matrix() for pose in poses]
-        return with_radial(_looking_from(replace(start, points=np.array(points)), np.array(found)), f, k1, k2)
+        reset()
+        pyceres.solve(options, adjuster.problem, pyceres.SolverSummary())
+        return state()
 
     return solve
 

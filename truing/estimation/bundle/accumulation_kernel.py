@@ -232,6 +232,31 @@ def weighted_squares(
 
 
 @compiled(lane_arithmetic.__file__, __file__)
+def image_points(
+    image: NDArray,
+    point: NDArray,
+    camera: NDArray,
+    interior: NDArray,
+    format_centre: NDArray,
+    radius: NDArray,
+    R: NDArray,
+    centre: NDArray,
+    points: NDArray,
+    xy: NDArray,
+) -> None:
+    """Fill image coordinates (N, 2) in px of points seen in images, NaN where one is not before its camera."""
+    X = np.zeros(3)
+    for n in range(len(image)):
+        i = image[n]
+        k = camera[i]
+        direct(X, R[i], points[point[n]], centre[i])
+        xy[n, 0] = xy[n, 1] = np.nan
+        if X[2] > 0.0:
+            x, y = image_point(interior[k], radius[k], X)
+            xy[n, 0], xy[n, 1] = format_centre[k, 0] + x, format_centre[k, 1] + y
+
+
+@compiled(lane_arithmetic.__file__, __file__)
 def forward(own: NDArray, rows: NDArray, damping: float, root: NDArray, reduced: NDArray) -> bool:
     """Fill the inverse (b, d, d) of the Cholesky factor of blocks whose diagonal is enlarged by a part of it, and its
     product (b d, w) with their rows; return whether all of them are positive definite."""

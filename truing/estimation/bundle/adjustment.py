@@ -25,6 +25,7 @@ from truing.estimation.bundle.normal_equations import (
     moved,
     normal_equations,
     observe,
+    residuals,
     sum_of_squares,
 )
 from truing.estimation.bundle.projection import project
@@ -104,12 +105,23 @@ def adjust(
     state = in_datum(layout, state, start, held)
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
-    residuals = network.rays.xy_px - project(network, state, network.rays.image, network.rays.point)
     defect = np.array([one.shape[1] for one in held])
     redundancy = _rows(layout) - _unknowns(layout) + int(defect.sum())
     chi2 = _total(observed, state)
     return Adjustment(
-        network, state, datum, residuals, on, w, iterations, converged, redundancy, defect, held, chi2, observed
+        network,
+        state,
+        datum,
+        residuals(network, state),
+        on,
+        w,
+        iterations,
+        converged,
+        redundancy,
+        defect,
+        held,
+        chi2,
+        observed,
     )
 
 

@@ -338,9 +338,9 @@ class _Datum:
 
     def points(self, covariance: Array) -> Array:
         """Return the covariance (3 p, 3 p) of points in the datum."""
-        found = covariance - self.freedoms @ (self.back @ covariance)
-        found -= (found @ self.back.T) @ self.freedoms.T
-        found = (found + found.T) / 2
+        drawn = self.back @ covariance
+        drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
+        found = covariance - np.hstack([self.freedoms, drawn.T]) @ np.vstack([drawn, self.freedoms.T])
         found[self.certain] = found[:, self.certain] = 0.0
         return found
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import expm, qr
+from scipy.linalg import qr
 
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array, Index, State
@@ -45,13 +45,11 @@ def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Fr
         return Freedom(np.zeros((len(centres), 6, 0)), np.zeros((0, 3, 0)), np.zeros((7, 0)))
     middle = points.mean(0)
     size = np.sqrt(np.mean((points - middle) ** 2) * 3)
-    of_images, of_points = _movements((centres - middle) / size), _movements((points - middle) / size)
-    of_images = np.concatenate([of_images, np.zeros_like(of_images)], 1)
-    of_images[:, 3:, 3:6] = np.eye(3) / size
-    taken = [of_points[known].reshape(-1, 7)]
-    if has_length:
-        taken.append(np.eye(7)[6:])
-    mixture = _null_space(np.concatenate(taken))
+    of_images, of_points = np.zeros((len(centres), 6, 7)), _movements((points - middle) / size)
+    of_images[:, :3], of_images[:, 3:, 3:6] = _movements((centres - middle) / size), np.eye(3) / size
+    mixture = np.eye(7)[:, : 6 if has_length else 7]
+    if len(known):
+        mixture = mixture @ _null_space(of_points[known].reshape(-1, 7) @ mixture)
     if mixture.shape[1]:
         flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
         mixture = mixture @ np.linalg.inv(np.linalg.cholesky(flat.T @ flat)).T
@@ -60,14 +58,13 @@ def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Fr
 
 def _movements(points: Array) -> Array:
     """Return the movements (n, 3, 7) of points by shifts, turns and scale about the origin."""
-    shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-    return np.concatenate([shifts, -skew(points), points[..., None]], -1)
+    found = np.zeros((len(points), 3, 7))
+    found[:, :, :3], found[:, :, 3:6], found[:, :, 6] = np.eye(3), -skew(points), points
+    return found
 
 
 def _null_space(rows: Array) -> Array:
-    """Return directions (7, d) that rows (n, 7) leave free, orthonormal."""
-    if not len(rows):
-        return np.eye(7)
+    """Return directions (d, f) that rows (n, d) leave free, orthonormal."""
     _, s, vt = np.linalg.svd(rows)
     return vt[np.count_nonzero(s > _FIXED * s.max(initial=0)) :].T
 
@@ -124,12 +121,24 @@ def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tupl
         change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
         generator = np.zeros((4, 4))
         generator[:3] = np.column_stack([skew(change[3:6]) / size + change[6] / size * np.eye(3), change[:3]])
-        whole = expm(generator) @ whole  # along the freedoms exactly: what is known stays where it is
+        whole = _exponential(generator) @ whole  # along the freedoms exactly: what is known stays where it is
         if np.abs(change).max() <= 1e-15 * size:
             break
     scale = float(np.cbrt(np.linalg.det(whole[:3, :3])))
     turn = whole[:3, :3] / scale
     return turn, scale, whole[:3, 3] + middle - scale * turn @ middle
+
+
+def _exponential(generator: Array) -> Array:
+    """Return the exponential of a small matrix: Taylor's series of what is halved until it is short, then squared."""
+    halvings = max(0, int(np.ceil(np.log2(max(np.abs(generator).sum(), 1e-300)))) + 3)
+    part = term = generator / 2**halvings
+    for order in range(2, 14):
+        term = term @ (generator / 2**halvings) / order
+        part = part + term
+    for _ in range(halvings):  # of exp - 1, so that what is small keeps its digits
+        part = 2 * part + part @ part
+    return part + np.eye(len(generator))
 
 
 def into_datum(free: Freedom, held: Array) -> Array:

@@ -106,6 +106,16 @@ def sum_of_squares(observed: Observed, state: State) -> float:
     return float(weighted_squares(*rays, *seen.cameras, *seen.places)) + _of_priors(observed, state)
 
 
+def residuals(network: Network, state: State) -> Array:
+    """Return measured less computed image points (N, 2) in px of all rays, as `projection.project` has them."""
+    from truing.estimation.bundle.accumulation_kernel import image_points
+
+    rays, xy = network.rays, np.empty((network.rays.count, 2))
+    cameras = network.image_camera, state.interior, *format_centres(network)
+    image_points(rays.image, rays.point, *cameras, state.R, state.centre, state.points, xy)
+    return rays.xy_px - xy
+
+
 @dataclass(frozen=True)
 class _Seen:
     """What the compiled code takes of a state: camera of every image, interior, centre of format, balancing radius;

@@ -1,0 +1,100 @@
+"""Bundle adjustment beside other libraries: python -m benchmarks.bundle.
+
+60 images of 100 targets, 12,000 residuals, 663 unknowns: principal distance and two radial terms of one camera, all
+images and points, from the same start. Ours ends with the covariance of everything, that of points with all other
+points among it; pycolmap's has each point alone, everything else held fixed. A row whose sum of squares is not within
+1e-6 of the least one prints no ratio; a library that is not installed prints "unmeasured". One thread and two, on
+pinned processors, repeats interleaved. Then a campaign: 46 poses of 60 points, ten images each, one camera, ours alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.bundle_peers import PEERS, Solver
+from benchmarks.bundle_problem import Problem, draw, sum_of_squares
+from benchmarks.timing import interleaved, pin, run_pinned
+from truing.estimation.bundle.adjustment import adjust
+from truing.estimation.bundle.network import State
+
+_OURS = "truing with covariance"
+
+
+def ours(problem: Problem, covariance: bool) -> Solver:
+    """Return our adjustment; with the covariance of everything where asked for."""
+
+    def solve() -> State:
+        found = adjust(problem.network, problem.start)
+        if covariance:
+            _ = found.covariance
+        return found.state
+
+    return solve
+
+
+def solvers(problem: Problem, threads: int) -> dict[str, Solver]:
+    """Return all solvers that load here; the others are named as unmeasured."""
+    found = {_OURS: ours(problem, True), "truing": ours(problem, False)}
+    for name, factory in PEERS.items():
+        try:
+            found[name] = factory(problem, threads)
+        except ImportError as error:
+            print(f"{name:32} unmeasured ({str(error).splitlines()[0][:60]})")
+    return found
+
+
+def compare(threads: int, repeats: int) -> None:
+    """Print milliseconds of every solver and, where it reached the least sum, how many times faster ours is."""
+    print(f"\n60 images of 100 targets, {threads} thread(s): milliseconds, minimum median maximum")
+    problem = draw(1, 60, 100)
+    found = solvers(problem, threads)
+    reached = {name: sum_of_squares(problem, solve()) for name, solve in found.items()}
+    tasks: dict[str, Callable[[], object]] = dict(found)
+    seconds = interleaved(tasks, repeats)
+    for name, s in seconds.items():
+        excess = reached[name] / min(reached.values()) - 1
+        print(f"{name:32} {_spread(s)}  {_verdict(name, excess, s / seconds[_OURS])}", flush=True)
+
+
+def _spread(seconds: np.ndarray) -> str:
+    return f"{1e3 * np.min(seconds):9.2f} {1e3 * np.median(seconds):9.2f} {1e3 * np.max(seconds):9.2f}"
+
+
+def _verdict(name: str, excess: float, ratio: np.ndarray) -> str:
+    """Return how many times the time of ours with covariance it took, repeat by repeat, or why there is none."""
+    if name == _OURS:
+        return ""
+    if not excess <= 1e-6:
+        return f"no ratio: misses the least sum of squares by {excess:.1e}"
+    return f"{np.median(ratio):.1f} times ours ({ratio.min():.1f} to {ratio.max():.1f})"
+
+
+def campaign(threads: int, repeats: int) -> None:
+    """Print milliseconds of a whole campaign."""
+    problem = draw(46, 10, 60)
+    seconds = interleaved({_OURS: ours(problem, True)}, repeats)[_OURS]
+    print(f"\n46 poses, 460 images, 2760 points, {threads} thread(s)\n{_OURS:32} {_spread(seconds)}", flush=True)
+
+
+def main() -> None:
+    """Measure all of it, one process per number of threads."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument(
+        "--threads", type=int, choices=(1, 2), help="measure here; both, each in a process, if not given"
+    )
+    asked = parser.parse_args()
+    if asked.threads is None:
+        for threads in (1, 2):
+            run_pinned("benchmarks.bundle", ["--repeats", str(asked.repeats)], threads)
+        return
+    pin(asked.threads)
+    compare(asked.threads, asked.repeats)
+    campaign(asked.threads, asked.repeats)
+
+
+if __name__ == "__main__":
+    main()
