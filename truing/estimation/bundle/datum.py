@@ -53,7 +53,9 @@ def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Fr
     if mixture.shape[1]:
         flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
         mixture = mixture @ np.linalg.inv(np.linalg.cholesky(flat.T @ flat)).T
-    return Freedom(of_images @ mixture, of_points @ mixture, mixture)
+    of_images, of_points = of_images.reshape(-1, 7) @ mixture, of_points.reshape(-1, 7) @ mixture
+    free = mixture.shape[1]
+    return Freedom(of_images.reshape(len(centres), 6, free), of_points.reshape(len(points), 3, free), mixture)
 
 
 def _movements(points: Array) -> Array:

@@ -16,6 +16,19 @@ from truing.estimation.bundle.network import Index, Network
 
 
 @dataclass(frozen=True)
+class Rows:
+    """Where the rows of images stand, all poses one after the other: start (S + 1,) and shape of each pose's, by its
+    points, the common unknowns and the right side; where each image's start (i,), the length of each (i,), and the
+    first column (p,) of each point."""
+
+    start: Index
+    shapes: tuple[tuple[int, int], ...]
+    image: Index
+    length: Index
+    column: Index
+
+
+@dataclass(frozen=True)
 class Layout:
     """Numbers of what takes part, and slots: rays (n,) by image, images (i,) and points (p,) by pose, with the slots
     where each pose starts (S + 1,); the image and point slot of every ray, and where each image's rays start (i + 1,);
@@ -39,6 +52,7 @@ class Layout:
     interior: Index
     bar: Index
     common: tuple[tuple[str, str | int], ...]
+    rows: Rows
 
     @property
     def poses(self) -> int:
@@ -77,7 +91,20 @@ def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
         interior=interior,
         bar=bar,
         common=common,
+        rows=_rows(image_start, point_start, len(common)),
     )
+
+
+def _rows(image_start: Index, point_start: Index, common: int) -> Rows:
+    """Return where the rows of images stand."""
+    images, points = np.diff(image_start), np.diff(point_start)
+    lengths = 3 * points + common + 1
+    start = np.concatenate([[0], np.cumsum(6 * images * lengths)])
+    pose = np.repeat(np.arange(len(images)), images)
+    image = start[pose] + 6 * (np.arange(image_start[-1]) - image_start[pose]) * lengths[pose]
+    column = 3 * (np.arange(point_start[-1]) - np.repeat(point_start[:-1], points))
+    shapes = tuple(zip((6 * images).tolist(), lengths.tolist(), strict=True))
+    return Rows(start, shapes, image, lengths[pose], column)
 
 
 def _slots(numbers: Index, pose: Index, poses: int) -> tuple[Index, Index, Index]:

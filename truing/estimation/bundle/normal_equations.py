@@ -21,7 +21,7 @@ from truing.estimation.rotation import exp_so3
 class Observed:
     """What is adjusted: image points (n, 2) in px and their information (n, 2, 2) in px^-2, the information of known
     points (m, 3, 3) in m^-2 and of the lengths of bars (K,) in m^-2, zero for those that are no unknowns, and the
-    variance of distances (q,) in m^2."""
+    variance of distances (q,) in m^2; formats are the centre (C, 2) and the balancing radius (C,) of cameras in px."""
 
     network: Network
     layout: Layout
@@ -30,6 +30,7 @@ class Observed:
     known: Array
     bars: Array
     distance_variance: Array
+    formats: tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -77,15 +78,8 @@ def observe(network: Network, layout: Layout, weights: Array, variance_factor: A
     free = layout.bar >= 0
     lengths[free] = network.bars.sigma_m[free] ** -2
     known = np.asarray(np.linalg.inv(network.known.cov_m2[layout.known]), np.float64)
-    return Observed(
-        network,
-        layout,
-        network.rays.xy_px[rows],
-        rays,
-        known,
-        lengths,
-        network.bars.repeat_sigma_m[layout.distances] ** 2,
-    )
+    variance = network.bars.repeat_sigma_m[layout.distances] ** 2
+    return Observed(network, layout, network.rays.xy_px[rows], rays, known, lengths, variance, format_centres(network))
 
 
 def distances_at(observed: Observed, state: State) -> Distances:
@@ -127,12 +121,14 @@ class _Seen:
 
 def _seen(observed: Observed, state: State) -> _Seen:
     layout, network = observed.layout, observed.network
-    cameras = network.image_camera[layout.images], np.ascontiguousarray(state.interior), *format_centres(network)
+    cameras = network.image_camera[layout.images], np.ascontiguousarray(state.interior), *observed.formats
     return _Seen(cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points]))
 
 
 def _of_priors(observed: Observed, state: State) -> float:
     """Return the weighted sum of squares of known points and lengths of bars."""
+    if not len(observed.known) and not len(observed.bars):
+        return 0.0
     known = _misclosure_of_known(observed, state)
     lengths = observed.network.bars.length_m - state.bar_length_m
     return float(np.einsum("mi,mij,mj", known, observed.known, known) + observed.bars @ lengths**2)
@@ -150,30 +146,19 @@ def normal_equations(observed: Observed, state: State) -> NormalEquations:
     from truing.estimation.bundle.accumulation_kernel import accumulate
 
     layout, seen = observed.layout, _seen(observed, state)
-    i, p, c = len(layout.images), len(layout.points), len(layout.common)
-    shapes = list(zip(6 * np.diff(layout.image_start), 3 * np.diff(layout.point_start) + c + 1, strict=True))
-    starts = np.concatenate([[0], np.cumsum([rows * columns for rows, columns in shapes])])
-    pose = np.repeat(np.arange(layout.poses), np.diff(layout.image_start))
-    stride = np.array([columns for _, columns in shapes])[pose]
-    image_row = starts[pose] + 6 * (np.arange(i) - layout.image_start[pose]) * stride
-    column = 3 * (np.arange(p) - np.repeat(layout.point_start[:-1], np.diff(layout.point_start)))
+    i, p, c, rows = len(layout.images), len(layout.points), len(layout.common), layout.rows
     images, points, point_rows = np.empty((i, 6, 6)), np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1))
-    common, flat = np.zeros((c, c + 1)), np.zeros(starts[-1])
+    common, flat = np.zeros((c, c + 1)), np.zeros(rows.start[-1])
     chi2 = accumulate(
         *(observed.xy_px, observed.rays, layout.first_ray, layout.ray_point),
         *(*seen.cameras, layout.interior, *seen.places),
-        *(column, image_row, stride, images, points, point_rows, common, flat),
+        *(rows.column, rows.image, rows.length, images, points, point_rows, common, flat),
     )
-    image_rows = tuple(flat[a:b].reshape(shape) for a, b, shape in zip(starts[:-1], starts[1:], shapes, strict=True))
-    blocks = NormalEquations(
-        images,
-        points,
-        image_rows,
-        point_rows,
-        common,
-        distances_at(observed, state),
-        chi2 + _of_priors(observed, state),
+    image_rows = tuple(
+        flat[a:b].reshape(shape) for a, b, shape in zip(rows.start[:-1], rows.start[1:], rows.shapes, strict=True)
     )
+    total = chi2 + _of_priors(observed, state)
+    blocks = NormalEquations(images, points, image_rows, point_rows, common, distances_at(observed, state), total)
     _add_priors(observed, state, blocks)
     return blocks
 
@@ -188,6 +173,8 @@ def spread_interior(layout: Layout, camera: NDArray[np.int64], by_interior: Arra
 def _add_priors(observed: Observed, state: State, blocks: NormalEquations) -> None:
     """Add known points and the lengths of bars."""
     layout = observed.layout
+    if not len(observed.known) and not len(observed.bars):
+        return
     np.add.at(blocks.points, layout.known_slot, observed.known)
     known = np.einsum("mij,mj->mi", observed.known, _misclosure_of_known(observed, state))
     np.add.at(blocks.point_rows[..., -1], layout.known_slot, known)
