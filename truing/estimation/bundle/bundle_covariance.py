@@ -280,7 +280,8 @@ def _given_common(layout: Layout, pose: int, one: EliminatedPose, free: Freedom,
     half = dpotri(one.factor, lower=1)[0]
     kept = half + half.T
     kept[np.arange(k), np.arange(k)] /= 2
-    kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
+    if len(one.pinned):
+        kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
     kept_by_common = -one.kept[:, :-1]
     if d == 6:
         datum = _Datum.of(free, held)
