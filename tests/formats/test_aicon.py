@@ -106,6 +106,13 @@ def test_without_the_size_of_the_pixels_there_are_no_rays(tmp_path):
     assert "a .ior beside it" in fault.expected
 
 
+def test_orientations_of_images_are_no_points(tmp_path):
+    station(tmp_path)
+    guess = sniff_file(tmp_path / "station.eor")
+    assert (guess.table, guess.mapping) == (None, {})
+    assert "read along with" in guess.notes[0]
+
+
 @pytest.mark.parametrize("ending", ["phc", "ior", "scale"])
 def test_known_by_their_names(tmp_path, ending):
     station(tmp_path)

@@ -84,6 +84,8 @@ def sniff_file(path: Path) -> Guess:
     """A proposal for one file, from its name and its first lines; never raises on what the file holds."""
     raw = RawFile(path.name, path)
     file_format = format_of(raw, FileMapping(path=path.name))
+    if raw.suffix == ".eor":
+        return Guess(notes=("AICON's orientations of images: read along with the image coordinates beside it",))
     try:
         if file_format in ("delimited", "xyz", "aicon", "metashape xml"):
             return _sniff_text(path)
