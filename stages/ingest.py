@@ -119,6 +119,7 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 def _photogrammetry(
     settings: Any, progress: Progress, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog
 ) -> Outcome:
+    from stages.ingestion.estimated_covariance import EstimatedCovariance
     from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from stages.ingestion.points import Points
     from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
@@ -126,6 +127,8 @@ def _photogrammetry(
     from stages.ingestion.tables import read_configurations, read_survey
     from stages.rigid_poses.dense_scans import identifier_of, read_scans
 
+    estimated = EstimatedCovariance()
+    source.estimate = estimated
     configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
     start = read_start(source, settings, log)
@@ -161,7 +164,7 @@ def _photogrammetry(
         artifacts["relabelled"] = _at_last("relabelled", lambda: relabelled_table(*others))
     return Outcome(
         artifacts,
-        read=_late(lambda: _read_words(points)),
+        read=_late(lambda: "; ".join((_read_words(points), *estimated.said))),
         left_out=_late(lambda: _left_out_words(_all_left_out(points, small))),
         figure=_late(lambda: _figure_words(points)),
     )

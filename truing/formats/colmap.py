@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from truing.formats.colmap_model import ColmapCamera, read_cameras, read_images, read_points
+from truing.formats.colmap_network import Estimate, read_network
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_pinhole
 from truing.formats.raw import RawBatch, Unusable, Wanted
 from truing.formats.whole_file import one_batch
@@ -32,20 +34,22 @@ _FREE = {
 }
 
 
-def read_colmap(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
-    """The rows of ``table`` that a file of a model holds: image_points of images, cameras of cameras, else points.
+def read_colmap(path: Path, wanted: Wanted, table: str, raw: Path, estimate: Estimate | None) -> Iterator[RawBatch]:
+    """The rows of ``table`` that a file of a model holds: image_points of images, cameras of cameras, else points, with
+    standard deviations by ``estimate`` where the rest of the model lies beside the file, ``raw`` before it was
+    unpacked.
 
     Raises Unusable where the file is damaged or holds another table.
     """
     if table == "image_points":
         yield from one_batch(_rays(path), wanted)
     elif table == "cameras":
-        rows = [_camera(camera) for camera in read_cameras(path)]
+        rows = [camera_of(camera) for camera in read_cameras(path)]
         yield from one_batch(
             {name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}, wanted
         )
     else:
-        yield from one_batch(_points(path), wanted)
+        yield from one_batch({**_points(path), **_spread(raw, estimate)}, wanted)
 
 
 def _rays(path: Path) -> dict[str, Any]:
@@ -65,7 +69,8 @@ def _rays(path: Path) -> dict[str, Any]:
     }
 
 
-def _camera(camera: ColmapCamera) -> Row:
+def camera_of(camera: ColmapCamera) -> Row:
+    """A camera as a row of the table ``cameras``; raises Unusable where it is none of perspective and polynomials."""
     shape = _SHAPES.get(camera.model)
     values = camera.parameters
     if shape is None or any(values[9:]):
@@ -89,3 +94,19 @@ def _points(path: Path) -> dict[str, Any]:
         "error": np.array([point.error for point in points]),
         "rays": np.array([point.rays for point in points]),
     }
+
+
+def _spread(raw: Path, estimate: Estimate | None) -> dict[str, Any]:
+    """Standard deviations and correlations of points, empty where they are not determined; no columns without
+    estimate."""
+    network = None if estimate is None else read_network(raw, camera_of)
+    covariance = None if network is None or estimate is None else estimate(network)
+    if covariance is None:
+        return {}
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    columns = {f"s{axis}": sigma[:, i] for i, axis in enumerate("xyz")}
+    columns |= {
+        f"r{a}{b}": covariance[:, i, j] / (sigma[:, i] * sigma[:, j])
+        for (i, a), (j, b) in combinations(enumerate("xyz"), 2)
+    }
+    return {name: [None if np.isnan(value) else float(value) for value in values] for name, values in columns.items()}

@@ -1,4 +1,4 @@
-"""Files beside a raw file without which it cannot be read: AICON's orientations beside its image coordinates."""
+"""Files beside a raw file that are read along with it: AICON's orientations, the rays of COLMAP's points."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import re
 from pathlib import Path
 
 _BESIDE = {".phc": (".ior", ".eor")}
+_OF_MODEL = ("cameras", "images")
 
 
 def companions(path: Path) -> tuple[Path, ...]:
     """The files read along with one: of the same name with another ending, else the only one that ends so."""
     stem, ending = _parts(path)
+    if stem.lower() == "points3d":
+        return tuple(one for name in _OF_MODEL if (one := path.with_name(f"{name}{ending}")).is_file())
     found = (_beside(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
     return tuple(one for one in found if one is not None)
 

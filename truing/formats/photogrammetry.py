@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from truing.formats.raw import RawBatch, Unusable, Wanted
 from truing.formats.source import RawFile
+
+if TYPE_CHECKING:
+    from truing.formats.colmap_network import Estimate
 
 _POINTS = ("points", "targets", "resurveys")
 OF_PHOTOGRAPHS: dict[str, tuple[str, ...]] = {
@@ -20,7 +24,9 @@ OF_PHOTOGRAPHS: dict[str, tuple[str, ...]] = {
 }
 
 
-def read_of_photographs(file_format: str, raw: RawFile, path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
+def read_of_photographs(
+    file_format: str, raw: RawFile, path: Path, wanted: Wanted, table: str, estimate: Estimate | None
+) -> Iterator[RawBatch]:
     """The rows of ``table`` in a file, which lies at ``path`` without its compression; raises Unusable where it holds
     none."""
     tables = OF_PHOTOGRAPHS[file_format]
@@ -29,7 +35,7 @@ def read_of_photographs(file_format: str, raw: RawFile, path: Path, wanted: Want
     if file_format == "colmap":
         from truing.formats.colmap import read_colmap
 
-        return read_colmap(path, wanted, table)
+        return read_colmap(path, wanted, table, raw.path, estimate)
     if file_format == "photomodeler":
         from truing.formats.photomodeler import read_photomodeler
 

@@ -41,7 +41,8 @@ _PRESETS: dict[str, dict[str, Any]] = {
     "trc": _MOTION_CAPTURE,
     # what has no point in space is no target
     "colmap image_points": {"select": {"point": ".+"}},
-    "colmap points": {"columns": _AXES},
+    "colmap points": {"columns": {**_AXES, **_SIGMAS, "corr_xy": "rxy", "corr_xz": "rxz", "corr_yz": "ryz"}},
+    "colmap": {"columns": _AXES},
     "photomodeler points": {"columns": {**_AXES, **_SIGMAS}},
     "gsi": {"missing": ("",), "columns": _AXES},
     "phc": {"select": {"used": "1"}},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from schemas.faults import Fault
 from schemas.mapping import FileMapping
@@ -20,6 +20,9 @@ from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
+
+if TYPE_CHECKING:
+    from truing.formats.colmap_network import Estimate
 
 T = TypeVar("T")
 _MOST_COLUMNS = 30_000  # each is compared with the names that are known
@@ -77,7 +80,7 @@ def read_table(
         log.add(Fault(entries[1].paths[0], f"either this file or {entries[0].paths[0]}, not both"))
     for entry in entries:
         for raw in _files(source, shape, entry, log):
-            yield from _read_file(raw, entry, shape, log, poses_as_text)
+            yield from _read_file(raw, entry, shape, log, poses_as_text, source.estimate)
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
@@ -100,7 +103,7 @@ def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLo
 
 
 def _read_file(
-    raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool
+    raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool, estimate: Estimate | None
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     file_format = format_of(raw, entry)
     completed, preset = with_preset(entry, file_format, shape.name)
@@ -122,7 +125,7 @@ def _read_file(
         return None if misfits else plan.kinds
 
     try:
-        for batch in _raw_batches(rows, wanted, shape.name):
+        for batch in _raw_batches(rows, wanted, shape.name, estimate):
             found = evaluate(plans[0], batch)
             for faults in found.faults:
                 log.cells(raw.name, faults, rows.locate)
@@ -133,7 +136,7 @@ def _read_file(
         log.add(_damage(raw.name, error, completed))
 
 
-def _raw_batches(rows: FileRows, wanted: Wanted, table: str) -> Iterator[RawBatch]:
+def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate | None) -> Iterator[RawBatch]:
     if rows.format in _TEXT:
         with open_plain(rows.raw.path) as stream:
             yield from read_delimited(stream, rows._delimited(), wanted)
@@ -152,7 +155,7 @@ def _raw_batches(rows: FileRows, wanted: Wanted, table: str) -> Iterator[RawBatc
 
             yield from read_rtl(path, wanted, rows.entry)
         elif rows.format in OF_PHOTOGRAPHS:
-            yield from read_of_photographs(rows.format, rows.raw, path, wanted, table)
+            yield from read_of_photographs(rows.format, rows.raw, path, wanted, table, estimate)
         else:
             from truing.formats.point_cloud import read_point_cloud
 

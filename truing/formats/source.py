@@ -17,6 +17,7 @@ from truing.formats.companions import companions, plain_ending
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mapping import FileMapping
+    from truing.formats.colmap_network import Estimate
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
 OTHERS = (
@@ -48,6 +49,7 @@ class CampaignFiles:
 
     def __init__(self, folder: Path, campaign: Campaign, scratch: Path | None = None) -> None:
         self.folder, self.scratch = folder, scratch
+        self.estimate: Estimate | None = None  # of covariances, for adjusted points that come without any
         self._files = campaign.files
         self._earlier = getattr(campaign.mechanism, "model", None)
         self._compliance = getattr(campaign.mechanism, "compliance_file", None)
