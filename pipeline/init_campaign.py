@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Any
 from pipeline.campaign_folder import FILE, is_safe_name
 from pipeline.file_names import bodies_and_targets, common_glob, told_apart
 from pipeline.init_networks import network_tables
+from pipeline.init_photographs import is_picture, photograph_entries
 from pipeline.problems import ExitCode, environment
 from pipeline.run_folder import PRIVATE
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
+from truing.formats.source import OF_IMAGES
 
 if TYPE_CHECKING:
     from truing.formats.sniff import Guess
@@ -61,6 +63,7 @@ def init_campaign(folder: Path) -> ExitCode:
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
     guesses = network_tables(_with_surfaces(_together([(group, _guess(group)) for group in raw_groups(folder)])))
+    guesses += _photographs(folder)
     text = campaign_text(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
@@ -68,6 +71,12 @@ def init_campaign(folder: Path) -> ExitCode:
         voice.say(f"{_shown(group.glob)}: {_summary(group, guess)}")
     voice.say(f"wrote {target}; complete it, then: truing check {folder}")
     return ExitCode.DONE
+
+
+def _photographs(folder: Path) -> list[tuple[RawGroup, Guess]]:
+    pictures = [path for path in _files(folder) if is_picture(path) and _is_text(str(path.relative_to(folder)))]
+    found = photograph_entries(folder, pictures)
+    return [(RawGroup(pattern, example, count), guess) for pattern, example, count, guess in found]
 
 
 def _write_new(target: Path, text: str) -> None:
@@ -86,9 +95,11 @@ def _write_new(target: Path, text: str) -> None:
 
 
 def raw_groups(folder: Path) -> list[RawGroup]:
-    """The files below a folder, those together whose names differ in numbers alone."""
+    """The files below a folder but photographs, those together whose names differ in numbers alone."""
     groups: dict[str, list[Path]] = {}
     for path in _files(folder):
+        if is_picture(path):
+            continue
         relative = path.relative_to(folder)
         name = re.sub(r"\d+", "*", glob.escape(relative.name))
         pattern = (Path(glob.escape(str(relative.parent))) / name).as_posix()
@@ -120,6 +131,8 @@ def _guess(group: RawGroup) -> Guess:
     if not _is_text(group.glob):
         return Guess(notes=("its name is no text in UTF-8, as campaign.toml is: rename it",))
     guess = sniff_file(group.example)
+    if guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]:
+        return replace(guess, mapping={}, table=group.example.stem)
     # A survey is one file: many of them, told apart by a number, are poses.
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
 
@@ -156,6 +169,8 @@ def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup
 
 
 def _summary(group: RawGroup, guess: Guess) -> str:
+    if guess.table == "images":
+        return f"{group.count} photographs"
     many = f"{group.count} files, " if group.count > 1 else ""
     what = guess.table or "not recognised"
     return _shown(f"{many}{what}; columns {_listed(guess.columns)}")
@@ -216,11 +231,14 @@ def _quality_limits(kind: str) -> Iterator[str]:
 
 def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
     """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
-    yield from ("", f"# {_shown(group.glob)}: columns {_shown(_listed(guess.columns))}")
+    held = f"{group.count} photographs" if guess.table == "images" else f"columns {_listed(guess.columns)}"
+    yield from ("", f"# {_shown(group.glob)}: {_shown(held)}")
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
     yield from (f"# {_shown(note)}" for note in (*guess.notes, *_of_names(mapping)))
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
+    if guess.table == "images" and not mapping:
+        return  # where the contract has them
     mark = "" if guess.table else "# "
     heading = f"files.{guess.table or 'points'}"
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"

@@ -304,3 +304,26 @@ def test_phases_of_a_quadrature_log_are_read_as_proposed(tmp_path: Path) -> None
     assert entry["constants"] == {"run": "1", "channel": "dz", "load_axis": "fz", "load": 0}
     done = CliRunner().invoke(app, ["check", str(tmp_path / "raw")])
     assert (done.exit_code, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("names", "path", "mapping"),
+    [
+        (("images/1/a.jpg", "images/2/a.jpg"), None, {}),
+        (("shots/1/a.jpg", "shots/2/a.jpg"), "shots/**/*.jpg", {"from_name": "(?P<pose>[^/]+)/[^/]+$"}),
+        (("shots/up_1.png", "shots/up_2.png"), "shots/*.png", {"from_name": r"^(?P<pose>.+)[-_ ]\d+\."}),
+        (("a.JPG", "b.JPG"), "*.JPG", {"constants": {"pose": 1}}),
+    ],
+)
+def test_photographs_are_found_with_what_tells_their_pose(
+    tmp_path: Path, names: tuple[str, ...], path: str | None, mapping: dict[str, Any]
+) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"\xff\xd8\xff")
+    (tmp_path / "scale_bars.csv").write_text("bar,first,second,length_mm,sigma_mm\nB,p,q,500,0.01\n")
+    assert init(tmp_path).exit_code == 0
+    found = written(tmp_path).get("files", {})
+    assert "points" not in found
+    assert found.get("images") == (None if path is None else {"path": path, **mapping})
+    assert written(tmp_path)["campaign"]["kind"] == "photogrammetry"

@@ -1,0 +1,63 @@
+"""What `truing init` makes of photographs: where they lie, and how their folders or names tell the pose."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truing.formats.source import PICTURES
+
+if TYPE_CHECKING:
+    from truing.formats.sniff import Guess
+
+_NUMBERED = re.compile(r"(?P<pose>.+)[-_ ]\d+")
+_IN_FOLDERS = r"(?P<pose>[^/]+)/[^/]+$"
+_IN_NAMES = r"^(?P<pose>.+)[-_ ]\d+\."
+_BY_CONTRACT = "images"
+
+NEEDED = (
+    "beside photographs: scale_bars.csv (bar,first,second,length_mm,sigma_mm), and image_targets.csv "
+    "(family,code,body,target) where codes are not the targets' own names",
+)
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file is a photograph by its ending."""
+    return path.suffix.lower().removeprefix(".") in PICTURES
+
+
+def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str, Path, int, Guess]]:
+    """An entry per folder tree and ending: glob, one of the photographs, how many, and the keys for [files.images]."""
+    from truing.formats.sniff import Guess
+
+    groups: dict[tuple[str, str], list[Path]] = {}
+    for path in pictures:
+        relative = path.relative_to(folder)
+        top = relative.parts[0] if len(relative.parts) > 1 else ""
+        groups.setdefault((top, path.suffix), []).append(relative)
+    found = []
+    for (top, suffix), paths in sorted(groups.items()):
+        pattern, mapping = _read_by(top, suffix, paths)
+        guess = Guess(mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*NEEDED, *_told(mapping)))
+        found.append((pattern, folder / paths[0], len(paths), guess))
+    return found
+
+
+def _read_by(top: str, suffix: str, paths: Sequence[Path]) -> tuple[str, dict[str, Any]]:
+    """The glob that finds these photographs, and what tells their poses."""
+    depth = max(len(path.parts) for path in paths)
+    head = f"{glob.escape(top)}/" if top else ""
+    if depth > (2 if top else 1):
+        return f"{head}**/*{suffix}", {"from_name": _IN_FOLDERS}
+    if all(_NUMBERED.fullmatch(path.stem) for path in paths):
+        return f"{head}*{suffix}", {"from_name": _IN_NAMES}
+    return f"{head}*{suffix}", {"constants": {"pose": 1}}
+
+
+def _told(mapping: dict[str, Any]) -> tuple[str, ...]:
+    if "constants" in mapping:
+        return ("all photographs are of one pose, as far as their names tell",)
+    return ()
