@@ -135,7 +135,9 @@ def _p_values(surprise: NDArray, tested: NDArray, kept: NDArray, chi_square: flo
     left = freedom - kept * tested
     open_to_test = (left > 0.5) & (tested > 0)
     left, count = np.where(open_to_test, left, 1.0), np.maximum(tested, 1)
-    return np.where(open_to_test, fdtrc(count, left, surprise / count / (others / left)), 1.0)
+    with np.errstate(over="ignore"):  # nothing is left of the others: the ratio has no end
+        ratio = surprise / count / (others / left)
+    return np.where(open_to_test, fdtrc(count, left, ratio), 1.0)
 
 
 def agreeing(problem: LinearPoses) -> NDArray:
