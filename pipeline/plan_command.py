@@ -81,7 +81,7 @@ def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
 
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
-    targets = read_image_targets(source, log)
+    targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
     codes = None if targets is None else targets.table
     found = {
         "survey": read_survey(source, settings, log),

@@ -98,8 +98,7 @@ def _known_beforehand(source: CampaignFiles, settings: Any, log: FaultLog) -> di
         expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
         log.add(Fault("campaign.toml", expected, column=f"files.{[*mapped, 'images'][0]}"))
         log.throw()
-    boards = tuple(board.label for board in settings.photographs.boards) if source.entries("images") else ()
-    targets = read_image_targets(source, boards, log)
+    targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
     names = None if targets is None else targets.table
     return {
         "image_targets": targets,
