@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.check import PASS, WARN, Check, without
+from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
+from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
 
-_WATCHED = ("c", "x0", "y0")
 _BEYOND_CHANCE = 1e-3
 
 
@@ -57,25 +58,16 @@ def _blocks(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
 
 
 def _stability(camera: str, poses: list[object], score: Array, information: Array) -> Check:
-    """Chi-square of the poses' own values about their common one: n_p ~ N(N_p d, N_p)."""
-    from scipy.special import chdtrc
-
-    told = np.array([np.linalg.matrix_rank(block, hermitian=True) == len(_WATCHED) for block in information])
-    if told.sum() < 2:
+    """The poses' own values against their common one."""
+    found = camera_deviations(score, information)
+    if not found.freedom:
         return without("stability", "camera-stability", f"camera {camera}", "fewer than two poses tell of it")
-    N, n = information[told], score[told]
-    own = np.linalg.solve(N, n[..., None])[..., 0]
-    common = np.linalg.solve(N.sum(axis=0), n.sum(axis=0))
-    apart = own - common
-    chi2 = float(np.einsum("pi,pij,pj->", apart, N, apart))
-    freedom = len(_WATCHED) * (len(N) - 1)
-    p_value = float(chdtrc(freedom, chi2))
-    sigma = np.sqrt(np.diagonal(np.linalg.inv(N), axis1=1, axis2=2))
-    worst = int(np.argmax(np.einsum("pi,pij,pj->p", apart, N, apart)))
-    shown = ", ".join(f"{name} by {apart[worst, k]:+.2f} ± {sigma[worst, k]:.2f} px" for k, name in enumerate(_WATCHED))
-    at = np.array([str(pose) for pose in poses])[told][worst]
-    ratio = np.sqrt(chi2 / freedom)
+    sigma = np.sqrt(np.diagonal(found.covariance_px2, axis1=1, axis2=2))
+    worst = int(np.nanargmax(found.chi2))
+    deviation = found.deviation_px[worst]
+    shown = ", ".join(f"{name} by {deviation[k]:+.2f} ± {sigma[worst, k]:.2f} px" for k, name in enumerate(_WATCHED))
+    p_value, ratio = found.overall_p_value, np.sqrt(found.overall_chi2 / found.freedom)
     said = f"Camera {camera}: poses differ in principal distance and point by {ratio:.2f} times their uncertainty "
-    said += f"(p = {p_value:.2g}); most in pose {at}: {shown}."
+    said += f"(p = {p_value:.2g}); most in pose {poses[worst]} (p = {found.p_value[worst]:.2g}): {shown}."
     trips = p_value < _BEYOND_CHANCE
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", WARN if trips else PASS, said)

@@ -47,6 +47,7 @@ class Snooped:
     components: VarianceComponents
     tests: RayTests
     sigma0: GlobalTest
+    covariance_factor: float
 
 
 def adjust_robustly(
@@ -102,6 +103,7 @@ def adjust_robustly(
         returned=int(((returns > 0) & used).sum()),
         components=replace(latest, factor=components.factor) if with_components else components,
         tests=tests,
+        covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
         sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
     )
 
