@@ -61,7 +61,10 @@ def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Fr
 def _movements(points: Array) -> Array:
     """Return the movements (n, 3, 7) of points by shifts, turns and scale about the origin."""
     found = np.zeros((len(points), 3, 7))
-    found[:, :, :3], found[:, :, 3:6], found[:, :, 6] = np.eye(3), -skew(points), points
+    found[:, :, :3], found[:, :, 6] = np.eye(3), points
+    x, y, z = points.T
+    found[:, 0, 4], found[:, 0, 5], found[:, 1, 5] = z, -y, x
+    found[:, 1, 3], found[:, 2, 3], found[:, 2, 4] = -z, y, -x
     return found
 
 

@@ -64,10 +64,10 @@ def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
     """Return where the unknowns of the rays used (N,) stand; known: whether known points take part."""
     rays = network.rays
     poses = 1 + max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1))
-    images, image_slot, image_start = _slots(np.unique(rays.image[used]), network.image_pose, poses)
+    images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, poses)
     rows = np.flatnonzero(used)
     rows = rows[np.argsort(image_slot[rays.image[rows]], kind="stable")]
-    seen = np.unique(np.concatenate([rays.point[rows], network.known.point if known else rays.point[:0]]))
+    seen = _present(np.concatenate([rays.point[rows], network.known.point if known else rays.point[:0]]))
     points, point_slot, point_start = _slots(seen, network.point_pose, poses)
     bars = network.bars
     distances = np.flatnonzero((point_slot[bars.first] >= 0) & (point_slot[bars.second] >= 0))
@@ -93,6 +93,11 @@ def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
         common=common,
         rows=_rows(image_start, point_start, len(common)),
     )
+
+
+def _present(numbers: Index) -> Index:
+    """Return the numbers that occur, each once and in order."""
+    return np.flatnonzero(np.bincount(numbers))
 
 
 def _rows(image_start: Index, point_start: Index, common: int) -> Rows:
