@@ -59,7 +59,7 @@ class BundleCovariance:
         own = self._pose(pose)
         return own.points + own.points_by_common @ self.common @ own.points_by_common.T
 
-    def pointsgiven_common(self, pose: int) -> Array:
+    def points_given_common(self, pose: int) -> Array:
         """Return the part (3 p, 3 p) in m^2 of the covariance of points that is the pose's own."""
         return self._pose(pose).points
 
