@@ -51,14 +51,14 @@ class UnstableCamera(CameraEffect):
 
     @property
     def subject(self) -> str:
-        return f"{self.camera} {self.parameter}".strip()
+        return f"camera {self.camera}".strip() if self.camera else ""
 
     def parameters(self) -> Mapping[str, Parameter]:
         amounts = {
-            "per_pose": (self.per_pose_px, "px"),
-            "per_hour": (self.per_hour_px, "px/h"),
-            "per_k": (self.per_k_px, "px/K"),
-            "jump": (self.jump_px, "px"),
+            f"{self.parameter}_scatter": (self.per_pose_px, "px"),
+            f"{self.parameter}_per_h": (self.per_hour_px, "px/h"),
+            f"{self.parameter}_per_k": (self.per_k_px, "px/K"),
+            self.parameter: (self.jump_px, "px"),
         }
         told: dict[str, Parameter] = {name: amount for name, amount in amounts.items() if amount[0]}
         return told | ({"from_pose": (self.from_pose, "")} if self.jump_px else {})
@@ -95,10 +95,10 @@ class WarmBar(CameraEffect):
 
     @property
     def subject(self) -> str:
-        return self.bar
+        return f"bar {self.bar}" if self.bar else ""
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {"expansion": (self.expansion_per_k, "1/K")}
+        return {"alpha": (self.expansion_per_k, "1/K")}
 
     def growth(self, bars: tuple[str, ...], schedule: Schedule) -> Array:
         concerned = np.array([self.bar in ("", bar) for bar in bars], float)
@@ -115,7 +115,7 @@ class AirGradient(CameraEffect):
     per_m: float = 2e-5
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {"gradient": (self.per_m, "1/m")}
+        return {"gradient": (1e6 * self.per_m, "ppm/m")}
 
     def bend(self, seen: Array, view: View) -> Array:
         up = rotate(view.turn, np.broadcast_to([0.0, 0.0, 1.0], seen.shape))

@@ -103,6 +103,6 @@ def test_the_folder_holds_every_ray_and_the_truth_what_was_hidden(tmp_path: Path
     assert len(rows) == 1 + len(made.pixel)
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
     assert truth["effects"] == [
-        {"cause": "camera-instability", "subject": "c", "parameters": {"per_k": {"value": 0.4, "unit": "px/K"}}}
+        {"cause": "camera-instability", "subject": "", "parameters": {"c_per_k": {"value": 0.4, "unit": "px/K"}}}
     ]
     assert len(truth["gross_errors"]) == made.gross.sum() > 0

@@ -108,7 +108,7 @@ class UnexplainedRays(RayCause):
             count = int(rays.poses_of(number.kind, number.owner).sum())
             bare = UnexplainedRays(number.kind, number.owner, number.name, number.unit)
             for columns, form, degree in _followings(rays):
-                if count >= _PER_FUNCTION * degree:
+                if count >= _PER_FUNCTION * degree and not _has_a_name(number.kind, columns, degree):
                     ranges = [_range(rays, column) for column in columns]
                     centres, halves = tuple(c for c, _ in ranges), tuple(h for _, h in ranges)
                     found.append(
@@ -141,8 +141,7 @@ class UnexplainedRays(RayCause):
 
 
 def _followings(rays: RayPoses) -> list[tuple[tuple[str, ...], str, int]]:
-    """Return columns, form and degree of what a campaign's numbers may follow; named causes know straight courses in
-    time and temperature, which count here as well."""
+    """Return columns, form and degree of what the numbers of a campaign may follow."""
     single = [column for column, values in rays.covariates.items() if np.ndim(values) == 1 and rays.varies(column)]
     timed = [column for column in single if column != ORDER or TIME not in single]
     found = [((column,), POLYNOMIAL, degree) for column in timed for degree in _POLYNOMIALS]
@@ -150,6 +149,12 @@ def _followings(rays: RayPoses) -> list[tuple[tuple[str, ...], str, int]]:
     drives = [column for column in timed if column not in (TIME, ORDER, TEMPERATURE)]
     pairs = [(a, b) for n, a in enumerate(drives) for b in drives[n + 1 :]] if len(drives) <= _MOST_DRIVES else []
     return found + [(pair, POLYNOMIAL, 1) for pair in pairs]
+
+
+def _has_a_name(kind: str, columns: tuple[str, ...], degree: int) -> bool:
+    """Return whether a straight course is a cause's: of cameras in time and temperature, of bars in the latter."""
+    named = {TIME, TEMPERATURE} if kind == CAMERA else {TEMPERATURE}
+    return degree == 1 and len(columns) == 1 and columns[0] in named
 
 
 def _range(rays: RayPoses, column: str) -> tuple[float, float]:

@@ -1,0 +1,104 @@
+"""Cameras, bars and air that should be the same in all poses: derivatives, and what a search makes of rays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.simulation.photographs.told_by_rays import NUMBERS, POSES, place, ray_poses, told
+from tests.tolerance import assert_close
+from truing.estimation.diagnosis.acceptance import Acceptance, Diagnosis, Settings
+from truing.simulation.cause import Cause
+from truing.simulation.causes import catalogue_of_rays
+from truing.simulation.causes.photographs.camera_instability import CameraInstability
+from truing.simulation.photographs.ray_model import RayModel
+
+RAYS = ray_poses(1)
+KINDS = list(catalogue_of_rays().values())
+
+
+def one_of_each_form() -> list[Cause]:
+    """A candidate of every form that any kind proposes, as it is fitted."""
+    found: dict[tuple[str, ...], Cause] = {}
+    for kind in KINDS:
+        for cause in kind.candidates(RayModel.of(RAYS).scene):
+            form = str(cause.settings().get("form", "")), str(bool(cause.subject))
+            found.setdefault((cause.id, *form), cause.refined())
+    return list(found.values())
+
+
+@pytest.mark.parametrize("cause", one_of_each_form(), ids=lambda cause: cause.key)
+def test_channels_follow_the_unknowns_as_their_derivatives_say(cause: Cause) -> None:
+    model = RayModel.of(RAYS).with_causes([cause])
+    shared, none = 0.1 * np.random.default_rng(2).standard_normal(model.shared_size), np.zeros((POSES, 0))
+    slopes = model.predict(shared, none).by_shared[:, :, 0]
+    for j, step in enumerate(1e-6 * np.eye(model.shared_size)):
+        ahead, behind = (model.points(shared + sign * step, none)[..., 0] for sign in (1.0, -1.0))
+        assert_close(slopes[..., j], (ahead - behind) / 2e-6, atol=1e-6 * max(1.0, np.abs(slopes[..., j]).max()))
+
+
+def search(off: np.ndarray, seed: int = 3) -> Diagnosis:
+    poses = told(RAYS, off, seed)
+    return Acceptance(RayModel.of(RAYS), poses, None, Settings(0.05, 200, 1)).run(KINDS)
+
+
+def found(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    return [(v.cause.id, v.cause.subject) for v in diagnosis.verdicts if v.verdict == "found"]
+
+
+def off_by(name: str, course: np.ndarray) -> np.ndarray:
+    off = np.zeros((POSES, len(NUMBERS)))
+    off[:, place(name)] = course
+    return off
+
+
+def test_nothing_is_found_where_all_poses_share_what_they_should() -> None:
+    common = np.zeros((POSES, len(NUMBERS)))
+    common[:, [place("camera left c"), place("camera left x0")]] = 0.4, -0.3
+    assert found(search(common)) == []
+
+
+def test_a_camera_that_jumps_is_told_with_the_pose_and_by_how_much() -> None:
+    diagnosis = search(off_by("camera left c", 0.5 * (np.arange(POSES) >= 10)))
+    assert found(diagnosis) == [("camera-instability", "camera left")]
+    verdict = diagnosis.verdicts[0]
+    told_of = {one.name: one for one in verdict.cause.told(verdict.values, verdict.covariance, 0)}
+    assert told_of["from_pose"].value == 11
+    assert abs(told_of["c"].value - 0.5) < 4 * told_of["c"].sigma < 0.5
+
+
+def test_a_camera_that_follows_the_temperature_is_told_per_kelvin() -> None:
+    diagnosis = search(off_by("camera left y0", 0.5 * RAYS.heat))
+    assert found(diagnosis) == [("camera-instability", "camera left")]
+    assert isinstance(diagnosis.verdicts[0].cause, CameraInstability)
+    assert diagnosis.verdicts[0].cause.form == "temperature"
+
+
+def test_a_camera_that_differs_from_pose_to_pose_is_told_by_its_scatter() -> None:
+    loose = np.random.default_rng(7).normal(0.0, 0.6, POSES)
+    diagnosis = search(off_by("camera left c", loose))
+    assert found(diagnosis) == [("camera-instability", "camera left")]
+    verdict = diagnosis.verdicts[0]
+    told_of = {one.name: one for one in verdict.cause.told(verdict.values, verdict.covariance, 0)}
+    assert abs(told_of["c_scatter"].value - np.std(loose, ddof=1)) < 0.2
+
+
+def test_of_two_bars_the_one_that_grows_is_not_told_from_one_that_shrinks() -> None:
+    diagnosis = search(off_by("bar S strain", 30.0 * RAYS.heat / 10.0))
+    (verdict,) = (v for v in diagnosis.verdicts if v.verdict == "found")
+    assert verdict.cause.id == "scale-bar-temperature"
+    assert {verdict.cause.subject, *(subject for subject, _ in verdict.subjects)} == {"bar S", "bar T"}
+
+
+def test_what_follows_a_column_that_no_cause_knows_is_unexplained() -> None:
+    column = RAYS.covariates["rho1_mm"]
+    diagnosis = search(off_by("camera left x0", 0.4 * column))
+    verdict = diagnosis.verdicts[0]
+    assert verdict.cause.id == "unexplained"
+    assert verdict.cause.subject == "camera left"
+    assert verdict.cause.follows(0) == ("rho1_mm",)
+
+
+def test_layers_of_air_and_panes_are_told_though_they_are_the_same_in_all_poses() -> None:
+    assert found(search(off_by("air zz", np.full(POSES, 6.0)))) == [("refraction", "")]
+    assert found(search(off_by("window left thickness", np.full(POSES, 12.0)))) == [("refraction", "camera left")]
