@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 # How many sizes a clause tells.
 _TOLD = 3
 
+# A shift is told with the sigma of parameters taken one by one where it is so many times that.
+_TELLING = 2.0
+
 
 def clause(row: Judged, tables: Tables) -> str:
     """What was found, without a full stop; in the words of its explanation where the cause is not the project's own."""
@@ -77,7 +80,8 @@ def _up_to(row: Judged, tables: Tables) -> str:
 
 
 def _far(found: Reach) -> str:
-    known = found.sigma is not None and found.sigma > 0.0
+    # Numbers that are known together alone would, taken one by one, leave a shift open that was measured.
+    known = found.sigma is not None and 0.0 < found.sigma < found.largest / _TELLING
     return with_uncertainty(found.largest, found.sigma, "um") if known else f"{rough(found.largest)} um"
 
 
