@@ -23,7 +23,8 @@ def statistics_table(found: AdjustedNetwork) -> pa.Table:
     used, rays = adjusted.used, named.network.rays
     unknowns = 2 * int(used.sum()) + int(adjusted.defect.sum()) - adjusted.redundancy
     figures = [
-        ("sigma0", "", float(np.sqrt(adjusted.variance_factor)), "1"),
+        ("sigma0", "", float(np.sqrt(snooped.sigma0.variance_factor)), "1"),
+        ("sigma0, p-value", "", snooped.sigma0.p_value, "1"),
         ("redundancy", "", float(adjusted.redundancy), "1"),
         ("rays", "", float(used.sum()), "1"),
         ("rejected rays", "", float(rays.count - used.sum()), "1"),
@@ -34,6 +35,7 @@ def statistics_table(found: AdjustedNetwork) -> pa.Table:
         ("iterations", "", float(adjusted.iterations), "1"),
         ("converged", "", float(adjusted.converged), "1"),
         ("false alarm of a ray's test", "", float(snooped.alpha), "1"),
+        ("false alarm of all rays' tests", "", float(snooped.family_level), "1"),
         *_components(found, snooped.components),
         *_coverage(found),
         *_regions(found),

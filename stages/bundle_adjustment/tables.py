@@ -26,12 +26,12 @@ _AXES = "xyz"
 
 
 class NetworkTables:
-    """The tables of one adjusted network; covariances are times sigma0^2, what the residuals themselves say."""
+    """The tables of one adjusted network; covariances are as the residuals themselves say."""
 
     def __init__(self, found: AdjustedNetwork, table: ImagePoints) -> None:
         self.found, self.table = found, table
         self.adjusted, self.named, self.network = found.adjustment, found.named, found.named.network
-        factor = self.adjusted.variance_factor
+        factor = found.snooped.covariance_factor
         self.factor = float(factor) if np.isfinite(factor) else 1.0
         self.covariance = self.adjusted.covariance
         self.poses = [p for p in range(len(self.named.poses)) if len(self.covariance.point_numbers(p))]

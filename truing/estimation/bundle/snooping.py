@@ -32,7 +32,8 @@ class Snooped:
     test could show (untested, by number); the level alpha of one test, how many were made, the probability family_level
     that at least one of so many good rays is rejected, the critical value of T (two degrees of freedom), rounds, how
     many rays came back, the variance components, the tests of all rays, and the test of sigma0 with the covariances as
-    stated (the squares that data snooping cuts off good rays added)."""
+    stated (the squares that data snooping cuts off good rays added). The adjustment's covariances are to be multiplied
+    by covariance_factor: one where the components give the scale."""
 
     adjustment: Adjustment
     used: Mask
