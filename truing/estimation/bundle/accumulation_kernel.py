@@ -47,8 +47,23 @@ def image_point(interior: NDArray, radius: float, X: NDArray) -> tuple[float, fl
 
 
 @inner
-def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray) -> None:
-    """Fill derivatives (2, .) by the direction, in the place of the point, and by the interior."""
+def put(row: NDArray, column: int, root: tuple[float, float, float], x: float, y: float) -> None:
+    """Put the derivatives of both coordinates into a column, whitened."""
+    row[0, column] = root[0] * x + root[1] * y
+    row[1, column] = root[2] * y
+
+
+@inner
+def root_of(information: NDArray) -> tuple[float, float, float]:
+    """Return the upper root of an information (2, 2): xx, xy, yy."""
+    u = np.sqrt(information[0, 0])
+    v = information[0, 1] / u
+    return u, v, np.sqrt(information[1, 1] - v * v)
+
+
+@inner
+def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray, root: tuple[float, float, float]) -> None:
+    """Fill derivatives (2, .) by the direction, in the place of the point, and by the interior, whitened."""
     c, b1, b2 = interior[0], interior[6], interior[7]
     u, v = X[0] / X[2], X[1] / X[2]
     xi, eta = c * u, c * v
@@ -57,19 +72,24 @@ def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray) -> No
     radial = 1.0 + interior[3] * p1 + interior[4] * p2 + interior[5] * p3
     slope = 2.0 * (interior[3] + 2.0 * interior[4] * s + 3.0 * interior[5] * s * s)
     mixed = slope * xi * eta
-    xx = radial + slope * xi * xi + 6.0 * b1 * xi + 2.0 * b2 * eta + interior[8]
-    xy = mixed + 2.0 * b1 * eta + 2.0 * b2 * xi + interior[9]
     yx = mixed + 2.0 * b2 * xi + 2.0 * b1 * eta
     yy = radial + slope * eta * eta + 6.0 * b2 * eta + 2.0 * b1 * xi
+    xx = root[0] * (radial + slope * xi * xi + 6.0 * b1 * xi + 2.0 * b2 * eta + interior[8]) + root[1] * yx
+    xy = root[0] * (mixed + 2.0 * b1 * eta + 2.0 * b2 * xi + interior[9]) + root[1] * yy
+    yx, yy = root[2] * yx, root[2] * yy
     per = c / X[2]
     row[0, 0], row[0, 1], row[0, 2] = xx * per, xy * per, -(xx * u + xy * v) * per
     row[1, 0], row[1, 1], row[1, 2] = yx * per, yy * per, -(yx * u + yy * v) * per
-    row[0, 9], row[0, 10], row[0, 11] = xx * u + xy * v, 1.0, 0.0
-    row[1, 9], row[1, 10], row[1, 11] = yx * u + yy * v, 0.0, 1.0
-    row[0, 12], row[0, 13], row[0, 14] = xi * p1, xi * p2, xi * p3
-    row[1, 12], row[1, 13], row[1, 14] = eta * p1, eta * p2, eta * p3
-    row[0, 15], row[0, 16], row[0, 17], row[0, 18] = s + 2.0 * xi * xi, 2.0 * xi * eta, xi, eta
-    row[1, 15], row[1, 16], row[1, 17], row[1, 18] = 2.0 * xi * eta, s + 2.0 * eta * eta, 0.0, 0.0
+    row[0, 9], row[1, 9] = xx * u + xy * v, yx * u + yy * v
+    put(row, 10, root, 1.0, 0.0)
+    put(row, 11, root, 0.0, 1.0)
+    put(row, 12, root, xi * p1, eta * p1)
+    put(row, 13, root, xi * p2, eta * p2)
+    put(row, 14, root, xi * p3, eta * p3)
+    put(row, 15, root, s + 2.0 * xi * xi, 2.0 * xi * eta)
+    put(row, 16, root, 2.0 * xi * eta, s + 2.0 * eta * eta)
+    put(row, 17, root, xi, 0.0)
+    put(row, 18, root, eta, 0.0)
 
 
 @inner
@@ -84,17 +104,6 @@ def turned(row: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
         row[k, 0], row[k, 1], row[k, 2] = p0, p1, p2
         row[k, 3], row[k, 4], row[k, 5] = -p0, -p1, -p2
         row[k, 6], row[k, 7], row[k, 8] = p1 * c - p2 * b, p2 * a - p0 * c, p0 * b - p1 * a
-
-
-@inner
-def whitened(row: NDArray, information: NDArray) -> None:
-    """Multiply both rows by the upper root of their information."""
-    u = np.sqrt(information[0, 0])
-    v = information[0, 1] / u
-    w = np.sqrt(information[1, 1] - v * v)
-    for b in range(WIDTH):
-        row[0, b] = u * row[0, b] + v * row[1, b]
-        row[1, b] = w * row[1, b]
 
 
 @inner
@@ -187,12 +196,11 @@ def accumulate(
             direct(X, R[i], points[p], centre[i])
             if not X[2] > 0.0:
                 return np.inf
-            linearised(row, interior[k], radius[k], X)
+            root = root_of(information[n])
+            linearised(row, interior[k], radius[k], X, root)
             turned(row, R[i], points[p], centre[i])
             x, y = image_point(interior[k], radius[k], X)
-            row[0, MISCLOSURE] = xy[n, 0] - format_centre[k, 0] - x
-            row[1, MISCLOSURE] = xy[n, 1] - format_centre[k, 1] - y
-            whitened(row, information[n])
+            put(row, MISCLOSURE, root, xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y)
             add_to_point(sums[k, p], row, flat, image_row[i] + column[p], stride[i])
         own = rows[: 2 * (first_ray[i + 1] - start)]
         np.dot(own.T, own, square)
