@@ -12,6 +12,7 @@ from stages.point_arrays import number_column, text_column
 from stages.quality.check import PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.of_cameras import camera_stability
+from truing.estimation.bundle.length_errors import LengthErrors, length_errors
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -159,13 +160,30 @@ def _bars(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Check]:
     if not checking.num_rows:
         yield without("length errors", "length-errors", "", "no reference length checks the scale")
         return
-    error, length = number_column(checking, "deviation_mm"), number_column(checking, "length_mm")
+    found, length = _errors(checking), number_column(checking, "length_mm")
+    error = 1e3 * found.error_m
     relative = 1e6 * error / length
     worst = int(np.argmax(np.abs(relative)))
     said = f"{len(error)} reference lengths from {length.min():.0f} to {length.max():.0f} mm: errors of "
     said += f"{np.sqrt(np.mean(error**2)) * 1e3:.1f} um (rms), {relative[worst]:+.1f} um/m at most ("
     said += f"{checking.column('bar').to_pylist()[worst]} in pose {checking.column('pose').to_pylist()[worst]})."
+    said += f" In common they have {1e6 * found.scale:+.1f} ± {1e6 * found.sigma_scale:.1f} um/m."
+    said += f" For an acceptance test the guideline asks for more: {'; '.join(found.lacks)}." if found.lacks else ""
     yield limits.of("length-errors").row("", float(np.abs(relative[worst])), "um/m", said)
+
+
+def _errors(checking: pa.Table) -> LengthErrors:
+    """Errors of reference lengths; what poses have in common in them is left to the scale that is told beside."""
+    measured, calibrated = number_column(checking, "adjusted_mm"), number_column(checking, "length_mm")
+    sigma = 1e-3 * number_column(checking, "adjusted_sigma_mm")
+    _, line = np.unique(text_column(checking, "bar").astype(str), return_inverse=True)
+    return length_errors(
+        1e-3 * measured,
+        np.diag(sigma**2),
+        1e-3 * calibrated,
+        1e-3 * number_column(checking, "sigma_mm"),
+        line=line,
+    )
 
 
 def _bar(bar: str, rows: pa.Table, limits: CampaignLimits) -> Check:

@@ -175,6 +175,23 @@ def test_a_camera_that_jumps_is_told_of(tmp_path: Path) -> None:
     assert "pose 3" in row["message"]
 
 
+def test_reference_lengths_tell_errors_of_length(tmp_path: Path) -> None:
+    photograph(tmp_path / "lengths", poses=2)
+    bars = tmp_path / "lengths" / "scale_bars.csv"
+    header, first, second = bars.read_text(encoding="utf-8").splitlines()
+    fields = second.split(",")
+    place = header.split(",").index("length_mm")
+    length = float(fields[place])
+    fields[place] = f"{length / (1 + 300e-6):.6f}"  # what is measured is 300 um/m too long against it
+    told = [f"{header},serves", f"{first},scale", f"{','.join(fields)},check"]
+    bars.write_text("\n".join(told) + "\n", encoding="utf-8")
+    tables = run_line(tmp_path / "lengths", "images", "bundle", "ingest", "qa")[0]
+    (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "length-errors"]
+    assert row["verdict"] == "warn"
+    assert row["value"] == pytest.approx(300, abs=30)
+    assert "1 measuring lines of 7" in row["message"]
+
+
 def test_the_page_shows_every_camera_and_lists_every_ray_that_was_left_out(adjusted: Any) -> None:
     from truing.report.photographs.section import photographs
 
