@@ -16,7 +16,7 @@ def pixel_weights(pixels, fine, blur):
     return (upper - ndtr((np.arange(pixels)[:, None] - 0.5 - fine) / blur)) * (fine[1] - fine[0])
 
 
-def ellipse_picture(size, centre, axes, angle, blur, step=0.02):
+def ellipse_picture(size, centre, axes, angle, blur, step=0.03):
     """Return (size, size) how much of every pixel a blurred ellipse covers, from 0 to 1.
 
     Rows of the ellipse are chords, whose blurred ends integrate over a pixel in closed form."""

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 # A pixel is compared with the mean of so many pixels square about it: an edge is told from its two sides at any size of
 # target and under any light, and of a large target a band along its edge remains, whose outline is the same.
 _WINDOW = 15
+# Of the contrast: at an edge the mean over the window is half way, in a small dot less.
+_STEP_SHARE = 0.3
 _NOISE_SIGMAS = 4.0
 _OUTLINE_INSIDE = 0.5  # px from the outline, which runs through centres of pixels, to the edge
 _ROUGH = 0.6  # px, rms of an outline about its ellipse; staircases of pixels have 0.3
@@ -35,15 +37,22 @@ class Candidates:
 
 
 def find_candidates(
-    grey: NDArray, polarities: tuple[bool, ...], size_px: tuple[float, float], least_ratio: float, step: float
+    grey: NDArray,
+    polarities: tuple[bool, ...],
+    size_px: tuple[float, float],
+    least_ratio: float,
+    least_contrast: float,
+    sigma: float,
 ) -> Candidates:
     """Return ellipse-like outlines of a grey image (h, w).
 
     polarities: True for lighter than the ground, False for darker; size_px: least semi-minor and largest semi-major
-    axis; least_ratio of the axes; step: grey levels by which a pixel must differ from its neighbourhood.
+    axis; least_ratio of the axes; least contrast and standard deviation of the noise in grey levels.
     """
     import cv2
 
+    # the mean over nine pixels has a third of their noise
+    step = max(_STEP_SHARE * least_contrast, _NOISE_SIGMAS * sigma / 3, 1.0)
     smooth, mean = cv2.blur(grey, (3, 3)), cv2.blur(grey, (_WINDOW, _WINDOW))
     shapes, white, rejected = [], [], Counter[str]()
     for lighter in polarities:

@@ -25,8 +25,11 @@ _RING, _BEYOND = (2.35, 2.5, 2.65), (3.3,)
 _NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
 _HELD = 0.1  # of the contrast: levels in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
-_STRAY = 0.08  # share of an edge's pixels that may be taken for something else
+_STRAY = 0.04  # share of an edge's pixels that may be taken for something else
+# By which an arc of an edge may be off its ellipse: px, or a share of the semi-major axis (paper is not flat).
+_DENT, _DENT_SHARE = 0.3, 0.012
 _MISFIT = 0.1  # of the contrast, beyond the noise: what an ellipse's picture leaves; sharpened ones 0.05
+_WORSE = 3.0  # sigmas by which arcs of a target scatter more than those of the others
 _SEVERAL = 5  # targets, whose residuals together tell how large the noise is
 _SOFTEST = 0.8  # blur over semi-minor axis
 
@@ -95,10 +98,9 @@ def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
         raise ValueError(f"a grey image has two dimensions and 8 or 16 bits, not {grey.ndim} and {grey.dtype}")
     noise = estimate_noise(grey)
     least = plan.least_contrast * float(np.ptp(grey[::4, ::4]))
-    # over a window the mean takes up to three quarters of the step at an edge away
-    step = max(least / 4, 4 / 3 * float(np.sqrt(noise.variance(np.array(float(grey.max()))))))
+    sigma = float(np.sqrt(noise.variance(np.array(float(grey.max(initial=0))))))
     size = (plan.smallest_px, plan.largest_px)
-    found = find_candidates(grey, plan.polarities, size, plan.least_axis_ratio, step)
+    found = find_candidates(grey, plan.polarities, size, plan.least_axis_ratio, least, sigma)
     rejected = Counter(found.rejected)
     start = _with_clear_sides(grey, found, least, rejected)
     first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None, _HELD)
@@ -114,7 +116,7 @@ def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
 def _with_clear_sides(grey: NDArray, found: Candidates, least: float, rejected: Counter[str]) -> Array:
     """Return the unknowns (N, 10) from which the fit starts, of candidates that are even inside and stand free."""
     A = unit_matrices(found.semi_axes_px, found.axis_angle_rad)
-    inside = sample_ellipses(grey, found.centre_px, A, _INSIDE, 24).reshape(len(A), -1)
+    inside = sample_ellipses(grey, found.centre_px, A, _INSIDE, 24).reshape(len(A), 24 * len(_INSIDE))
     beside = sample_ellipses(grey, found.centre_px, A, _BESIDE, 24).mean(1)
     level, ground = np.median(inside, axis=1), np.median(beside, axis=1)
     contrast = level - ground
@@ -155,14 +157,15 @@ def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float) -> ND
     contrast = np.abs(fit[:, edge.CONTRAST])
     light = fit[:, edge.GROUND] + np.maximum(fit[:, edge.CONTRAST], 0)
     excess = fit[:, edge.MISFIT] ** 2 - noise.variance(light) / np.maximum(contrast, 1e-9) ** 2
+    dent = fit[:, edge.DENT] / np.maximum(_DENT, _DENT_SHARE * axes[:, 0])
     tests = {
         "no ellipse fits": fit[:, edge.SETTLED] < 0.5,
         "weak contrast": contrast < least,
         "too small": axes[:, 1] < plan.smallest_px,
         "too large": axes[:, 0] > plan.largest_px,
         "too oblique": axes[:, 1] < plan.least_axis_ratio * axes[:, 0],
-        "partly hidden": fit[:, edge.HIDDEN] > _STRAY,
-        "merged": fit[:, edge.MERGED] > _STRAY,
+        "partly hidden": (fit[:, edge.HIDDEN] > _STRAY) | (dent < -1),
+        "merged": (fit[:, edge.MERGED] > _STRAY) | (dent > 1),
         "unsharp": fit[:, edge.BLUR] > _SOFTEST * axes[:, 1],
         "not elliptical": excess > _MISFIT**2,
         "found twice": _doubles(fit, axes),
@@ -198,7 +201,9 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     width = _axes(fit)[0].prod(1) ** 0.5
     left = np.maximum(erf(width / 2 / np.sqrt(2) / fit[:, edge.BLUR]), 0.5)
     ring = levels(_RING) / left[:, None]
-    reading = read_rings(ring, plan.codes)
+    # an edge across the ring, at its middle: its blur in samples
+    soft = fit[:, edge.BLUR] / (2.5 * width) * ROUND / (2 * np.pi)
+    reading = read_rings(ring, plan.codes, soft)
     closed = (levels(_BEYOND) < 0.5).mean(1) > 1 - _UNEVEN
     broken = (reading.number >= 0) & ~closed
     reading = replace(
@@ -253,10 +258,7 @@ def _ring_inside(grey: NDArray, fit: Array, plan: CirclePlan) -> Mask:
 def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageNoise, plan: CirclePlan) -> ImageTargets:
     """Return the targets of fits (N, RESULTS)."""
     axes, angle = _axes(fit)
-    # Targets leave less than the image's noise where no flat part of it showed the noise alone; what one of them leaves
-    # beyond it is taken for noise as well, independent by pixel.
-    level = min(float(np.median(fit[:, edge.CHI2])), 1.0) if len(fit) >= _SEVERAL else 1.0
-    factor = level * noise.correlation + np.maximum(0.0, fit[:, edge.CHI2] - level)
+    factor = _noise_factor(fit, noise)
     covariance = fit[:, [[edge.C_XX, edge.C_XY], [edge.C_XY, edge.C_YY]]] * factor[:, None, None]
     return ImageTargets(
         fit[:, :2],
@@ -273,6 +275,22 @@ def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageN
         noise,
         plan.codes,
     )
+
+
+def _noise_factor(fit: Array, noise: ImageNoise) -> Array:
+    """Return by which factor (N,) the covariances of centres (N, RESULTS) are larger than pixels alone would have it.
+
+    Neighbouring pixels share noise, and edges are not quite ellipses: arcs of the edges scatter about them by so much
+    more than independent pixels. All targets of an image together say so, and one that is worse for itself. Where no
+    flat part of the image shows its noise alone, what targets leave tells that it is less.
+    """
+    arcs, freedom = fit[:, edge.ARC_CHI2], fit[:, edge.ARC_FREEDOM]
+    usual = noise.correlation
+    if len(fit) >= _SEVERAL:
+        # the median of a mean square lies below its expectation (Wilson and Hilferty, 1931)
+        expected = arcs / (1 - 2 / (9 * freedom)) ** 3
+        usual = max(usual * min(float(np.median(fit[:, edge.CHI2])), 1.0), float(np.median(expected)))
+    return np.where(arcs > usual * (1 + _WORSE * np.sqrt(2 / freedom)), arcs, usual)
 
 
 def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> NDArray[np.int64]:

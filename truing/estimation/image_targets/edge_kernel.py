@@ -34,15 +34,17 @@ from truing.estimation.lane_arithmetic import compiled, inner
 UNKNOWNS = 10
 CX, CY, AXX, AXY, AYY, BLUR, GROUND, CONTRAST, SLOPE_X, SLOPE_Y = range(UNKNOWNS)
 # What a fit leaves after its unknowns: covariance xx xy yy of the centre; mean square of weighted residuals and its
-# degrees of freedom; share of outlying pixels inside and outside the edge; rms of residuals over the contrast; settled
-RESULTS = UNKNOWNS + 9
-C_XX, C_XY, C_YY, CHI2, FREEDOM, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
+# degrees of freedom, the same of arcs of the edge; by how much the worst arc lies outside the ellipse, px; share of
+# outlying pixels inside and outside the edge; rms of residuals over the contrast; settled
+RESULTS = UNKNOWNS + 12
+C_XX, C_XY, C_YY, CHI2, FREEDOM, ARC_CHI2, ARC_FREEDOM, DENT, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
 _MIN_BLUR, _MAX_BLUR = 0.3, 6.0
 _STEPS = 16
 # px: a step of the centre after which the next is far below the best scatter there is; and where another fit follows.
 _SMALL_STEP, _COARSE_STEP = 1e-3, 2e-2
 _RELAID, _BRIGHT = 2, 0.01  # times; where the light of a ring is more than this share of the contrast
-_STRIP = 0.5  # px, width of a strip along the edge
+_ARC, _ARCS_LEAST, _ARCS_MOST = 3.0, 8, 24  # px, length of an arc; how many there are
+_DENT_SIGMAS = 4.0
 # Illumination changes by so much of itself from one pixel to the next, one sigma: what is known of it beforehand. The
 # picture of a small blurred target cannot tell a slope from a shift.
 _SLOPE_SIGMA = 0.001
@@ -219,41 +221,41 @@ def _drop_outlying(p, origin, size, n, pixels, top, nodes, result):  # type: ign
 
 
 @inner
-def _uneven_square(p, origin, size, n, pixels, top, nodes):  # type: ignore[no-untyped-def]
-    """Return the mean square of weighted residuals without what is the same on opposite sides, and its freedom.
+def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: ignore[no-untyped-def]
+    """Set how far arcs of the edge lie off the ellipse: mean square in sigmas, its freedom, and the worst in px.
 
-    What sharpening, or a blur that is no Gaussian, leaves at a distance from the edge is the same all round, or at
-    least on opposite sides: it moves no centre. Means over strips along the edge, opposite arcs together, take it away.
+    Sharpening, or a blur that is no Gaussian, leaves the same on all of an edge, and dents none of its arcs.
     """
     row, count = np.empty(UNKNOWNS), count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
-    strips = int(2 * (3.0 * p[BLUR] + 1.0) / _STRIP) + 2
-    arcs = min(max(n // (8 * strips), 1), 12)
-    sums, weights = np.zeros((arcs, strips)), np.zeros((arcs, strips))
-    square, used = 0.0, -UNKNOWNS
+    half, skew = (p[AXX] + p[AYY]) / 2, math.hypot((p[AXX] - p[AYY]) / 2, p[AXY])
+    round_px = math.pi * (1 / max(half - skew, 1e-9) + 1 / (half + skew))
+    m_arcs = min(max(int(round_px / _ARC), _ARCS_LEAST), arcs.shape[1])
+    arcs[:] = 0.0
     for m in range(n):
-        weight = pixels[3, m]
-        if weight == 0.0:
+        if pixels[3, m] == 0.0:
             continue
         x, y = pixels[0, m], pixels[1, m]
-        model, radius2 = _expected(p, origin, size, top, x, y, pixels[4, m], nodes, count, row)
-        dx, dy, q = x - p[CX], y - p[CY], max(math.sqrt(radius2), 1e-9)
-        ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
-        distance = (q - 1.0) * q / math.hypot(p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy)
-        strip = min(max(int(distance / _STRIP + 0.5 * strips), 0), strips - 1)
-        arc = min(int((math.atan2(uy, ux) / math.pi + 1.0) * arcs) % arcs, arcs - 1)
-        r = pixels[2, m] - model
-        square += weight * r * r
-        sums[arc, strip] += weight * r
-        weights[arc, strip] += weight
-        used += 1
-    for arc in range(arcs):
-        for strip in range(strips):
-            if weights[arc, strip] > 0:
-                square -= sums[arc, strip] ** 2 / weights[arc, strip]
-                used -= 1
-    return square / max(used, 1), used
+        model, _ = _expected(p, origin, size, top, x, y, pixels[4, m], nodes, count, row)
+        if model >= top:
+            continue
+        ux, uy = p[AXX] * (x - p[CX]) + p[AXY] * (y - p[CY]), p[AXY] * (x - p[CX]) + p[AYY] * (y - p[CY])
+        k = int((math.atan2(uy, ux) / (2 * math.pi) + 0.5) * m_arcs) % m_arcs
+        light = 1.0 + (p[SLOPE_X] * (x - origin[0]) + p[SLOPE_Y] * (y - origin[1])) / size
+        rise = p[CONTRAST] * light * math.hypot(row[CX], row[CY])
+        arcs[0, k] += pixels[3, m] * rise * (pixels[2, m] - model)
+        arcs[1, k] += pixels[3, m] * rise * rise
+    square, used, worst = 0.0, 0, 0.0
+    for k in range(m_arcs):
+        if arcs[1, k] > 0:
+            off, sigma = arcs[0, k] / arcs[1, k], 1 / math.sqrt(arcs[1, k])
+            square += (off / sigma) ** 2
+            used += 1
+            if abs(off) > _DENT_SIGMAS * sigma and abs(off) > abs(worst):
+                worst = off
+    result[ARC_FREEDOM] = max(used - 5, 1)
+    result[ARC_CHI2], result[DENT] = square / result[ARC_FREEDOM], worst
 
 
 @compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
@@ -267,7 +269,7 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     nodes = np.empty((6, MOST_NODES))
     work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes)
-    unit, held = np.empty(UNKNOWNS), np.zeros(6)
+    unit, held, arcs = np.empty(UNKNOWNS), np.zeros(6), np.empty((2, _ARCS_MOST))
     for t in range(len(start)):
         result = results[t]
         p = result[:UNKNOWNS]
@@ -297,10 +299,7 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
             continue
         weights = pixels[3, :n].sum()
         result[CHI2], result[FREEDOM] = cost / (left - UNKNOWNS), left - UNKNOWNS
-        if held_share == 0:
-            uneven, freedom = _uneven_square(p, origin, size, n, pixels, top, nodes)
-            if freedom > UNKNOWNS:
-                result[CHI2], result[FREEDOM] = uneven, freedom
+        _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result)
         result[MISFIT] = math.sqrt(cost / weights) / max(abs(p[CONTRAST]), 1e-9)
         good = True
         for axis in range(2):

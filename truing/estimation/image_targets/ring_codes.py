@@ -22,6 +22,9 @@ _CORE = 0.6
 # Levels are in units of the dot's contrast: 0 the ground, 1 the dot.
 _CLEAR = 0.2  # how far the mean of a segment must be from one half
 _ROUGH = 0.22  # rms of the samples about the word they were read as
+_STRAY = 0.035  # mean square of all samples about the word, less what the blur of edges explains
+_EDGE_SQUARE = 0.234  # what the blur of an edge leaves: the integral of Phi(-|t|)^2 over t
+_NOTHING = 0.4  # no segment is darker
 _RIVAL = 1.6  # another number of segments that explains the ring to this factor of the rms makes the code ambiguous
 
 
@@ -87,16 +90,17 @@ class Reading:
     unreadable: NDArray[np.bool_]
 
 
-def read_rings(levels: Array, codes: tuple[RingCode, ...], nothing: float = 0.3) -> Reading:
+def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> Reading:
     """Return what rings say whose levels (N, ROUND) were sampled clockwise at radius 2.5.
 
-    Levels are in units of the dot's contrast. Every number of segments at every phase is fitted; the best decides
-    unless another explains the ring nearly as well, a segment is neither set nor unset, or the word is no code.
-    A ring whose levels stay under `nothing` is none.
+    Levels are in units of the dot's contrast; soft (N,) is the blur of edges between segments, in samples. Every number
+    of segments at every phase is fitted; the best decides unless another explains the ring nearly as well, a segment is
+    neither set nor unset, edges lie elsewhere than between segments, or the word is no code. A ring that is dark all
+    round is none.
     """
     n = len(levels)
     family, number = np.full(n, -1), np.full(n, -1)
-    empty = (levels < nothing).all(1)
+    empty = (levels < _NOTHING).all(1)
     fits = [_fit(levels, code.bits) for code in codes]
     if not codes or not n:
         return Reading(family, number, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool))
@@ -111,7 +115,10 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], nothing: float = 0.3)
         family[mine], number[mine] = i, _look_up(code, fit[0][mine])
     same = np.array([[a.bits == b.bits for b in codes] for a in codes])[:, best]
     rivals = np.where(same, np.inf, rms).min(0)
-    sure = (clearness > _CLEAR) & (smallest < _ROUGH) & (rivals > _RIVAL * smallest) & (number >= 0)
+    edges = np.count_nonzero(ring != np.roll(ring, 1, axis=1), axis=1)
+    blurred = _EDGE_SQUARE * edges * (0.0 if soft is None else soft) / ROUND
+    stray = np.square(levels - ring).mean(1) - np.minimum(blurred, 0.15)
+    sure = (stray < _STRAY) & (clearness > _CLEAR) & (smallest < _ROUGH) & (rivals > _RIVAL * smallest) & (number >= 0)
     confidence = np.where(sure, np.clip(2 * clearness, 0, 1) * np.clip(1 - smallest, 0, 1), 0.0)
     read = sure & ~empty
     return Reading(

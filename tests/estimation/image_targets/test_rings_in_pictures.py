@@ -1,0 +1,64 @@
+"""Coded targets in rendered photographs, and in real ones: their numbers, and centres beside the light of the ring."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.estimation.image_targets.scenes import errors, rings
+from truing.estimation.image_targets.circles import CirclePlan, measure_circles
+from truing.estimation.image_targets.ring_codes import RingCode, ring_code, smallest_turn
+
+
+@pytest.mark.parametrize(
+    ("bits", "axes", "blur", "dark"),
+    [(8, (3, 3), 0.7, False), (12, (8, 4), 1.0, True), (12, (5, 5), 1.5, False), (14, (10, 7), 1.0, False)],
+)
+def test_codes_are_read_and_centres_are_not_pulled_by_their_rings(bits, axes, blur, dark):
+    rng = np.random.default_rng(bits)
+    code = ring_code(bits)
+    words = rng.choice(code.words, 12)
+    scene = rings(rng, axes, blur, 1.0, bits, words, invert=dark)
+    found = measure_circles(scene.grey, CirclePlan(codes=(code,)))
+    match, error, covariance = errors(found, scene.centre)
+    assert sorted(match) == list(range(12))
+    assert [code.words[number - 1] for number in found.code] == scene.word[match].tolist()
+    assert found.names[0] == f"ring{bits}-{found.code[0]}"
+    assert (found.white != dark).all()
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert 0.4 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.5
+    assert np.abs(error).max() < 0.04
+
+
+def test_codes_of_another_family_are_counted_and_not_called_circles():
+    rng = np.random.default_rng(1)
+    scene = rings(rng, (8, 7), 0.8, 1.0, 12, ring_code(12).words[20:24])
+    found = measure_circles(scene.grey, CirclePlan(codes=(ring_code(8),)))
+    assert found.count == 0
+    assert found.rejected["unreadable code"] == 4
+
+
+def numbered_as_printed(bits):
+    """The codes of the shared photographs: every word, read clockwise from the least significant bit, names itself."""
+    turned = {}
+    for word in range(1, 1 << bits):
+        if smallest_turn(word, bits) == word:
+            turned[int(format(word, f"0{bits}b")[::-1], 2)] = word
+    return RingCode.of_table(bits, turned)
+
+
+def test_coded_targets_of_real_photographs_have_the_numbers_printed_beside_them(real_data):
+    folder = real_data / "target-images"
+    plan = CirclePlan(codes=(numbered_as_printed(8),), uncoded=False)
+    first, second = (
+        measure_circles(cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE), plan)
+        for name in ("cct_bit8_white.jpg", "cct_bit8_white2.jpg")
+    )
+    # all twelve that lie in the first picture whole, read off the paper
+    assert sorted(first.code) == [7, 19, 19, 21, 21, 23, 23, 37, 39, 43, 43, 95]
+    # of the second, seen at up to 75 degrees, what is large enough
+    assert sorted(second.code) == [13, 25, 27, 47, 47, 61, 63, 85, 255]
+    # a telephone that sharpens: its edges are off their ellipses by a tenth of a pixel, and so the covariance says
+    sigma = np.sqrt(np.diagonal(first.cov_px2, axis1=1, axis2=2))
+    assert ((sigma > 0.01) & (sigma < 0.06)).all()
