@@ -38,6 +38,7 @@ DECLARATION = Stage(
         "accuracy?",
         "model_choice?",
         "sensor_matrix?",
+        *("pose_sensitivities?", "camera_correlations?", "scale_bar_lengths?"),
     ),
     leaves=("uncertainty", "uncertainty_budget"),
     settings=(

@@ -20,6 +20,7 @@ from stages.point_arrays import (
     used_targets,
 )
 from stages.uncertainty_statement.found_causes import found_causes, of_instrument
+from stages.uncertainty_statement.network import has_scale, parts_of_network
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.covariance import relative, survey_frame_covariance
 from truing.estimation.rotation import left_jacobian_so3, log_so3
@@ -50,7 +51,9 @@ def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: 
     for body in bodies:
         _state(statement, tables, body, parents[body], poses)
     if bodies:
-        statement.omitted("pose", "scale of the measurement", "no scale bar or certified length tells it from here")
+        if not has_scale(tables):
+            said = "no scale bar or certified length tells it from here"
+            statement.omitted("pose", "scale of the measurement", said)
         for name, cause in found_causes(tables).items():
             if of_instrument(cause):
                 statement.omitted("pose", name, NOT_HELD)
@@ -65,7 +68,8 @@ def _state(
         statement.not_evaluated("pose", "all", "no pose of it was found", body)
         return
     try:
-        parts = _parts(tables, body, parent, poses, found) or _whole(tables, found)
+        of_network = parts_of_network(tables, body, poses, found.covariance)
+        parts = of_network or _parts(tables, body, parent, poses, found) or _whole(tables, found)
     except np.linalg.LinAlgError:  # a point that is exact along an axis
         parts = _whole(tables, found)
     vector = log_so3(found.R[seen])

@@ -20,7 +20,7 @@ from tests.stages.line import run_line
 Array = NDArray[np.float64]
 Tables = dict[str, pa.Table]
 
-LINE = ("images", "bundle", "ingest", "qa", "pose")
+LINE = ("images", "bundle", "ingest", "qa", "pose", "uncertainty")
 
 
 def photograph(folder: Path, *effects: Any, poses: int = 3) -> Photographed:
@@ -156,6 +156,23 @@ def test_what_is_common_to_all_poses_is_told(adjusted: Any) -> None:
     assert {"camera c", "bar S", "bar T"} <= told
     bar = tables["scale_bar_lengths"].to_pandas()
     assert (bar["deviation_mm"].abs() < 4.0 * bar["deviation_sigma_mm"]).all()
+
+
+def test_the_budget_of_a_pose_tells_what_is_common_to_all(adjusted: Any) -> None:
+    _, _, tables = adjusted
+    budget = tables["uncertainty_budget"].to_pandas().query("result == 'pose' and evaluation != 'not evaluated'")
+    stated = tables["uncertainty"].to_pandas().query("result == 'pose' and stated")
+    sources = budget["input_source"].unique()
+    assert [source for source in sources if "common to all" in source] == list(sources[:2])
+    squares = (budget["contribution"] ** 2).groupby([budget["subject"], budget["quantity"]]).sum()
+    whole = stated.set_index(["subject", "quantity"])["standard_uncertainty"] ** 2
+    np.testing.assert_allclose(squares.loc[whole.index], whole, rtol=0.05)
+    height = budget[budget["quantity"] == "pz"]
+    common = height[height["input_source"].str.contains("common")].groupby("subject")["share_of_variance"].sum()
+    assert common.between(0.01, 0.99).all()
+    assert not any(
+        "no scale bar" in str(reason) for reason in tables["uncertainty_budget"].column("reason").to_pylist()
+    )
 
 
 def test_a_good_campaign_fails_no_check_and_warns_of_nothing_in_its_photographs(adjusted: Any) -> None:
