@@ -20,7 +20,7 @@ SLIPS = [(examples(page)[0], slip) for page in PAGES for slip in slips(page)]
 KEYS = {"image", "camera", "point", "parameter", "pose", "body", "target", "run", "step", "channel", "figure", "subject", "target_mm", "direction", "cycle"}
 READERS = {
     *("aicon", "c3d", "colmap", "keysight", "laser-tracker", "leica-gsi", "metashape", "photomodeler", "quadrature"),
-    *("renishaw", "v-stars"),
+    *("rays", "renishaw", "v-stars"),
 }
 
 
