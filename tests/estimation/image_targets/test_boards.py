@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from tests.estimation.image_targets.planes import board_pattern, exposed, homography, plane_picture, through
 from tests.tolerance import assert_between, assert_close
+from truing.estimation.image_targets import boards
 from truing.estimation.image_targets.boards import BoardPlan, measure_board
 from truing.estimation.image_targets.image_noise import ImageNoise
 
@@ -71,3 +72,11 @@ def test_no_board_no_corners():
     for plan in (CHESS, CHARUCO):
         found = measure_board(np.random.default_rng(4).integers(0, 255, (60, 80)).astype(np.uint8), plan, NOISE)
         assert len(found.number) == len(found.xy_px) == len(found.cov_px2) == 0
+
+
+def test_a_large_image_is_searched_smaller_and_measured_at_the_whole(monkeypatch):
+    H = homography(seen(CHESS, 0.4, 140.0, SIZE))
+    grey = exposed(plane_picture(board_pattern(6, 5), H, SIZE, 0.7), np.random.default_rng(5))
+    monkeypatch.setattr(boards, "_SEARCHED", grey.size // 2)
+    found = measure_board(grey, CHESS, NOISE)
+    assert_close(found.xy_px, corners(CHESS, H), atol=0.02 + 4.0 * float(np.sqrt(found.cov_px2.max())))

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from tests.estimation.image_targets.planes import exposed, homography, marker_pattern, plane_picture, through
 from tests.tolerance import assert_between, assert_close
+from truing.estimation.image_targets import square_markers
 from truing.estimation.image_targets.image_noise import ImageNoise
 from truing.estimation.image_targets.square_markers import FAMILIES, codes_of, measure_markers
 
@@ -121,3 +122,13 @@ def test_families_have_as_many_codes_as_they_say():
     ]
     assert len(FAMILIES) == 22
     assert through(homography(SQUARE), np.array([[0.5, 0.5]])).tolist() == [[0.0, 0.0]]
+
+
+def test_a_large_image_is_searched_at_half_its_size_and_measured_at_the_whole(sheet, monkeypatch):
+    grey = exposed(sheet[0], np.random.default_rng(7))
+    whole = measure_markers(grey, FAMILY, NOISE)
+    monkeypatch.setattr(square_markers, "_LARGE", grey.size // 2)
+    half = measure_markers(grey, FAMILY, NOISE)
+    assert keys(half) == keys(whole)
+    # Which pixels at the rim of an edge's band count depends on the start: a part of a standard deviation.
+    assert_close(half.xy_px, whole.xy_px, atol=0.5 * float(np.sqrt(whole.cov_px2.max())))

@@ -15,6 +15,8 @@ from truing.estimation.image_targets.square_markers import dictionary, eight_bit
 
 Array = NDArray[np.float64]
 
+_SEARCHED = 3_000_000  # pixels: in more, searching for a board takes longer than all that follows
+
 
 @dataclass(frozen=True)
 class BoardPlan:
@@ -77,10 +79,11 @@ def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[NDArray[np.int64], Arra
 
     size = (plan.columns, plan.rows)
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    seen, corners = cv2.findChessboardCornersSB(eight_bits(grey), size, flags)
+    image, factor = _reduced(grey)
+    seen, corners = cv2.findChessboardCornersSB(image, size, flags)
     if not seen:
         return np.empty(0, np.int64), np.empty((0, 2))
-    places = corners.reshape(plan.rows, plan.columns, 2).astype(float)
+    places = (corners.reshape(plan.rows, plan.columns, 2).astype(float) + 0.5) * factor - 0.5
     right, down = (places[:, -1] - places[:, 0]).mean(0), (places[-1] - places[0]).mean(0)
     if right[0] * down[1] < right[1] * down[0]:
         places = places[:, ::-1]
@@ -97,10 +100,23 @@ def _with_markers(grey: NDArray, plan: BoardPlan) -> tuple[NDArray[np.int64], Ar
     board = cv2.aruco.CharucoBoard(squares, 1.0, plan.marker_share, dictionary(plan.family), codes)
     board.setLegacyPattern(plan.legacy)
     parameters = cv2.aruco.CharucoParameters()
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board, parameters).detectBoard(eight_bits(grey))
+    image, factor = _reduced(grey)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board, parameters).detectBoard(image)
     if ids is None or not len(ids):
         return np.empty(0, np.int64), np.empty((0, 2))
-    return np.asarray(ids, np.int64).ravel(), corners.reshape(-1, 2).astype(float)
+    return np.asarray(ids, np.int64).ravel(), (corners.reshape(-1, 2).astype(float) + 0.5) * factor - 0.5
+
+
+def _reduced(grey: NDArray) -> tuple[NDArray[np.uint8], float]:
+    """The image at a size at which boards are searched for, and by which factor it was larger."""
+    import cv2
+
+    plain = eight_bits(grey)
+    factor = max(1.0, float(np.sqrt(plain.size / _SEARCHED)))
+    if factor == 1.0:
+        return plain, 1.0
+    size = (round(plain.shape[1] / factor), round(plain.shape[0] / factor))
+    return cv2.resize(plain, size, interpolation=cv2.INTER_AREA), plain.shape[1] / size[0]
 
 
 def _steps(number: NDArray[np.int64], places: Array, plan: BoardPlan) -> tuple[Array, Array]:

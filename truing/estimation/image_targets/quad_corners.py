@@ -21,7 +21,7 @@ _CLEAR = 3.0  # blurs that a pixel keeps from the other edges
 _NARROWEST, _WIDEST = 2.5, 6.0  # half width of the band about an edge, px
 _SHORTEST = 6.0  # px of an edge that are left to look at
 _LEAST_MODULE = 4.0  # blurs: below, what lies next to an edge shifts it by more than a fiftieth of a pixel
-_CHUNK = 128  # edges fitted at once
+_CHUNK = 24  # edges fitted at once: what the processor keeps at hand
 _INV_SQRT2PI = 0.3989422804014327
 # Unknowns of an edge: its offsets at both ends, blur, ground, contrast, slopes along and across
 _FIRST, _LAST, _BLUR, _GROUND, _CONTRAST, _ALONG, _ACROSS = range(7)
@@ -222,7 +222,12 @@ def _pixels(
         usable &= ~n.any(1)[:, None] | (((1.0 - t) * length >= margin) if corner is edges.end else True) & (
             (depth >= margin) | (d > 0.0)
         )
-    return picture, t, d, usable
+    most = int(usable.sum(1).max(initial=1))
+    order = np.argsort(~usable, axis=1, kind="stable")[:, :most]  # those that count come first, the others need no look
+    return (
+        *(np.take_along_axis(values, order, axis=1) for values in (picture, t, d)),
+        np.take_along_axis(usable, order, axis=1),
+    )
 
 
 def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> NDArray[np.bool_]:

@@ -22,6 +22,8 @@ _DICTIONARIES = {
     **{f"apriltag{size}": f"DICT_APRILTAG_{size}" for size in ("16h5", "25h9", "36h10", "36h11")},
 }
 FAMILIES = tuple(_DICTIONARIES)
+_LARGE = 6_000_000  # pixels; larger images are searched at half their size
+_MOST_CELLS = 10  # along a marker's edge
 _TWICE = "code seen twice in one image"
 
 
@@ -94,11 +96,33 @@ def _detected(grey: NDArray, families: tuple[str, ...]) -> tuple[Array, NDArray[
     parameters.minMarkerPerimeterRate = min(0.03, 80.0 / max(grey.shape))
     parameters.errorCorrectionRate = 0.3  # chance makes a code of anything if enough of it is corrected
     detector = cv2.aruco.ArucoDetector([dictionary(family) for family in families], parameters)
-    quads, ids, _, numbers = detector.detectMarkersMultiDict(eight_bits(grey))
+    plain = eight_bits(grey)
+    coarse = plain.size > _LARGE  # a marker that is lost at half the size has cells too small to be measured
+    if coarse:
+        plain = cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    quads, ids, _, numbers = detector.detectMarkersMultiDict(plain)
     if ids is None or not len(ids):
         return np.empty((0, 4, 2)), np.empty(0, np.int64), np.empty(0, np.int64)
     corners = np.array([quad.reshape(4, 2) for quad in quads], dtype=float)
+    if coarse:
+        corners = _at_full_size(grey, 2.0 * corners + 0.5)
     return corners, np.asarray(numbers, np.int64).ravel(), np.asarray(ids, np.int64).ravel()
+
+
+def _at_full_size(grey: NDArray, corners: Array) -> Array:
+    """Corners (Q, 4, 2) that were found at half the size, to a part of a pixel in the whole image."""
+    import cv2
+
+    whole = eight_bits(grey)
+    cell = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min(1) / _MOST_CELLS
+    window = np.clip(np.round(cell), 2, 5).astype(int)
+    found = corners.astype(np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 0.05)
+    for size in np.unique(window).tolist():
+        own = np.flatnonzero(window == size)
+        points = np.ascontiguousarray(found[own].reshape(-1, 1, 2))
+        found[own] = cv2.cornerSubPix(whole, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
+    return found.astype(float)
 
 
 def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
