@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+from functools import cache
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -9,7 +12,7 @@ from PIL import Image
 from pipeline.campaign_check import check_campaign
 from pipeline.campaign_folder import open_campaign
 from pipeline.campaign_run import detached_run
-from pipeline.in_memory import stage_line
+from pipeline.in_memory import call_stage, stage_line
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults
 from stages.photograph_targets import tables
@@ -24,13 +27,14 @@ CORNERS = np.array([[30.2, 31.7], [82.4, 27.9], [86.1, 79.3], [27.8, 84.2]])
 CENTRE = np.array([160.3, 60.6])
 
 
-def photograph(seed):
-    """A marker with code 7, a ring target with code 1 beside it."""
+@cache
+def scene():
+    """The light of a marker with code 7, and a ring target with code 1 beside it."""
     light = np.ones((120, 230))
     light[:, :115] = plane_picture(marker_pattern("aruco4x4_50", 7), homography(CORNERS), 120, 0.7, fine=6)[:, :115]
     ring = ring_target_picture(115, CENTRE - [115, 0], (9.0, 8.0), 0.4, 12, WORD, 0.3, 0.7)
     light[:115, 115:] = 1.0 - ring[:115, :115]
-    return exposed(light, np.random.default_rng(seed))
+    return light
 
 
 @pytest.fixture
@@ -38,7 +42,7 @@ def folder(tmp_path):
     for pose, number in ((1, 1), (1, 2), (2, 1)):
         path = tmp_path / "images" / str(pose) / f"p{number}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(photograph(10 * pose + number)).save(path)
+        Image.fromarray(exposed(scene(), np.random.default_rng(10 * pose + number))).save(path)
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     return tmp_path
 
@@ -80,23 +84,21 @@ def test_only_what_is_asked_for_is_looked_for(folder):
 
 
 def test_several_at_a_time_leave_the_same_rays_in_the_same_order(folder, monkeypatch):
+    (folder / "campaign.toml").write_text(f'{CAMPAIGN}[photographs]\ntargets = ["ring12"]\nuncoded = false\n')
     alone = measured(folder)
     monkeypatch.setattr(tables, "_WORTH_PROCESSES", 0)
     handed_out = []
     run = detached_run(open_campaign(folder))
-    whole = run._each
 
     def each(work, pieces, progress):
         handed_out.extend(map(str, pieces))
-        return whole(work, pieces, progress)
+        assert pickle.loads(pickle.dumps(pieces)) == list(pieces)
+        return run._each(work, pieces, progress)
 
-    run._each = each
-    seen = []
-    outcome = run.outcome(run.order[0], lambda *told: seen.append(told))
+    found = call_stage("images", {}, alone.settings, alone.source, each)
     assert handed_out == ["images/1/p1.png", "images/1/p2.png", "images/2/p1.png"]
-    assert seen == [(done, 3, "photographs") for done in (1, 2, 3)]
     for name in ("image_points", "photographs", "image_rejections"):
-        assert outcome.artifacts[name].equals(alone.tables[name])
+        assert found.artifacts[name].equals(alone.tables[name])
 
 
 def told(folder):
