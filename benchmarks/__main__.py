@@ -13,6 +13,8 @@ _SHARED = (
     "blind_figures",
     "blind_instruments",
     "blind_page",
+    "bundle_peers",
+    "bundle_problem",
     "errors_in_variables_peers",
     "errors_in_variables_problem",
     "pose_peers",
