@@ -120,6 +120,11 @@ def centres_of_images(field: Field, lens: Lens, view: View) -> Array:
     return np.array([_centroid(_pixels(lens, view, _outline(target))) for target in field.shown])
 
 
+def holes_of_washers(field: Field, lens: Lens, view: View) -> Array:
+    """Where the holes (N, 2) of washers are imaged, px: circles that are no targets."""
+    return _pixels(lens, view, np.array([one.centre for one in field.clutter if one.name == "washer"]).reshape(-1, 3))
+
+
 def semi_minor_px(field: Field, lens: Lens, view: View) -> Array:
     """The shorter semi-axis (N,) of the circles' images, px."""
     outlines = [_pixels(lens, view, _outline(target)) for target in field.shown]

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from tests.blind.generator.quaternions import Array
-from tests.photographs.field import centres_of_images, draw_field, photograph, semi_minor_px, stand
+from tests.photographs.field import (
+    centres_of_images,
+    draw_field,
+    holes_of_washers,
+    photograph,
+    semi_minor_px,
+    stand,
+)
 from tests.photographs.lens import Lens
 from tests.photographs.sensor import Sensor
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
@@ -19,6 +26,7 @@ from truing.estimation.image_targets.ring_codes import ring_code
 LENS = Lens(width_px=1000, height_px=750, focal_px=1300.0)
 PLAN = CirclePlan(codes=(ring_code(8), ring_code(12), ring_code(14)))
 FIELDS, WHITE_FIELDS = 4, 3
+NEAR_HOLE_PX = 1.5  # a hole's edge is lit from one side
 NEAR_PX = 0.5  # what is measured farther from a target's centre is something else
 
 
@@ -54,7 +62,9 @@ def measured() -> Measured:
         covs.append(found.cov_px2[right])
         read += [found.names[k] for k in np.flatnonzero(right)]
         name += [field.shown[nearest[k]].name for k in np.flatnonzero(right)]
-        invented += [found.names[k] for k in np.flatnonzero(~right)]
+        holes = holes_of_washers(field, LENS, view)
+        hole = np.linalg.norm(found.centre_px[:, None] - holes, axis=-1).min(axis=1, initial=np.inf) < NEAR_HOLE_PX
+        invented += [found.names[k] for k in np.flatnonzero(~right & ~hole)]
         rejected += found.rejected
         for k in _plainly_seen(centres, minor):
             plain[i, k] = field.shown[k].name, k in nearest[right]
@@ -96,5 +106,5 @@ def test_few_targets_in_plain_sight_are_overlooked(measured: Measured) -> None:
 def test_what_is_no_target_is_counted_with_its_reason(measured: Measured) -> None:
     assert all(reason and count > 0 for reason, count in measured.rejected.items())
     assert measured.rejected["at border"] > 0
-    # Holes are circles, too; segments of rings, lettering and reflections are not.
-    assert len(measured.invented) <= 0.05 * len(measured.read)
+    # Holes are circles, too, and left to what is known of points; segments of rings, lettering and reflections are not.
+    assert len(measured.invented) <= 0.02 * len(measured.read)

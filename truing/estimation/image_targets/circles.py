@@ -25,6 +25,7 @@ _RING, _BEYOND = (2.35, 2.5, 2.65), (3.3,)
 _NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
 _HELD = 0.1  # of the contrast: levels in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
+_GROUND, _COVERED = 0.3, 0.06  # of the contrast: levels beyond a ring; share of them that may be others
 _STRAY = 0.04  # share of an edge's pixels that may be taken for something else
 # By which an arc of an edge may be off its ellipse: px, or a share of the semi-major axis (paper is not flat).
 _DENT, _DENT_SHARE = 0.3, 0.012
@@ -204,14 +205,16 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     # an edge across the ring, at its middle: its blur in samples
     soft = fit[:, edge.BLUR] / (2.5 * width) * ROUND / (2 * np.pi)
     reading = read_rings(ring, plan.codes, soft)
-    closed = (levels(_BEYOND) < 0.5).mean(1) > 1 - _UNEVEN
-    broken = (reading.number >= 0) & ~closed
+    beyond = np.abs(levels(_BEYOND))
+    # a ring stands on ground; what covers a part of it seldom ends there
+    whole, ground = (beyond < _GROUND).mean(1) > 1 - _COVERED, np.median(beyond, axis=1) < _GROUND
+    broken = (reading.number >= 0) & ~whole
     reading = replace(
         reading,
         number=np.where(broken, -1, reading.number),
         family=np.where(broken, -1, reading.family),
         ring=reading.ring * ~broken[:, None],
-        unreadable=reading.unreadable | broken,
+        unreadable=reading.unreadable & ground | broken,
     )
     free = (levels((1.7, _FAR)) < 0.3).all(1) & (ring < 0.5).all(1)
     return reading, np.select([reading.number >= 0, free], [_TO_RING, _FAR], _NEAR)

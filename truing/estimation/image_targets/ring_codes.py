@@ -20,12 +20,12 @@ ROUND = 168  # samples round a ring: each segment of 8, 12 and 14 has a whole nu
 # Of a segment, the share read: neighbours shine into the rest.
 _CORE = 0.6
 # Levels are in units of the dot's contrast: 0 the ground, 1 the dot.
-_CLEAR = 0.2  # how far the mean of a segment must be from one half
-_ROUGH = 0.22  # rms of the samples about the word they were read as
+_UNCLEAR = 0.25  # how far the mean of a segment may be from its bit
+_ROUGH = 0.22  # rms of the cores of segments about the word they were read as
 _STRAY = 0.035  # mean square of all samples about the word, less what the blur of edges explains
 _EDGE_SQUARE = 0.234  # what the blur of an edge leaves: the integral of Phi(-|t|)^2 over t
-_NOTHING = 0.4  # no segment is darker
-_RIVAL = 1.6  # another number of segments that explains the ring to this factor of the rms makes the code ambiguous
+_SOMETHING = 0.6  # where no sample is lighter there is no ring
+_APART = 0.003  # by how much of the mean square another number of segments must be worse at explaining the ring
 
 
 @dataclass(frozen=True)
@@ -94,58 +94,69 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     """Return what rings say whose levels (N, ROUND) were sampled clockwise at radius 2.5.
 
     Levels are in units of the dot's contrast; soft (N,) is the blur of edges between segments, in samples. Every number
-    of segments at every phase is fitted; the best decides unless another explains the ring nearly as well, a segment is
-    neither set nor unset, edges lie elsewhere than between segments, or the word is no code. A ring that is dark all
+    of segments at every phase is fitted; the best decides unless another number of them makes a code as well, a segment
+    is neither set nor unset, edges lie elsewhere than between segments, or the word is no code. A ring that is dark all
     round is none.
     """
     n = len(levels)
-    family, number = np.full(n, -1), np.full(n, -1)
-    empty = (levels < _NOTHING).all(1)
-    fits = [_fit(levels, code.bits) for code in codes]
     if not codes or not n:
-        return Reading(family, number, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool))
-    rms = np.stack([fit[2] for fit in fits])  # (families, N)
-    best = rms.argmin(0)
+        none = np.full(n, -1)
+        return Reading(none, none, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool))
+    there = (levels > _SOMETHING).any(1)
+    fits = [_fit(levels, code.bits) for code in codes]
+    numbers = np.stack([_look_up(code, fit.word) for code, fit in zip(codes, fits, strict=True)])  # (families, N)
+    left = np.stack([fit.left for fit in fits])
+    # whoever explains the ring as well as the best, and as a code, might be meant
+    meant = (left < left.min(0) + _APART) & (numbers >= 0)
+    best = np.where(meant, left, np.inf).argmin(0)
+    bits = np.array([code.bits for code in codes])
+    rivals = (meant & (bits[:, None] != bits[best])).any(0)
     each = np.arange(n)
-    ring = np.stack([fit[3] for fit in fits])[best, each]
-    clearness = np.stack([fit[1] for fit in fits])[best, each]
-    smallest = rms[best, each]
-    for i, (code, fit) in enumerate(zip(codes, fits, strict=True)):
-        mine = (best == i) & ~empty
-        family[mine], number[mine] = i, _look_up(code, fit[0][mine])
-    same = np.array([[a.bits == b.bits for b in codes] for a in codes])[:, best]
-    rivals = np.where(same, np.inf, rms).min(0)
+    ring, off, rough = (np.stack([getattr(fit, name) for fit in fits])[best, each] for name in ("ring", "off", "rough"))
     edges = np.count_nonzero(ring != np.roll(ring, 1, axis=1), axis=1)
     blurred = _EDGE_SQUARE * edges * (0.0 if soft is None else soft) / ROUND
-    stray = np.square(levels - ring).mean(1) - np.minimum(blurred, 0.15)
-    sure = (stray < _STRAY) & (clearness > _CLEAR) & (smallest < _ROUGH) & (rivals > _RIVAL * smallest) & (number >= 0)
-    confidence = np.where(sure, np.clip(2 * clearness, 0, 1) * np.clip(1 - smallest, 0, 1), 0.0)
-    read = sure & ~empty
+    stray = left[best, each] - np.minimum(blurred, 0.15)
+    read = there & meant.any(0) & ~rivals & (stray < _STRAY) & (off < _UNCLEAR) & (rough < _ROUGH)
+    confidence = np.where(read, (1 - 2 * off) * (1 - rough), 0.0)
     return Reading(
-        np.where(read, family, -1), np.where(read, number, -1), confidence, ring * read[:, None], ~read & ~empty
+        np.where(read, best, -1),
+        np.where(read, numbers[best, each], -1),
+        confidence,
+        ring * read[:, None],
+        there & ~read,
     )
 
 
-def _fit(levels: Array, bits: int) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Return, at the phase that fits best: words (N,), the least distance (N,) of a segment's mean from one half, the
-    rms (N,) of the cores of segments about the word, and the word as a ring (N, ROUND)."""
+@dataclass(frozen=True)
+class _Fit:
+    """A ring taken for so many segments, at the phase that fits best: word (N,), the same as ring (N, ROUND); how far
+    the mean of a segment's core is off its bit at most, rms of cores about it, mean square of all samples about it."""
+
+    word: NDArray[np.int64]
+    ring: Array
+    off: Array
+    rough: Array
+    left: Array
+
+
+def _fit(levels: Array, bits: int) -> _Fit:
+    """Return the best word of so many bits for rings of levels (N, ROUND)."""
     wide = ROUND // bits
     skip = int(wide * (1 - _CORE) / 2)
     at = (np.arange(wide)[:, None, None] + np.arange(bits)[:, None] * wide + np.arange(wide)) % ROUND
     segments = levels[:, at]  # (N, phase, segment, sample)
-    core = segments[..., skip : wide - skip]
-    mean = core.mean(-1)
-    bit = mean > 0.5
-    misfit = np.square(core - bit[..., None]).mean((-1, -2))
+    bit = segments[..., skip : wide - skip].mean(-1) > 0.5
     # edges count as well: a phase is right where whole segments, not cores alone, are even
-    whole = np.square(segments - bit[..., None]).mean((-1, -2))
-    phase = whole.argmin(1)
+    left = np.square(segments - bit[..., None]).mean((-1, -2))
+    phase = left.argmin(1)
     each = np.arange(len(levels))
     bit = bit[each, phase]
-    word = bit @ (1 << np.arange(bits)[::-1])
+    core = segments[each, phase][..., skip : wide - skip] - bit[..., None]
     ring = np.zeros_like(levels)
     ring[each[:, None, None], at[phase]] = bit[..., None]
-    return word, np.abs(mean[each, phase] - 0.5).min(1), np.sqrt(misfit[each, phase]), ring
+    off = np.abs(core.mean(-1)).max(1)
+    rough = np.sqrt(np.square(core).mean((-1, -2)))
+    return _Fit(bit @ (1 << np.arange(bits)[::-1]), ring, off, rough, left[each, phase])
 
 
 def _look_up(code: RingCode, words: NDArray[np.int64]) -> NDArray[np.int64]:
