@@ -11,7 +11,9 @@ from schemas.section import Finite, NotNegative, Positive, Section
 
 Parameter = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 
-RINGS = ("ring8", "ring12", "ring14")
+# As published, and with every word there is.
+_PUBLISHED = ("ring8", "ring12", "ring14")
+RINGS = (*_PUBLISHED, *(f"{family}_any" for family in _PUBLISHED))
 _ARUCO = tuple(f"aruco{bits}x{bits}_{codes}" for bits in (4, 5, 6, 7) for codes in (50, 100, 250, 1000))
 MARKERS = (
     *(*_ARUCO, "aruco_original", "aruco_mip_36h12"),
@@ -19,7 +21,7 @@ MARKERS = (
 )
 FAMILIES = (*RINGS, *MARKERS)
 # Of ArUco the smallest family of each size: a larger one repeats its codes.
-USUAL = (*RINGS, "aruco4x4_50", "aruco5x5_100", "aruco6x6_250", "apriltag36h11")
+USUAL = (*_PUBLISHED, "aruco4x4_50", "aruco5x5_100", "aruco6x6_250", "apriltag36h11")
 
 
 def _known(family: str) -> str:
@@ -97,6 +99,9 @@ class Photographs(Section):
 
     @model_validator(mode="after")
     def _is_told_apart(self) -> Photographs:
+        for family in set(self.targets or ()) & set(_PUBLISHED):
+            if f"{family}_any" in (self.targets or ()):
+                raise ValueError(f"{family} or {family}_any, not both: one ring would have two numbers")
         labels = [board.label for board in self.boards]
         if len(set(labels)) < len(labels):
             raise ValueError("boards with a name each: several have the same one")

@@ -27,9 +27,9 @@ def check_codes(found: Gathered, boards: tuple[str, ...], log: FaultLog) -> None
 @cache
 def _codes(family: str) -> frozenset[str]:
     if family in RINGS:
-        from truing.estimation.image_targets.ring_codes import ring_code
+        from truing.estimation.image_targets.ring_codes import family_of_rings
 
-        return frozenset(map(str, ring_code(int(family.removeprefix("ring"))).numbers))
+        return frozenset(map(str, family_of_rings(family).numbers))
     from truing.estimation.image_targets.square_markers import codes_of
 
     return frozenset(map(str, range(codes_of(family))))

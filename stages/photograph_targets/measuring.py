@@ -99,9 +99,9 @@ def measure(piece: Piece) -> Measured:
     plan, noise = piece.plan, estimate_noise(grey)
     if plan.rings or plan.uncoded:
         from truing.estimation.image_targets.circles import CirclePlan, measure_circles
-        from truing.estimation.image_targets.ring_codes import ring_code
+        from truing.estimation.image_targets.ring_codes import family_of_rings
 
-        codes = tuple(ring_code(int(family.removeprefix("ring"))) for family in plan.rings)
+        codes = tuple(map(family_of_rings, plan.rings))
         wanted = CirclePlan(codes, plan.uncoded, plan.polarity, plan.smallest_px, plan.largest_px)  # type: ignore[arg-type]
         _add_circles(found, measure_circles(grey, wanted))
     if plan.markers:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.image_targets.ring_codes import ROUND, RingCode, read_rings, ring_code, smallest_turn
+from truing.estimation.image_targets.ring_codes import (
+    ROUND,
+    RingCode,
+    family_of_rings,
+    read_rings,
+    ring_code,
+    smallest_turn,
+)
 
 
 def ring(word, bits, turn=0, samples=ROUND):
@@ -40,7 +47,7 @@ def test_words_and_tables_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="no word of 8 bits"):
         smallest_turn(256, 8)
     with pytest.raises(ValueError, match="turns of one another"):
-        RingCode.of_table(8, {0b0001_0001: 1, 0b0010_0010: 2})
+        RingCode.of_table(8, {0b0001_0001: 1, 0b0010_0010: 2}, "ring8")
 
 
 @pytest.mark.parametrize("bits", [8, 12, 14])
@@ -55,7 +62,7 @@ def test_every_code_is_read_at_any_turn(bits):
 
 
 def test_a_table_of_a_vendor_names_its_own_numbers():
-    table = RingCode.of_table(8, {0b1100_0000: 501, 0b0001_0001: 7})
+    table = RingCode.of_table(8, {0b1100_0000: 501, 0b0001_0001: 7}, "ours")
     levels = np.stack([ring(0b0000_1100, 8, 5), ring(0b0001_0001, 8, 100), ring(0b0000_0111, 8)])
     reading = read_rings(levels, (table,))
     assert reading.number.tolist() == [501, 7, -1]
@@ -88,3 +95,17 @@ def test_random_levels_are_practically_never_read():
     for levels in (coarse, harsh):
         reading = read_rings(levels, (ring_code(8), ring_code(12)))
         assert (reading.number >= 0).mean() < 2e-3
+
+
+def test_every_word_is_a_code_where_any_may_occur():
+    code = family_of_rings("ring8_any")
+    assert len(code.words) == 35  # necklaces of eight beads in two colours, but the empty one
+    assert len(family_of_rings("ring12_any").words) == 351
+    # a single segment is 1 wherever a ring begins; 1011 and its mirror image are two codes
+    assert code.numbers[code.words.index(1)] == 1
+    one, other = (code.numbers[code.words.index(smallest_turn(word, 8))] for word in (0b1011, 0b1101))
+    assert sorted((one, other)) == [0b1011, 0b1101]
+    assert one == 0b1101
+    assert family_of_rings("ring12").numbers == ring_code(12).numbers
+    with pytest.raises(ValueError, match="no family"):
+        family_of_rings("rings")

@@ -8,7 +8,7 @@ import pytest
 
 from tests.estimation.image_targets.scenes import errors, rings
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
-from truing.estimation.image_targets.ring_codes import RingCode, ring_code, smallest_turn
+from truing.estimation.image_targets.ring_codes import any_word, ring_code
 
 
 @pytest.mark.parametrize(
@@ -39,18 +39,9 @@ def test_codes_of_another_family_are_counted_and_not_called_circles():
     assert found.rejected["unreadable code"] == 4
 
 
-def numbered_as_printed(bits):
-    """The codes of the shared photographs: every word, read clockwise from the least significant bit, names itself."""
-    turned = {}
-    for word in range(1, 1 << bits):
-        if smallest_turn(word, bits) == word:
-            turned[int(format(word, f"0{bits}b")[::-1], 2)] = word
-    return RingCode.of_table(bits, turned)
-
-
 def test_coded_targets_of_real_photographs_have_the_numbers_printed_beside_them(real_data):
     folder = real_data / "target-images"
-    plan = CirclePlan(codes=(numbered_as_printed(8),), uncoded=False)
+    plan = CirclePlan(codes=(any_word(8),), uncoded=False)
     first, second = (
         measure_circles(cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE), plan)
         for name in ("cct_bit8_white.jpg", "cct_bit8_white2.jpg")

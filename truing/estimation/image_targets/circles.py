@@ -85,7 +85,7 @@ class ImageTargets:
     @property
     def kinds(self) -> list[str]:
         """The kind of each target: its family of codes, or circle."""
-        return [self.codes[k].family if k >= 0 else "circle" for k in self.family]
+        return [f"ring{self.codes[k].bits}" if k >= 0 else "circle" for k in self.family]
 
     @property
     def names(self) -> list[str]:

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_ANY = "_any"
 ROUND = 168  # samples round a ring: each segment of 8, 12 and 14 has a whole number of them
 # Of a segment, the share read: neighbours shine into the rest.
 _CORE = 0.6
@@ -32,25 +34,22 @@ _APART = 0.003  # by how much of the mean square another number of segments must
 class RingCode:
     """The codes of a ring of so many segments: words (W,), each the smallest of its turns, and numbers (W,) they name.
 
-    Vendors number differently: with `RingCode.of_table` another table takes the place of `ring_code`'s.
+    Vendors number differently: with `RingCode.of_table` another table takes the place of `ring_code`'s. The name of the
+    family tells it from others of as many segments.
     """
 
     bits: int
     words: tuple[int, ...]
     numbers: tuple[int, ...]
+    family: str
 
     @classmethod
-    def of_table(cls, bits: int, table: Mapping[int, int]) -> RingCode:
+    def of_table(cls, bits: int, table: Mapping[int, int], family: str) -> RingCode:
         """Return the codes of a table from word (any of its turns) to number; ValueError where words or turns clash."""
         words = [smallest_turn(word, bits) for word in table]
         if len(set(words)) != len(words):
             raise ValueError(f"two words of a table of {bits} bits are turns of one another")
-        return cls(bits, tuple(words), tuple(table.values()))
-
-    @property
-    def family(self) -> str:
-        """The name of the family, as in `ring12`."""
-        return f"ring{self.bits}"
+        return cls(bits, tuple(words), tuple(table.values()), family)
 
 
 def smallest_turn(word: int, bits: int) -> int:
@@ -75,7 +74,29 @@ def ring_code(bits: int) -> RingCode:
     even = np.bitwise_count(word) % 2 == 0
     opposite = word & word >> half & ((1 << half) - 1) != 0
     words = word[even & opposite & (word == turns.min(0))].tolist()
-    return RingCode(bits, tuple(words), tuple(range(1, len(words) + 1)))
+    return RingCode(bits, tuple(words), tuple(range(1, len(words) + 1)), f"ring{bits}")
+
+
+def any_word(bits: int) -> RingCode:
+    """Return the codes of rings whose every word but the empty one may occur, as free programs print them.
+
+    A number is the smallest of the values that its ring has when read clockwise, the least significant bit first.
+    """
+    words = (word for word in range(1, 1 << bits) if smallest_turn(word, bits) == word)
+    return RingCode.of_table(bits, {_mirrored(word, bits): word for word in words}, f"ring{bits}{_ANY}")
+
+
+@cache
+def family_of_rings(name: str) -> RingCode:
+    """Return a family by its name: `ring12` as published, `ring12_any` of every word; ValueError of other names."""
+    bits = name.removeprefix("ring").removesuffix(_ANY)
+    if not bits.isdecimal():
+        raise ValueError(f"{name} is no family of ring codes")
+    return any_word(int(bits)) if name.endswith(_ANY) else ring_code(int(bits))
+
+
+def _mirrored(word: int, bits: int) -> int:
+    return int(format(word, f"0{bits}b")[::-1], 2)
 
 
 @dataclass(frozen=True)

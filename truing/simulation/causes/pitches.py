@@ -42,7 +42,7 @@ def distinct_pitches(moved: NDArray) -> list[float]:
 
 
 def _spans(turns: NDArray) -> NDArray:
-    """Return orthonormal bases (F, L, B, 2) of sine and cosine of turns (F, B, L) less means; zero where none is left."""
+    """Return orthonormal bases (F, L, B, 2) of sine and cosine of turns (F, B, L) less means; zero for none."""
     waves = np.stack([np.sin(turns), np.cos(turns)], -1)
     centred = np.moveaxis(waves - waves.mean(1, keepdims=True), 2, 1)
     directions, sizes, _ = np.linalg.svd(centred, full_matrices=False)
