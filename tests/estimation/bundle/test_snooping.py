@@ -7,6 +7,7 @@ import pytest
 
 from truing.estimation.bundle import rejected_rays
 from truing.estimation.bundle.adjustment import adjust
+from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.ray_tests import ray_tests
 from truing.estimation.bundle.snooping import adjust_robustly
 from truing.estimation.bundle.variance_components import grouped
@@ -103,6 +104,18 @@ def test_a_second_target_of_the_same_name_is_told():
     found = adjust_robustly(replace(made.network, rays=replace(rays, xy_px=xy)), made.truth)
     reason = dict(zip(found.rejected.ray.tolist(), found.rejected.reason, strict=True))
     assert [reason.get(ray) for ray in wrong.tolist()] == [rejected_rays.SECOND_TARGET] * len(wrong)
+
+
+def test_what_the_images_do_not_determine_is_held_and_said():
+    corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
+    made = simulate(seed=4, images=4, points=4, body=corners, missed=0.0)
+    found = adjust_robustly(made.network, made.truth)
+    held = [name for _, name in found.held]
+    free = [name for camera, name in found.adjustment.covariance.names if camera == "camera0"]
+    assert "A3" in held  # 32 coordinates do not tell ten elements beside 36 other unknowns less six of the datum
+    assert sorted([*held, *free]) == sorted(PARAMETERS)
+    places = [PARAMETERS.index(name) for name in held]
+    assert np.array_equal(found.adjustment.state.interior[0, places], made.truth.interior[0, places])
 
 
 def test_images_and_points_without_a_start_are_left_out_with_their_reason():

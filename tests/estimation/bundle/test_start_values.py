@@ -80,6 +80,15 @@ def test_known_points_give_frame_and_scale_even_with_one_of_them_wrong():
     assert np.abs(start.state.points - made.truth.points)[start.point_placed].max() < 5e-3
 
 
+def test_one_image_is_oriented_by_known_points():
+    made = simulate(seed=4, images=2, points=15, known=9, bars=False)
+    network = replace(made.network, rays=without(made.network.rays, made.network.rays.image == 1))
+    start = find_start(network, made.truth.interior)
+    assert start.image_oriented.tolist() == [True, False]
+    assert start.state.centre[0] == pytest.approx(made.truth.centre[0], abs=2e-3)
+    assert start.point_placed.sum() == 9
+
+
 def test_a_marker_of_known_size_begins_where_images_share_too_little_else():
     corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
     body = np.concatenate([corners, [[0.4, 0.3, 0.2]]])

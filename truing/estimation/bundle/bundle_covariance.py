@@ -226,7 +226,8 @@ def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array
 
 def _check_pivots(layout: Layout, reduced: Reduced) -> None:
     """Raise `UndeterminedNetworkError` that names the images and points of which nothing but rounding is left."""
-    faults = []
+    loose_images: list[int] = []
+    loose_points: list[int] = []
     for pose, one in enumerate(reduced.poses):
         if one is None:
             continue
@@ -235,12 +236,14 @@ def _check_pivots(layout: Layout, reduced: Reduced) -> None:
         kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal
         bad = np.concatenate([blocks.own_places[own.ravel() < _SINGULAR], blocks.kept_places[kept < _SINGULAR]])
         images = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
-        faults += [f"image {layout.images[layout.image_start[pose] + n]}" for n in np.unique(bad[bad < images] // 6)]
+        loose_images += layout.images[layout.image_start[pose] + np.unique(bad[bad < images] // 6)].tolist()
         rest = (bad[bad >= images] - images) // 3
-        faults += [f"point {layout.points[layout.point_start[pose] + n]}" for n in np.unique(rest)]
+        loose_points += layout.points[layout.point_start[pose] + np.unique(rest)].tolist()
+    faults = [f"image {n}" for n in loose_images] + [f"point {n}" for n in loose_points]
     if faults:
         more = f" and {len(faults) - 20} more" if len(faults) > 20 else ""
-        raise UndeterminedNetworkError(f"free directions are left, seen at {', '.join(faults[:20])}{more}")
+        said = f"free directions are left, seen at {', '.join(faults[:20])}{more}"
+        raise UndeterminedNetworkError(said, images=loose_images, points=loose_points)
 
 
 def _inverse(layout: Layout, reduced: Reduced) -> Array:
@@ -252,6 +255,7 @@ def _inverse(layout: Layout, reduced: Reduced) -> Array:
     values, vectors = np.linalg.eigh(scale[:, None] * common * scale)
     if not values[0] > _SINGULAR:
         share = np.abs(vectors[:, 0])
-        names = [f"{a} {b}" for (a, b), part in zip(layout.common, share, strict=True) if part > 0.1 * share.max()]
-        raise UndeterminedNetworkError(f"these images do not determine {', '.join(names)}: hold one of them fixed")
+        open_ = [(a, str(b)) for (a, b), part in zip(layout.common, share, strict=True) if part > 0.1 * share.max()]
+        said = f"these images do not determine {', '.join(f'{a} {b}' for a, b in open_)}: hold one of them fixed"
+        raise UndeterminedNetworkError(said, elements=open_)
     return scale[:, None] * (vectors / values) @ vectors.T * scale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,21 @@ RAYS_OF_AN_IMAGE = 3
 
 
 class UndeterminedNetworkError(ValueError):
-    """Some points or images have too few rays, or the network has free directions; the message lists them."""
+    """Some points or images have too few rays, or the network has free directions; the message lists them.
+
+    images and points, by number, that free directions move, and elements (camera, name) of interiors left open.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        images: Iterable[int] = (),
+        points: Iterable[int] = (),
+        elements: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        super().__init__(message)
+        self.images, self.points, self.elements = tuple(images), tuple(points), tuple(elements)
 
 
 @dataclass(frozen=True)

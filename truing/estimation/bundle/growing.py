@@ -72,7 +72,9 @@ def grow(seed: Grown, rng: np.random.Generator, refine: Refine, most: int | None
 def intersected(now: Grown, rng: np.random.Generator) -> Grown:
     """Return the pose with all points placed that rays of two oriented images agree on, or that are given."""
     X, agrees = intersect(now.rays, now.tolerance_px, rng)
-    return replace(now, X=np.where(np.isnan(X), now.given, X), agrees=agrees)
+    as_given = np.isnan(X[:, 0]) & np.isfinite(now.given[:, 0])
+    X = np.where(as_given[:, None], now.given, X)
+    return replace(now, X=X, agrees=agrees | (as_given[now.rays.point] & now.rays.agree(X, now.tolerance_px)))
 
 
 def _next_images(now: Grown) -> list[int]:
@@ -85,7 +87,7 @@ def _next_images(now: Grown) -> list[int]:
     tried = np.zeros(len(rays.R), int)
     tried[list(now.failed)] = [seen for seen, _ in now.failed.values()]
     score = np.where((count >= FEWEST) & (count > tried), np.sqrt(count) * spread, 0.0)
-    return [int(i) for i in np.flatnonzero((score > 0) & (score >= _ABREAST * score.max()))]
+    return [int(i) for i in np.flatnonzero((score > 0) & (score >= _ABREAST * score.max(initial=0.0)))]
 
 
 def _oriented(now: Grown, image: int) -> Resection | tuple[int, int]:
@@ -101,6 +103,7 @@ def _oriented(now: Grown, image: int) -> Resection | tuple[int, int]:
 
 def format_cells(xy_px: Array, width_px: Array, height_px: Array, per_side: int = _CELLS) -> Index:
     """Return the cell (N,) of the format, by number, in which image points xy_px (N, 2) lie."""
-    column = np.clip((xy_px[:, 0] + 0.5) / width_px * per_side, 0, per_side - 1).astype(int)
-    row = np.clip((xy_px[:, 1] + 0.5) / height_px * per_side, 0, per_side - 1).astype(int)
+    xy = np.nan_to_num(xy_px)
+    column = np.clip((xy[:, 0] + 0.5) / width_px * per_side, 0, per_side - 1).astype(int)
+    row = np.clip((xy[:, 1] + 0.5) / height_px * per_side, 0, per_side - 1).astype(int)
     return row * per_side + column

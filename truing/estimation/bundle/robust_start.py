@@ -93,6 +93,8 @@ def meeting(network: Network, state: State, rays: Index, tolerance_px: Array) ->
 
 def _by_median(components: VarianceComponents, off: Array, used: Mask, redundancy: int) -> VarianceComponents:
     """Return components whose factors make the median of normalised misses (N,) what it is for two normal errors."""
+    if redundancy <= 0:  # nothing tells of it
+        return components
     factor = components.factor.copy()
     share = redundancy / (2.0 * max(int(used.sum()), 1))
     for g in range(len(factor)):

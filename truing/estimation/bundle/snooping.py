@@ -13,7 +13,8 @@ import numpy as np
 
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.datum import Datum
-from truing.estimation.bundle.determinable import determinable
+from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
+from truing.estimation.bundle.held_elements import relaxed
 from truing.estimation.bundle.intersection import Mask
 from truing.estimation.bundle.network import Index, Network, State
 from truing.estimation.bundle.ray_tests import RayTests, p_values, passing_share, ray_tests
@@ -33,7 +34,8 @@ class Snooped:
     that at least one of so many good rays is rejected, the critical value of T (two degrees of freedom), rounds, how
     many rays came back, the variance components, the tests of all rays, and the test of sigma0 with the covariances as
     stated (the squares that data snooping cuts off good rays added). The adjustment's covariances are to be multiplied
-    by covariance_factor: one where the components give the scale."""
+    by covariance_factor: one where the components give the scale. held are elements (camera, name) of interiors that
+    the network does not determine: they stay what they were at the start."""
 
     adjustment: Adjustment
     used: Mask
@@ -49,6 +51,7 @@ class Snooped:
     tests: RayTests
     sigma0: GlobalTest
     covariance_factor: float
+    held: tuple[tuple[str, str], ...]
 
 
 def adjust_robustly(
@@ -66,8 +69,24 @@ def adjust_robustly(
     rejected. Without components the stated covariances of the rays are taken as they are (sigma0 = 1).
     Raises `UndeterminedNetworkError` where hardly anything is left.
     """
-    possible, known = possible_rays(network, start), datum == "known"
-    active = possible if agrees is None else possible & agrees
+    possible = possible_rays(network, start)
+    held: tuple[tuple[str, str], ...] = ()
+    doubtful = np.zeros(network.rays.count, bool) if agrees is None else ~agrees
+    while True:
+        try:
+            found = _snooped(network, start, datum, possible, possible & ~doubtful, alpha, with_components)
+            return replace(found, held=held)
+        except UndeterminedNetworkError as error:
+            network, possible, more = relaxed(network, possible, error)
+            held = (*held, *more)
+
+
+def _snooped(
+    network: Network, start: State, datum: Datum, possible: Mask, active: Mask, alpha: float, with_components: bool
+) -> Snooped:
+    """Return the network adjusted with those of the possible rays (N,) that pass, beginning with the active ones
+    (N,)."""
+    known = datum == "known"
     state, active, components = robust_start(network, start, datum, active)
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
@@ -104,6 +123,7 @@ def adjust_robustly(
         returned=int(((returns > 0) & used).sum()),
         components=replace(latest, factor=components.factor) if with_components else components,
         tests=tests,
+        held=(),
         covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
         sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
     )

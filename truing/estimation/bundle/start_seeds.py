@@ -53,7 +53,7 @@ def _interiors(network: Network, interior: Array) -> Iterator[tuple[Array, int |
     field widths, with few beginnings each and, where nothing comes of them, with all."""
     cameras = np.unique(network.image_camera)
     unknown = np.isnan(interior[cameras, 0])
-    free = np.array(["c" in network.cameras[k].free for k in cameras])
+    free = np.array(["c" in network.cameras[k].free for k in cameras], dtype=bool)
     if not unknown.any():
         yield interior, None
     doubtful = cameras[unknown] if unknown.any() else cameras[free]
@@ -88,7 +88,8 @@ def _misses(now: Grown) -> Array:
 
 def _score(network: Network, now: Grown) -> float:
     """Return how many rays a beginning explains, those that it explains badly counted less."""
-    many = np.bincount(now.rays.point[now.agrees], minlength=now.rays.points)[now.rays.point] >= 2
+    several = np.bincount(now.rays.point[now.agrees], minlength=now.rays.points) >= 2
+    many = (several | np.isfinite(now.given[:, 0]))[now.rays.point]
     limit = _SCORED_PER_SIDE * float(longer_sides(network).max())
     share = 1 - (np.nan_to_num(_misses(now), nan=np.inf) / limit) ** 2
     return float(np.maximum(share, 0.0)[many & now.agrees].sum())

@@ -53,13 +53,15 @@ class GlobalTest:
     @property
     def passed(self) -> bool:
         """Whether sigma0^2 lies within its limits."""
-        return self.low <= self.variance_factor <= self.high
+        return not (self.variance_factor < self.low or self.variance_factor > self.high)
 
 
 def global_test(chi2: float, redundancy: int, alpha: float = 0.05) -> GlobalTest:
-    """Return the two-sided chi-square test of sigma0^2 = chi2 / redundancy against one."""
+    """Return the two-sided chi-square test of sigma0^2 = chi2 / redundancy against one, NaN without redundancy."""
     from scipy.special import chdtr, chdtrc, chdtri
 
+    if redundancy <= 0:
+        return GlobalTest(float("nan"), float("nan"), float("nan"), float("nan"), alpha)
     low, high = chdtri(redundancy, [1 - alpha / 2, alpha / 2]) / redundancy
     p_value = 2 * min(float(chdtr(redundancy, chi2)), float(chdtrc(redundancy, chi2)))
     return GlobalTest(chi2 / redundancy, float(low), float(high), p_value, alpha)
