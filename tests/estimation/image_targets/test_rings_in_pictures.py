@@ -48,6 +48,8 @@ def test_coded_targets_of_real_photographs_have_the_numbers_printed_beside_them(
     )
     # all twelve that lie in the first picture whole, read off the paper
     assert sorted(first.code) == [7, 19, 19, 21, 21, 23, 23, 37, 39, 43, 43, 95]
+    assert first.names[0].startswith("ring8_any-")
+    assert set(first.kinds) == {"ring8"}
     # of the second, seen at up to 75 degrees, what is large enough
     assert sorted(second.code) == [13, 25, 27, 47, 47, 61, 63, 85, 255]
     # a telephone that sharpens: its edges are off their ellipses by a tenth of a pixel, and so the covariance says

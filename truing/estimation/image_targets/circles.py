@@ -84,13 +84,14 @@ class ImageTargets:
 
     @property
     def kinds(self) -> list[str]:
-        """The kind of each target: its family of codes, or circle."""
+        """The kind of each target, by the segments of its ring; circle without a code."""
         return [f"ring{self.codes[k].bits}" if k >= 0 else "circle" for k in self.family]
 
     @property
     def names(self) -> list[str]:
         """The name of each coded target, as in ring12-17; empty without a code."""
-        return [f"{k}-{c}" if c >= 0 else "" for k, c in zip(self.kinds, self.code, strict=True)]
+        coded = zip(self.family, self.code, strict=True)
+        return [f"{self.codes[family].family}-{code}" if code >= 0 else "" for family, code in coded]
 
 
 def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
