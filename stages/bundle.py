@@ -71,7 +71,10 @@ def _radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float
 
 def _left_out(found: AdjustedNetwork) -> str:
     reasons = Counter([*found.snooped.rejected.reason, *found.unmatched_reason])
-    return "; ".join(f"{count:,} rays: {reason}" for reason, count in reasons.most_common()) or "nothing"
+    said = [f"{count:,} rays: {reason}" for reason, count in reasons.most_common()]
+    held = ", ".join(f"{camera} {element}" for camera, element in found.snooped.held)
+    said += [f"held, since these images do not determine them: {held}"] if held else []
+    return "; ".join(said) or "nothing"
 
 
 def _figure(found: AdjustedNetwork) -> str:
