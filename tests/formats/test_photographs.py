@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import suppress
 
 import cv2
 import numpy as np
@@ -215,3 +216,25 @@ def test_what_ends_early_or_is_damaged_is_refused_and_never_half_read(tmp_path, 
             read_grey(path, head)
     path.write_bytes(content)
     assert read_grey(path, head).shape == (160, 240)
+
+
+def test_damage_anywhere_is_a_fault_or_none_and_nothing_is_said_aside(tmp_path, capfd):
+    rng = np.random.default_rng(3)
+    exposure = {FOCAL: IFDRational(50), FOCAL_35: 75}
+    files = [
+        saved(tmp_path / f"{k}.{e}", tags={MODEL: "D"}, exposure=exposure) for k, e in enumerate(("jpg", "png", "tif"))
+    ]
+    files += [saved(tmp_path / "16.png", GREY * np.uint16(257)), tmp_path / "16.tif"]
+    cv2.imwrite(str(files[-1]), np.dstack([GREY] * 3) * np.uint16(257))
+    damaged, read = tmp_path / "damaged.bin", 0
+    for turn in range(500):
+        content = bytearray(files[turn % len(files)].read_bytes())
+        for at in rng.integers(min(len(content), 300), size=rng.integers(1, 5)):
+            content[at : at + rng.integers(0, 3)] = bytes(rng.integers(0, 256, rng.integers(0, 3)).astype(np.uint8))
+        damaged.write_bytes(content)
+        with suppress(Unusable):
+            head = read_head(damaged)
+            assert read_grey(damaged, head).shape == (head.height_px, head.width_px)
+            read += 1
+    assert 0 < read < 500
+    assert capfd.readouterr() == ("", "")

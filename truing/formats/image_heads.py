@@ -131,7 +131,7 @@ def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any
                 inner.load(file)
                 exif = dict(inner)
             width, height = int(tags[_WIDTH]), int(tags[_HEIGHT])
-            bits = max(tags.get(_BITS, (1,)))
+            bits = int(max(tags.get(_BITS, (1,))))
     except NO_IMAGE as error:
         raise Unusable("a photograph as JPEG, PNG or TIFF", value="a TIFF with a damaged head") from error
     if width * height > 2 * (Image.MAX_IMAGE_PIXELS or width * height):

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,14 +54,25 @@ def _deep(path: Path) -> NDArray[np.uint16]:
                 warnings.simplefilter("ignore")
                 with Image.open(path, formats=("PNG",)) as image:
                     image.verify()
-        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-        pixels = cv2.imdecode(content, flags)
+        with _quiet(cv2):
+            pixels = cv2.imdecode(content, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None or pixels.dtype != np.uint16:
             raise Unusable(_DAMAGED)
         codes = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
         return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, codes[pixels.shape[2]])
     except (*NO_IMAGE, cv2.error) as error:
         raise Unusable(_DAMAGED, value=_reason(error, path)) from error
+
+
+@contextmanager
+def _quiet(cv2: Any) -> Iterator[None]:
+    """What is wrong with a file is said as a fault, not by the library on its own."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
 
 
 def _reason(error: Exception, path: Path) -> str:
