@@ -37,7 +37,12 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
     scatter = unexplained_scatter(
         body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
     )
-    yield _noise_check(body.name, "", _pooled(scatter), _NOISE_TOLERATED, share / 2)
+    whole = _pooled(scatter)
+    if whole.dof[0] < 1.0:
+        why = "a single pose without a survey leaves no residual"
+        yield without(f"noise of {body.name}", "noise", body.name, why)
+        return
+    yield _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2)
     for k, axis in enumerate("xyz"):
         one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
         yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -220,3 +221,14 @@ def test_repeats_are_judged_where_there_are_any(tmp_path):
     assert _rows(qa, "repeatability").loc["platform", "verdict"] in ("pass", "warn")
     single, _ = _qa(tmp_path, moves=moves, seed=9)
     assert _rows(single, "repeatability")["verdict"].iloc[0] == "not evaluated"
+
+
+def test_a_single_pose_without_a_survey_fails_no_check(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = [f"1,frame,t{k},{x:.4f},{y:.4f},{z:.4f}" for k, (x, y, z) in enumerate(rng.uniform(0.0, 500.0, (9, 3)))]
+    (tmp_path / "points.csv").write_text("\n".join(["pose,body,target,x_mm,y_mm,z_mm", *rows]) + "\n")
+    text = '[campaign]\nname = "one"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
+    (tmp_path / "campaign.toml").write_text(text)
+    checks = run_line(tmp_path, "ingest", "qa")[0]["qa"].to_pylist()
+    assert [row["check"] for row in checks if row["verdict"] == "fail"] == []
+    assert [row["verdict"] for row in checks if row["check"] == "noise"] == ["not evaluated"]
