@@ -232,3 +232,77 @@ def test_a_campaign_without_photographs_has_no_such_section() -> None:
     from truing.report.photographs.section import photographs
 
     assert photographs({}) is None
+
+
+def test_known_points_give_the_frame_and_the_scale(tmp_path: Path) -> None:
+    """Without bars, by five points whose places in the scene are known to a hundredth of a millimetre."""
+    photographed = photograph(tmp_path / "known", poses=1)
+    folder = tmp_path / "known"
+    (folder / "scale_bars.csv").unlink()
+    names = ["/".join(name) for name in photographed.names]
+    truth = _truth(photographed, 1, names)
+    rows = [f"{names[k]},{','.join(f'{v:.5f}' for v in truth[k])},0.01,0.01,0.01" for k in (0, 5, 11, 20, 28)]
+    head = "point,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm"
+    (folder / "known_points.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    with (folder / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write('\n[photographs]\ndatum = "known"\n')
+    tables = run_line(folder, "images", "bundle")[0]
+    found, place, cov = _covariance(tables, 1)
+    error = (place - _truth(photographed, 1, found)).ravel()
+    chi2 = error @ np.linalg.solve(cov, error)
+    assert abs(chi2 / len(error) - 1.0) < 4.0 * np.sqrt(2.0 / len(error))
+    origins = tables["bundle_statistics"].to_pandas()["figure"]
+    assert (origins == "scale from known points").sum() == 1
+
+
+def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: Path) -> None:
+    """Rays as centres of ellipses of large circles: corrected, they fit as well as rays to the centres themselves."""
+    photographed = photograph(tmp_path / "circles", poses=1)
+    folder = tmp_path / "circles"
+    plain = run_line(folder, "images", "bundle")[0]
+    rays = _as_ellipses(folder, plain, radius_m=0.02)
+    with (folder / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write("\n[photographs]\ntarget_mm = 40.0\n")
+    tables = run_line(folder, "images", "bundle")[0]
+    residuals = tables["image_residuals"].to_pandas()
+    taken = residuals[["eccentricity_x_px", "eccentricity_y_px"]].to_numpy()
+    used = ~residuals["rejected"].to_numpy()
+    assert np.abs(rays[used]).max() > 0.2
+    assert np.abs(taken - rays)[used].max() < 0.01
+    figures = tables["bundle_statistics"].to_pandas().set_index(["figure", "subject"])["value"]
+    before = plain["bundle_statistics"].to_pandas().set_index(["figure", "subject"])["value"]
+    assert figures["noise over stated", "camera circle"] < 1.1 * before["noise over stated", "camera circle"]
+    assert len(photographed.pose) == len(residuals)
+
+
+def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
+    """Write the folder's rays anew as the ellipses of circles that face upwards; returns what that shifts them by."""
+    from stages.bundle_adjustment.given_cameras import given_cameras
+    from stages.bundle_adjustment.rays_as_network import image_points, named_network
+    from truing.estimation.bundle.eccentricity import network_eccentricity
+    from truing.estimation.bundle.network import State
+    from truing.estimation.bundle.projection import linearise
+    from truing.estimation.rotation import exp_so3
+
+    rays = image_points(tables["image_points"], tables["photographs"])
+    cameras = given_cameras(tables["photographs"], tables.get("cameras_given"))
+    network = named_network(rays, tables["photographs"], cameras, tables, None).network
+    orientation = tables["image_orientations"].to_pandas()
+    adjusted = tables["cameras"].to_pandas()["value"].to_numpy()[None]
+    points = tables["object_points"].to_pandas()[["x_mm", "y_mm", "z_mm"]].to_numpy() * 1e-3
+    centre = orientation[["px_mm", "py_mm", "pz_mm"]].to_numpy() * 1e-3
+    R = exp_so3(orientation[["rx_rad", "ry_rad", "rz_rad"]].to_numpy())
+    state = State(adjusted, R, centre, points, np.zeros(0))
+    up = (centre - points.mean(0)).mean(0)
+    normal = np.broadcast_to(up / np.linalg.norm(up), points.shape)
+    image, point = network.rays.image, network.rays.point
+    J = linearise(network, state, image, point).by_point
+    shape = radius_m**2 * J @ (np.eye(3) - normal[point][:, :, None] * normal[point][:, None]) @ J.transpose(0, 2, 1)
+    values, vectors = np.linalg.eigh(shape)
+    off = network_eccentricity(network, state, image, point, normal, np.full(len(points), radius_m))
+    frame = tables["image_points"].to_pandas()
+    frame[["x_px", "y_px"]] += off
+    frame["semi_major_px"], frame["semi_minor_px"] = np.sqrt(values[:, 1]), np.sqrt(values[:, 0])
+    frame["axis_angle_rad"] = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
+    frame.to_csv(folder / "image_points.csv", index=False)
+    return np.asarray(off)

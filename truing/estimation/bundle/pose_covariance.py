@@ -116,7 +116,7 @@ def _in_datum(one: PoseCovariance, free: Freedom, datum: _Datum) -> PoseCovarian
     image_points = one.image_points - of_images @ drawn
     image_points -= (across.T - of_images @ spread) @ datum.freedoms.T
     image_points[:, datum.certain] = 0.0
-    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(free.count, -1, 6))
+    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(free.count, len(free.images), 6))
     images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
     return PoseCovariance(
         datum.points(one.points),

@@ -161,7 +161,7 @@ def _of_pose(
     normal *= scale * scale[:, None]
     sides *= scale[:, None]
     # What nothing holds is held at what it is: rows of unit weight along the datum's freedoms.
-    loose = np.concatenate([free.images.reshape(-1, free.count), free.points.reshape(-1, free.count)]) / scale[:, None]
+    loose = np.concatenate([_flat(free.images), _flat(free.points)]) / scale[:, None]
     loose = np.linalg.qr(loose)[0]
     normal += loose @ loose.T
     solved = cho_solve(cho_factor(normal, lower=True), sides)
@@ -169,7 +169,7 @@ def _of_pose(
     information = (reduced[:, :-1] + reduced[:, :-1].T) / 2
     moved = -(solved[:, :-1] * scale[:, None])[6 * images :]
     # The datum of the pose: no shift, turn or growth of all points that the observations leave free.
-    held = free.points.reshape(-1, free.count)
+    held = _flat(free.points)
     moved -= held @ (held.T @ moved)
     return information, reduced[:, -1], moved.reshape(points, 3, -1)
 
@@ -212,3 +212,8 @@ def _add_distances(
         sides[own] += weight * np.outer(along, both)
         added += weight * np.outer(both[:-1], both)
     return added
+
+
+def _flat(freedoms: Array) -> Array:
+    """Return freedoms (n, k, d) by their coordinates (n k, d), also where there are none."""
+    return freedoms.reshape(freedoms.shape[0] * freedoms.shape[1], freedoms.shape[2])

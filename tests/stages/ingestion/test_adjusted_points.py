@@ -1,0 +1,58 @@
+"""Whose body a point of the network belongs to: by name, by the survey, or to none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from schemas.artifacts import ARTIFACTS
+from stages.ingestion.adjusted_points import OF_NO_BODY, ONE_BODY, AdjustedPoints
+from truing.formats.faultlog import FaultLog
+
+SURVEY: dict[str, dict[str, object]] = {"base": {"ring12-1": 0, "both": 0}, "platform": {"P1": 0, "both": 0}}
+
+
+def rows_of(*points: tuple[str, str, str]) -> pa.Table:
+    """The artifact with points of (name, body, target)."""
+    schema = ARTIFACTS["object_points"].arrow_schema()
+    blank: dict[str, Any] = {field.name: 0.0 for field in schema} | {"pose": 1, "rays": 3}
+    rows = [{**blank, "point": point, "body": body, "target": target} for point, body, target in points]
+    return pa.Table.from_pylist(rows, schema=schema)
+
+
+def taken(table: pa.Table, survey: Any, log: FaultLog, *ends: str) -> tuple[list[tuple[str, str]], dict[str, int]]:
+    ((_, batch),) = AdjustedPoints(table, frozenset(ends), Path()).batches(survey, (), log)
+    names = (batch.columns[name].cast(pa.string()).to_pylist() for name in ("body", "target"))
+    return list(zip(*names, strict=True)), dict(batch.left_out)
+
+
+def test_a_code_without_a_body_is_on_the_one_whose_survey_knows_it() -> None:
+    table = rows_of(("ring12-1", "", "ring12-1"), ("platform/P1", "platform", "P1"), ("ring12-9", "", "ring12-9"))
+    found, left = taken(table, SURVEY, FaultLog())
+    assert found == [("base", "ring12-1"), ("platform", "P1")]
+    assert left == {OF_NO_BODY: 1}
+
+
+def test_circles_without_a_name_wait_for_the_survey() -> None:
+    assert taken(rows_of(("circle-1", "", "")), SURVEY, FaultLog())[0] == [("", "")]
+
+
+def test_ends_of_bars_are_left_out_unless_they_are_surveyed_targets() -> None:
+    table = rows_of(("bars/S1", "bars", "S1"), ("base/ring12-1", "base", "ring12-1"))
+    found, left = taken(table, SURVEY, FaultLog(), "bars/S1", "base/ring12-1")
+    assert found == [("base", "ring12-1")]
+    assert left == {OF_NO_BODY: 1}
+
+
+def test_without_a_survey_all_codes_are_on_one_body() -> None:
+    assert taken(rows_of(("ring12-1", "", "ring12-1")), {}, FaultLog())[0] == [(ONE_BODY, "ring12-1")]
+
+
+def test_a_name_on_two_bodies_is_a_fault_that_names_it() -> None:
+    log = FaultLog()
+    found, _ = taken(rows_of(("both", "", "both")), SURVEY, log)
+    (fault,) = log.faults()
+    assert found == []
+    assert (fault.value, fault.column) == ("both", "target")
