@@ -80,6 +80,7 @@ def _left_out(found: AdjustedNetwork) -> str:
 def _figure(found: AdjustedNetwork) -> str:
     adjusted = found.adjustment
     sigma0 = found.snooped.sigma0.variance_factor**0.5
-    points = len(set(found.named.network.rays.point[adjusted.used].tolist()))
-    poses = f"{len(found.named.poses)} pose{'s' if len(found.named.poses) != 1 else ''}"
-    return f"{points:,} object points of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"
+    points = set(found.named.network.rays.point[adjusted.used].tolist())
+    count = len({int(found.named.network.point_pose[point]) for point in points})
+    poses = f"{count} pose{'s' if count != 1 else ''}"
+    return f"{len(points):,} object points of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"

@@ -30,8 +30,8 @@ def eccentricities(
     found = facing(named.network, state, rays.image, rays.point, axes, table.angle_rad[named.row], sigma)
     radius = np.where(np.isfinite(radius_m), radius_m, found.radius_m)
     off = network_eccentricity(named.network, state, rays.image, rays.point, found.normal, radius)
-    ellipse = np.isfinite(table.semi_axes_px[named.row]).all(axis=1)
-    return np.where(ellipse[:, None] & np.isfinite(off), off, 0.0)
+    no_ellipse = np.isnan(table.semi_axes_px[named.row]).any(axis=1, keepdims=True)
+    return np.where(no_ellipse | ~np.isfinite(off), 0.0, off)
 
 
 def without_eccentricity(network: Network, off_px: Array) -> Network:
