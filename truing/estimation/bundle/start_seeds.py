@@ -19,6 +19,7 @@ _FIELD_WIDTHS = (1.25, 0.85, 1.8, 2.6, 0.6, 4.0)  # principal distance over the 
 _FEW_SEEDS = 1  # beginnings tried with each field width before all are
 _PAIRS = 12  # pairs of images whose relative orientation is tried
 _BEST_PAIRS = 3  # of them that are grown
+_GOOD_PAIR = 0.8  # of their common points agree, at a good angle: with so many such pairs no more are looked at
 _TRIAL_IMAGES = 6  # up to which rival seeds are grown before one is chosen
 _GOOD_ANGLE = np.radians(15.0)  # of intersection; more is no better to start from
 _LEAST_ANGLE = np.radians(2.0)
@@ -154,6 +155,8 @@ def _from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
         if pairs:
             worth = max(pair.agreeing * min(pair.angle / _GOOD_ANGLE, 1.0) for pair in pairs)
             found.append((worth, int(i), int(j), pairs))
+        if sum(one[0] > _GOOD_PAIR * shared[one[1], one[2]] for one in found) == _BEST_PAIRS:
+            break
     found.sort(key=lambda one: -one[0])
     for _, i, j, pairs in found[:_BEST_PAIRS]:
         for pair in pairs:
