@@ -233,7 +233,8 @@ class Points:
             self.log.add(Fault(next(iter(self.files), "points.csv"), expected, value=why))
         file = next(iter(self.files), "points.csv")
         for fault in size_faults(file, self._sampled(), self.expected.geometry):
-            self.log.add(fault)
+            of_rays = "" if self.adjusted is None else " Rays alone give no scale: scale_bars.csv, known_points.csv"
+            self.log.add(replace(fault, expected=fault.expected + of_rays))
         self.labels, self.bodies = len(self._ledger.labels.values), self._ledger.bodies()
         self._ledger.close()
         self.log.throw()

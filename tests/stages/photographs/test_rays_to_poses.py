@@ -11,6 +11,7 @@ import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
 
+from schemas.faults import CampaignFaults
 from tests.blind.generator.schedule import random_moves
 from tests.photographs.hidden import UnstableCamera
 from tests.photographs.ray_folder import write_rays
@@ -253,6 +254,16 @@ def test_known_points_give_the_frame_and_the_scale(tmp_path: Path) -> None:
     assert abs(chi2 / len(error) - 1.0) < 4.0 * np.sqrt(2.0 / len(error))
     origins = tables["bundle_statistics"].to_pandas()["figure"]
     assert (origins == "scale from known points").sum() == 1
+
+
+def test_without_anything_that_gives_the_scale_it_is_said_what_would(tmp_path: Path) -> None:
+    photograph(tmp_path / "unscaled", poses=2)
+    (tmp_path / "unscaled" / "scale_bars.csv").unlink()
+    tables = run_line(tmp_path / "unscaled", "images", "bundle")[0]
+    origins = tables["bundle_statistics"].to_pandas()["figure"]
+    assert (origins == "scale from none").sum() == 2
+    with pytest.raises(CampaignFaults, match=r"as large as in targets.csv.* Rays alone give no scale: scale_bars.csv"):
+        run_line(tmp_path / "unscaled", *LINE)
 
 
 def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: Path) -> None:

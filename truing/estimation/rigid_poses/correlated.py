@@ -22,6 +22,8 @@ _MOST_STEPS = 30
 _SETTLED = 1e-12
 # Share of a point's own weight that has to be controlled by others for a test of it.
 _CONTROLLED = 1e-6
+# Share of the mean variance below which nothing is known.
+_EXACT = 1e-10
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,10 @@ def _factor(cov_target: NDArray, turned: NDArray, J: NDArray) -> tuple[NDArray, 
     blocks = S.reshape(count, 3, count, 3)
     blocks[rows, :, rows, :] += turned
     size = np.einsum("ij,ij->j", J, J) / count
-    K = np.trace(S) / (3 * count) / size
-    return cho_factor(S + (J * K) @ J.T, lower=True)
+    variance = np.trace(S) / (3 * count)
+    # What else is exact, as the size of points without scale, has to leave the matrix regular.
+    S[np.diag_indices(3 * count)] += _EXACT * variance
+    return cho_factor(S + (J * (variance / size)) @ J.T, lower=True)
 
 
 def _tests(factor: tuple[NDArray, bool], J: NDArray, weighted: NDArray, gain: NDArray, r: NDArray) -> NDArray:
