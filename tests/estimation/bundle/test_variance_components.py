@@ -67,3 +67,13 @@ def test_the_global_test_is_two_sided():
     assert (test.low, test.high) == pytest.approx((0.3247, 2.0483), abs=1e-4)
     assert test.p_value == pytest.approx(0.05, abs=1e-4)
     assert not global_test(3.2, 10).passed
+
+
+def test_a_factor_at_its_bound_says_so():
+    made = simulate(seed=5, images=6, points=20)
+    rays = made.network.rays
+    absurd = replace(made.network, rays=replace(rays, cov_px2=rays.cov_px2 * 1e6))
+    found = adjust_robustly(absurd, made.truth)
+    assert found.components.bounded.all()
+    assert found.components.factor == pytest.approx(1e-4)
+    assert not adjust_robustly(made.network, made.truth).components.bounded.any()
