@@ -29,12 +29,14 @@ from truing.estimation.bundle.normal_equations import (
     sum_of_squares,
 )
 from truing.estimation.bundle.projection import project
-from truing.estimation.bundle.solution import eliminate_poses, solve, tie_variances, tie_weights
+from truing.estimation.bundle.solution import Reduced, eliminate_poses, solve, tie_variances, tie_weights
 
 _START_DAMPING = 1e-6
 _LEAST_DAMPING = 1e-11  # less is none
 _MOST_DAMPING = 1e12
 _SETTLED = 1e-10  # squared length, in standard deviations, of what is left to go
+_NEAR = 1.0  # the same of what is left to go where the datum is put on, since the next step may be the last
+_SAME = 1e-4  # the same of a last step, below which the equations before it serve for the covariance after it
 _ROUNDING = 1e-15  # of the sum of squares
 
 
@@ -57,6 +59,7 @@ class Adjustment:
     held: tuple[Array, ...]
     chi2: float
     observed: Observed
+    reduced: Reduced | None
 
     @property
     def variance_factor(self) -> float:
@@ -71,7 +74,7 @@ class Adjustment:
     @cached_property
     def covariance(self) -> BundleCovariance:
         """The covariance of all unknowns for sigma0 = 1; times `variance_factor` where rays are to say the scale."""
-        return covariance(self.observed, self.state, self.held)
+        return covariance(self.observed, self.state, self.held, self.reduced)
 
 
 def adjust(
@@ -100,9 +103,9 @@ def adjust(
     check_determined(network, on, known)
     layout = lay_out(network, on, known)
     observed = observe(network, layout, w, factor)
-    state, iterations, converged = _iterated(observed, start, max_iterations)
     held = tuple(conditions(free, datum) for free in freedoms(layout, start))
-    state = in_datum(layout, state, start, held)
+    settled = _iterated(observed, start, held, max_iterations)
+    state = in_datum(layout, settled.state, start, held)
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
     defect = np.array([one.shape[1] for one in held])
@@ -115,13 +118,14 @@ def adjust(
         residuals(network, state),
         on,
         w,
-        iterations,
-        converged,
+        settled.iterations,
+        settled.converged,
         redundancy,
         defect,
         held,
         chi2,
         observed,
+        settled.reduced,
     )
 
 
@@ -142,12 +146,23 @@ def _total(observed: Observed, state: State) -> float:
     return sum_of_squares(observed, state) + float(np.sum(misclosure[soft] ** 2 / variance[soft]))
 
 
-def _iterated(observed: Observed, start: State, most: int) -> tuple[State, int, bool]:
-    """Return the state of the least sum of squares, after how many steps, and whether it settled.
+@dataclass(frozen=True)
+class _Settled:
+    """Where the iterations ended: the state, how many there were, whether they settled, and the reduced equations of
+    the last step where they are as good as at its end."""
+
+    state: State
+    iterations: int
+    converged: bool
+    reduced: Reduced | None
+
+
+def _iterated(observed: Observed, start: State, held: tuple[Array, ...], most: int) -> _Settled:
+    """Return the state of the least sum of squares; held are the conditions B (3 p, d) of the datum per pose.
 
     The last steps have no damping at all: what holds back a weak direction tells nothing of how far it has to go.
     """
-    layout, state = observed.layout, start
+    layout, state, placed = observed.layout, start, True
     equations = normal_equations(observed, state)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
@@ -155,8 +170,8 @@ def _iterated(observed: Observed, start: State, most: int) -> tuple[State, int, 
     damping, growth, iteration, last, least = _START_DAMPING, 2.0, 0, 0.0, 0.0
     for iteration in range(1, most + 1):
         try:
-            free = freedoms(layout, state)
-            step = solve(layout, eliminate_poses(observed, equations, free, weight, damping))
+            reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, damping)
+            step = solve(layout, reduced)
         except np.linalg.LinAlgError:
             least = max(least, min(damping, _LEAST_DAMPING))
             damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
@@ -167,10 +182,12 @@ def _iterated(observed: Observed, start: State, most: int) -> tuple[State, int, 
         left = length * (min(length / last, 1.0) if last else 1.0)  # as the last two steps contracted
         settled = left <= _SETTLED + _ROUNDING * before
         if settled and damping <= least:
-            return (tried if gain > 0 else state), iteration, True
+            same = placed and not damping and length <= _SAME
+            return _Settled(tried if gain > 0 else state, iteration, True, reduced if same else None)
         if settled or gain > 1e-4 * foreseen:
             if gain > 0:
-                state = tried
+                placed = left <= _NEAR
+                state = in_datum(layout, tried, start, held) if placed else tried
                 equations = normal_equations(observed, state)
             growth, last = 2.0, length
             damping *= 0.0 if settled else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
@@ -179,7 +196,7 @@ def _iterated(observed: Observed, start: State, most: int) -> tuple[State, int, 
         damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
         if damping > _MOST_DAMPING:
             break
-    return state, iteration, False
+    return _Settled(state, iteration, False, None)
 
 
 def _merit(observed: Observed, state: State, weight: Array, multipliers: Array) -> float:

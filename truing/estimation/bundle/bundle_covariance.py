@@ -180,19 +180,22 @@ class BundleCovariance:
         return self.distance_redundancy, bars, 1 - np.einsum("mij,mji->mi", known, observed.known)
 
 
-def covariance(observed: Observed, state: State, held: tuple[Array, ...]) -> BundleCovariance:
+def covariance(
+    observed: Observed, state: State, held: tuple[Array, ...], reduced: Reduced | None = None
+) -> BundleCovariance:
     """Return the covariance of a network at its least sum of squares, in the datum of the conditions held, B (3 p, d)
-    per pose.
+    per pose; reduced are the undamped equations there, where they are at hand.
 
     Raises `UndeterminedNetworkError` where something is free that the datum does not settle.
     """
     layout = observed.layout
-    equations = normal_equations(observed, state)
-    weight = tie_weights(observed, equations)
-    try:
-        reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, 0.0)
-    except np.linalg.LinAlgError:
-        raise UndeterminedNetworkError("the network falls apart: images and points are free to move") from None
+    if reduced is None:
+        equations = normal_equations(observed, state)
+        weight = tie_weights(observed, equations)
+        try:
+            reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, 0.0)
+        except np.linalg.LinAlgError:
+            raise UndeterminedNetworkError("the network falls apart: images and points are free to move") from None
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced)
     poses = tuple(

@@ -20,6 +20,7 @@ from truing.estimation.rotation import skew
 
 Datum = Literal["free", "minimal", "known"]
 
+_SQUARED = 1e-8  # of the size: the next step of Newton's method would be rounding
 _FIXED = 1e-6  # a freedom moves known points by less than this part of its movement of all points: it is left
 
 
@@ -127,7 +128,7 @@ def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tupl
         generator = np.zeros((4, 4))
         generator[:3] = np.column_stack([skew(change[3:6]) / size + change[6] / size * np.eye(3), change[:3]])
         whole = _exponential(generator) @ whole  # along the freedoms exactly: what is known stays where it is
-        if np.abs(change).max() <= 1e-15 * size:
+        if np.abs(change).max() <= _SQUARED * size:
             break
     scale = float(np.cbrt(np.linalg.det(whole[:3, :3])))
     turn = whole[:3, :3] / scale
