@@ -27,7 +27,8 @@ class EstimatedCovariance:
             self.said.append(f"no standard deviations of {count:,} points without any: more than {MOST_POINTS:,}")
             return None
         try:
-            found, sigma_px = _covariance(network)
+            with np.errstate(all="ignore"):  # whatever a damaged model holds
+                found, sigma_px = _covariance(network)
         except (ValueError, np.linalg.LinAlgError):
             self.said.append(f"no standard deviations of {count:,} points: their rays do not determine them")
             return None

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from pipeline.command_line import app
 from tests.broken.good import CAMPAIGNS
+from tests.broken.network_subjects import NETWORKS, network_files
 from tests.broken.subjects import SUBJECTS, Subject, good_files
 from truing.open3d_library import load_open3d
 
@@ -94,6 +95,8 @@ def _compliant() -> dict[str, bytes]:
 def more_files(campaign: str) -> dict[str, bytes]:
     """The files of a campaign, or of a run, by name."""
     kind, _, form = campaign.partition("-")
+    if kind == "network":
+        return network_files(campaign)
     if kind in ("ply", "pcd"):
         return _of_points(f"p1.{kind}", _cloud(kind, form == "text"))
     made = {
@@ -126,7 +129,9 @@ _READERS = (
 )
 # `truing init` looks at raw files as they are, without a mapping.
 _LOOKED_AT = tuple(
-    replace(subject, command="init") for subject in (*SUBJECTS, *_READERS) if not subject.file.endswith(".toml")
+    replace(subject, command="init")
+    for subject in (*SUBJECTS, *_READERS, *NETWORKS)
+    if not subject.file.endswith(".toml")
 )
 _TABLES = ("qa", "diagnosis", "calibration", "poses", "observations", "requirements", "detectable")
 _RUNS = (
@@ -139,4 +144,4 @@ _RUNS = (
     *(Subject(f"started-{of}", "model.toml", "toml", command="predict") for of in ("telescope", "bench")),
     Subject("started-telescope", "configurations.csv", "csv", command="predict"),
 )
-MORE = (*_READERS, *_LOOKED_AT, *_RUNS)
+MORE = (*_READERS, *NETWORKS, *_LOOKED_AT, *_RUNS)

@@ -20,7 +20,7 @@ from truing.formats.compression import open_plain
 from truing.formats.interior_orientation import Row, camera_row, from_millimetres
 from truing.formats.raw import RawBatch, Unusable, Wanted
 from truing.formats.source import RawFile
-from truing.formats.whole_file import one_batch
+from truing.formats.whole_file import one_batch, whole_numbers
 
 _LARGEST = 1 << 28
 _RAY = "image, point, x y in mm, their sigmas, residuals, three flags"
@@ -48,7 +48,10 @@ def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}
     lines = _lines(path)
     rows = _numbers(lines, 11, _RAY)
-    image, point = rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64)
+    numbers = [row for row, _ in lines]
+    if not numbers:
+        raise Unusable(f"lines of {_RAY}")
+    image, point = (whole_numbers(rows[:, i], what, numbers) for i, what in enumerate(("images", "points")))
     names = _camera_of_image(beside.get(".eor"), cameras, image)
     chosen, which = np.unique(names, return_inverse=True)
     unknown = [name for name in chosen if name not in cameras]
@@ -66,7 +69,7 @@ def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
         "own_sy": rows[:, 5] / pitch,
         "used": (rows[:, 8:] == 1).all(axis=1).astype(int).astype(str).astype(object),
     }
-    yield from one_batch(columns, wanted, lines=[row for row, _ in lines])
+    yield from one_batch(columns, wanted, lines=numbers)
 
 
 def read_ior(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
@@ -130,9 +133,10 @@ def _camera(lines: list[tuple[int, str]]) -> AiconCamera:
     if min(last) <= 0 or ck >= 0:
         raise Unusable("Ck below 0, a width and a height above 0", row=lines[0][0], value=f"Ck = {ck}")
     pitch = width_mm / width
+    (named,) = whole_numbers(np.array([number]), "cameras", [lines[0][0]]).tolist()
     ten = from_millimetres([-ck, xh, yh, a1, a2, second[0], *third, *fourth], pitch)
-    size = (int(width), int(height))
-    row = camera_row(str(int(number)), size, ten, radius_px=radius / pitch, pixel_um=1e3 * pitch)
+    size = tuple(whole_numbers(np.array([width, height]), "pixels", [lines[4][0]] * 2).tolist())
+    row = camera_row(str(named), size, ten, radius_px=radius / pitch, pixel_um=1e3 * pitch)
     return AiconCamera(row, np.array([(width - 1) / 2, (height - 1) / 2]), pitch)
 
 
@@ -144,9 +148,11 @@ def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: N
         return np.full(len(image), next(iter(cameras)))
     expected = f"lines of {eor.name}: image, camera, X Y Z, omega phi kappa, three numbers"
     table = _numbers(_lines(eor, eor.name), 11, expected)
+    if not len(table):
+        raise Unusable(expected)
     order = np.argsort(table[:, 0])
     place = np.clip(np.searchsorted(table[order, 0], image), 0, len(order) - 1)
     known = table[order[place], 0] == image
     if not known.all():
         raise Unusable(f"images of {eor.name}", column="image", value=str(image[~known][0]))
-    return table[order[place], 1].astype(np.int64).astype(str)
+    return whole_numbers(table[order[place], 1], f"cameras in {eor.name}").astype(str)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.formats.raw import Unusable
+from truing.formats.whole_file import whole_numbers
 
 # number -> (name, number of parameters)
 MODELS = {
@@ -187,7 +188,8 @@ def _camera_of_line(row: int, words: list[str]) -> ColmapCamera:
         raise Unusable(expected, row=row, value=" ".join(words)[:80])
     if len(words) != 4 + _PARAMETERS[words[1]]:
         raise Unusable(f"{_PARAMETERS[words[1]]} parameters of {words[1]}", row=row, value=f"{len(words) - 4} of them")
-    number, width, height = (int(v) for v in _numbers(row, [words[0], *words[2:4]], expected))
+    given = _numbers(row, [words[0], *words[2:4]], expected)
+    number, width, height = whole_numbers(given, "cameras and pixels", [row] * 3).tolist()
     return ColmapCamera(number, words[1], (width, height), tuple(_numbers(row, words[4:], expected).tolist()))
 
 
@@ -200,12 +202,13 @@ def _images_of_lines(path: Path) -> Iterator[ColmapImage]:
         if len(words) < 10:
             raise Unusable(expected, row=row, value=" ".join(words)[:80])
         numbers = _numbers(row, words[:9], expected)
+        number, camera = whole_numbers(numbers[[0, 8]], "images and cameras", [row] * 2).tolist()
         second, rays = next(lines, (row + 1, None))
         if rays is None or len(rays) % 3:
             raise Unusable("the image's rays in threes, x y point", row=second, value=f"{len(rays or ())} numbers")
         found = _numbers(second, rays, "rays: x y point").reshape(-1, 3)
-        name, xy, point = " ".join(words[9:]), found[:, :2], found[:, 2].astype(np.int64)
-        yield ColmapImage(int(numbers[0]), numbers[1:5], numbers[5:8], int(numbers[8]), name, xy, point)
+        name, xy, point = " ".join(words[9:]), found[:, :2], whole_numbers(found[:, 2], "points", [second] * len(found))
+        yield ColmapImage(number, numbers[1:5], numbers[5:8], camera, name, xy, point)
 
 
 def _point_of_line(row: int, words: list[str]) -> ColmapPoint:
@@ -213,7 +216,8 @@ def _point_of_line(row: int, words: list[str]) -> ColmapPoint:
     if len(words) < 8 or len(words) % 2:
         raise Unusable(expected, row=row, value=" ".join(words)[:80])
     number, x, y, z, *_, error = _numbers(row, words[:8], expected)
-    return ColmapPoint(int(number), (float(x), float(y), float(z)), float(error), (len(words) - 8) // 2)
+    (named,) = whole_numbers(np.array([number]), "points", [row]).tolist()
+    return ColmapPoint(named, (float(x), float(y), float(z)), float(error), (len(words) - 8) // 2)
 
 
 def _numbers(row: int, words: list[str], expected: str) -> NDArray[np.float64]:

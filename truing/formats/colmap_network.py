@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 from truing.formats.colmap_model import ColmapImage, read_cameras, read_images, read_points
 from truing.formats.companions import companions
 from truing.formats.interior_orientation import CORNER, Row
+from truing.formats.raw import Unusable
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+_LEAST = 1e-6  # the length of a quaternion, which COLMAP writes as 1
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,12 @@ def read_network(points_file: Path, row_of: Callable[..., Row]) -> ColmapNetwork
 
 
 def _world_to_camera(image: ColmapImage) -> Array:
-    """The rotation matrix of an image's quaternion w x y z."""
-    w, x, y, z = image.quaternion / np.linalg.norm(image.quaternion)
+    """The rotation matrix of an image's quaternion w x y z; raises Unusable where it is none."""
+    length = float(np.linalg.norm(image.quaternion))
+    if not (_LEAST < length < 1.0 / _LEAST and np.isfinite([*image.translation, *image.xy.ravel()]).all()):
+        expected = "an image with a quaternion, a translation and rays in finite numbers"
+        raise Unusable(expected, column="image", value=image.name)
+    w, x, y, z = image.quaternion / length
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

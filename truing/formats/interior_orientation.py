@@ -11,9 +11,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from truing.formats.raw import Unusable
+
 Row = Mapping[str, str | int | float | None]
 
 _NAMES = ("focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
+_LARGEST_FORMAT = 1_000_000  # pixels
 CORNER = 0.5  # where programs that count from the corner of the first pixel see its centre
 
 
@@ -25,7 +28,16 @@ def camera_row(
     radius_px: float = 0.0,
     pixel_um: float | None = None,
 ) -> Row:
-    """A row of ``cameras``: ten values in px, in the order c x0 y0 A1 A2 A3 B1 B2 C1 C2."""
+    """A row of ``cameras``: ten values in px, in the order c x0 y0 A1 A2 A3 B1 B2 C1 C2.
+
+    Raises Unusable for a format that no camera has, and for values that are none.
+    """
+    if not 0 < min(size) <= max(size) <= _LARGEST_FORMAT:
+        raise Unusable(
+            f"a format from 1 to {_LARGEST_FORMAT} pixels", column="width_px", value=f"{size[0]} x {size[1]}"
+        )
+    if not np.isfinite([*values, radius_px, pixel_um or 0.0]).all():
+        raise Unusable("an interior orientation in finite numbers", column="focal_px", value=camera)
     return {
         "camera": camera,
         "width_px": size[0],

@@ -46,7 +46,7 @@ def _words(number: int, line: str) -> list[tuple[str, str, str, str]]:
     """Index, information, sign and data of each word."""
     length = 16 if line.startswith("*") else 8
     found = [_WORD.fullmatch(word) for word in line.lstrip("*").split()]
-    if any(word is None or len(word[4]) != length for word in found):
+    if not found or any(word is None or len(word[4]) != length for word in found):
         raise Unusable(f"words of GSI-{length}: index, unit, sign, {length} characters", row=number, value=line[:80])
     return [(word[1], word[2], word[3], word[4]) for word in found if word is not None]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row
 from truing.formats.raw import RawBatch, Unusable, Wanted
-from truing.formats.whole_file import one_batch
+from truing.formats.whole_file import one_batch, whole_numbers
 
 _LARGEST = 1 << 27
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
@@ -102,12 +102,13 @@ def _camera(sensor: ElementTree.Element) -> Row | None:
     f = value["f"]
     if f <= 0.0 or value["k4"]:
         raise Unusable("f above 0 and no k4", column="calibration", value=f"{name}: f = {f}, k4 = {value['k4']}")
-    size = (int(_number(resolution, "width")), int(_number(resolution, "height")))
+    sides = np.array([_number(resolution, side) for side in ("width", "height")])
+    width, height = whole_numbers(sides, "pixels").tolist()
     radial = [value[f"k{i}"] / f ** (2 * i) for i in (1, 2, 3)]
     ten = [f, value["cx"], value["cy"], *radial, value["p1"] / f, value["p2"] / f, value["b1"] / f, value["b2"] / f]
     pixel = next((one for one in sensor.findall("property") if one.get("name") == "pixel_width"), None)
     pixel_um = None if pixel is None else 1e3 * _number(pixel, "value")
-    return {**camera_row(str(sensor.get("id")), size, ten, pixel_um=pixel_um), "free": _FREE}
+    return {**camera_row(str(sensor.get("id")), (width, height), ten, pixel_um=pixel_um), "free": _FREE}
 
 
 def _child(calibration: ElementTree.Element, name: str) -> float:

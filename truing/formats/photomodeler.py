@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_corrections
 from truing.formats.raw import RawBatch, Unusable, Wanted
-from truing.formats.whole_file import one_batch
+from truing.formats.whole_file import one_batch, whole_numbers
 
 _LARGEST = 1 << 28
 _HEAD = 5
@@ -69,7 +69,8 @@ def _read(path: Path) -> _Export:
     _, at = _block(lines, at, 7, "a control point: number, x y z, their sigmas")
     points, at = _block(lines, at, 7, "an object point: number, x y z, their sigmas")
     marks, at = _block(lines, at, 6, "a mark: photo, point, x y in pixels, their sigmas in pixels")
-    return _Export((int(tolerance[2]), int(tolerance[3])), photos, points, marks)
+    width, height = whole_numbers(tolerance[2:4], "pixels", [2, 2]).tolist()
+    return _Export((width, height), photos, points, marks)
 
 
 def _photos(lines: list[str]) -> tuple[list[_Photo], int]:
@@ -111,7 +112,7 @@ def _row(lines: list[str], at: int, expected: str) -> NDArray[np.float64]:
 
 
 def _rays(export: _Export) -> dict[str, Any]:
-    photo = export.marks[:, 0].astype(np.int64)
+    photo = whole_numbers(export.marks[:, 0], "photos")
     photos = {one.number: one for one in export.photos}
     if unknown := sorted(set(photo.tolist()) - set(photos)):
         raise Unusable("marks on photos of the file", column="photo", value=str(unknown[0]))
@@ -119,7 +120,7 @@ def _rays(export: _Export) -> dict[str, Any]:
     return {
         "image": np.array([photos[number].name for number in photo.tolist()], dtype=object),
         "camera": np.array([cameras[number] for number in photo.tolist()], dtype=object),
-        "point": export.marks[:, 1].astype(np.int64).astype(str).astype(object),
+        "point": whole_numbers(export.marks[:, 1], "points").astype(str).astype(object),
         "x_px": export.marks[:, 2] - CORNER,
         "y_px": export.marks[:, 3] - CORNER,
         "sigma_x_px": export.marks[:, 4],
@@ -162,7 +163,7 @@ def _points(export: _Export) -> dict[str, Any]:
     """Object points; what was held fixed has no sigma here, and a negative one in the file."""
     sigmas = np.where((export.points[:, 4:] > 0).all(axis=1, keepdims=True), export.points[:, 4:], np.nan)
     return {
-        "target": export.points[:, 0].astype(np.int64).astype(str).astype(object),
+        "target": whole_numbers(export.points[:, 0], "points").astype(str).astype(object),
         **{name: export.points[:, 1 + axis] for axis, name in enumerate(("x", "y", "z"))},
         **{name: [None if np.isnan(v) else v for v in sigmas[:, i]] for i, name in enumerate(("sx", "sy", "sz"))},
     }

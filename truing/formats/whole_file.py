@@ -6,8 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
+
+_LARGEST = 2.0**53
 
 
 def one_batch(
@@ -32,3 +35,15 @@ def one_batch(
     records = consecutive(0, rows) if lines is None else np.asarray(lines, dtype=np.int64) - 1
     values = list(columns.values())
     yield RawBatch({position: pa.array(values[position]) for position in kinds}, records)
+
+
+def whole_numbers(values: NDArray[np.float64], what: str, rows: Sequence[int] | None = None) -> NDArray[np.int64]:
+    """Numbers of points, images and cameras, and of pixels, as they are; ``rows`` where each stands in a text, from 1.
+
+    Raises Unusable at the first that is none.
+    """
+    strange = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) < _LARGEST)))
+    if len(strange):
+        row = None if rows is None else int(rows[strange[0]])
+        raise Unusable(f"whole numbers of {what}", row=row, value=f"{values[strange[0]]:g}")
+    return values.astype(np.int64)

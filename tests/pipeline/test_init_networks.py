@@ -1,0 +1,48 @@
+"""`truing init` in a folder of a photogrammetric program: rays before the points that were made of them."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from pipeline.init_campaign import init_campaign
+from tests.docs.how_to_pages import FOLDER, examples
+from tests.formats.colmap_files import binary
+
+ADJUSTED = "".join(
+    f"{n:10d}    573.0039    -49.{n}291   -121.6922      0.0026      0.0029      0.0035 66  1  1  0\n"
+    for n in (6, 8, 9)
+)
+
+
+def proposed(folder):
+    init_campaign(folder)
+    return tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))["files"]
+
+
+@pytest.mark.parametrize(
+    ("page", "number", "tables"),
+    [
+        ("aicon", 1, {"image_points": "stand.phc", "cameras": "stand.ior", "scale_bars": "stand.scale"}),
+        ("colmap", 0, {"image_points": "images.txt", "cameras": "cameras.txt"}),
+        ("photomodeler", 0, {"image_points": "export.txt", "cameras": "export.txt"}),
+        ("metashape", 1, {"image_points": "markers.xml"}),
+    ],
+)
+def test_every_table_of_a_program_is_proposed(tmp_path, page, number, tables):
+    for name, text in examples(FOLDER / f"{page}.md")[number].files.items():
+        if name != "campaign.toml":
+            (tmp_path / name).write_text(text, encoding="utf-8")
+    assert {table: entry["path"] for table, entry in proposed(tmp_path).items()} == tables
+
+
+def test_points_are_read_only_where_their_rays_are_not(tmp_path):
+    (tmp_path / "points3D.bin").write_bytes(binary()["points3D"])
+    (tmp_path / "p.obc").write_text(ADJUSTED, encoding="utf-8")
+    assert {entry["path"] for entry in proposed(tmp_path)["points"]} == {"points3D.bin", "p.obc"}
+    (tmp_path / "campaign.toml").unlink()
+    (tmp_path / "images.bin").write_bytes(binary()["images"])
+    files = proposed(tmp_path)
+    assert set(files) == {"image_points"}
+    assert "the rays beside it give these points" in (tmp_path / "campaign.toml").read_text(encoding="utf-8")
