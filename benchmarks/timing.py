@@ -42,23 +42,27 @@ def threads_and_repeats(module: str, description: str) -> tuple[int, int] | None
     return None
 
 
-def interleaved(tasks: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
-    """Return seconds (repeats,) per call of every task, one repeat of all after the other.
+def interleaved(
+    tasks: dict[str, Callable[[], object]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, np.ndarray]:
+    """Return seconds (repeats,) per call of every task by a clock, one repeat of all after the other.
 
     Each is called once unmeasured, and within a repeat as often as fills 20 ms.
     """
     for task in tasks.values():
         task()
-    calls = {name: 1 + int(_SHORTEST / _seconds(task, 1)) for name, task in tasks.items()}
-    runs = [{name: _seconds(task, calls[name]) / calls[name] for name, task in tasks.items()} for _ in range(repeats)]
+    calls = {name: 1 + int(_SHORTEST / _seconds(task, 1, clock)) for name, task in tasks.items()}
+    runs = [
+        {name: _seconds(task, calls[name], clock) / calls[name] for name, task in tasks.items()} for _ in range(repeats)
+    ]
     return {name: np.array([run[name] for run in runs]) for name in tasks}
 
 
-def _seconds(task: Callable[[], object], calls: int) -> float:
-    start = time.perf_counter()
+def _seconds(task: Callable[[], object], calls: int, clock: Callable[[], float]) -> float:
+    start = clock()
     for _ in range(calls):
         task()
-    return time.perf_counter() - start
+    return clock() - start
 
 
 def spread(rates: np.ndarray) -> str:
