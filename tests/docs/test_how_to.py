@@ -17,7 +17,23 @@ from tests.docs.how_to_pages import FOLDER, Example, Slip, examples, slips
 PAGES = sorted(FOLDER.glob("*.md"))
 EXAMPLES = [example for page in PAGES for example in examples(page)]
 SLIPS = [(examples(page)[0], slip) for page in PAGES for slip in slips(page)]
-KEYS = {"image", "camera", "point", "parameter", "pose", "body", "target", "run", "step", "channel", "figure", "subject", "target_mm", "direction", "cycle"}
+KEYS = {
+    "image",
+    "camera",
+    "point",
+    "parameter",
+    "pose",
+    "body",
+    "target",
+    "run",
+    "step",
+    "channel",
+    "figure",
+    "subject",
+    "target_mm",
+    "direction",
+    "cycle",
+}
 READERS = {
     *("aicon", "c3d", "colmap", "keysight", "laser-tracker", "leica-gsi", "metashape", "photomodeler", "quadrature"),
     *("rays", "renishaw", "v-stars"),
