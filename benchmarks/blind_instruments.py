@@ -13,6 +13,7 @@ from tests.blind.generator import case, draw, hidden
 from tests.blind.generator.sensor import case as sensor_case
 from tests.blind.generator.sensor import draw as sensor_draw
 from tests.blind.generator.sensor import hidden as sensor_hidden
+from tests.photographs import hidden_case as photographed
 
 PROJECT = Path(__file__).resolve().parents[1]
 DOCS = PROJECT / "docs"
@@ -90,5 +91,17 @@ INSTRUMENTS = {
         "loads, channels, runs or signals",
         obvious=0.2,
         unforeseen=tuple(sensor_hidden.UNFORESEEN),
+    ),
+    "photographs": Instrument(
+        tuple(photographed.CATALOGUE),
+        tuple(photographed.STRANGE),
+        tuple(photographed.LAYOUTS),
+        photographed.draw_two,
+        photographed.layouts_for,
+        photographed.hide,
+        "how-well-does-it-diagnose-photographs",
+        "blind-photographs",
+        "cameras or bars",
+        obvious=0.2,
     ),
 }

@@ -160,6 +160,11 @@ class Window(CameraEffect):
     index: float = 1.52
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     on_camera: bool = True
+    camera: str = ""  # of a campaign with one camera, its name
+
+    @property
+    def subject(self) -> str:
+        return f"camera {self.camera}".strip() if self.camera else ""
 
     def parameters(self) -> Mapping[str, Parameter]:
         return {"thickness": (self.thickness_mm, "mm"), "index": (self.index, "1")}
@@ -177,3 +182,53 @@ class Window(CameraEffect):
             inside = slope / np.sqrt(self.index**2 * (1 + slope**2) - slope**2)
             slope = (offset - self.thickness_mm * inside) / (depth - self.thickness_mm)
         return depth * (normal + slope * sideways / np.maximum(offset, 1e-300))
+
+
+@dataclass(frozen=True)
+class AirLayer(CameraEffect):
+    """The air's refractive index changes with the square of the height above ``level_mm``: a warm or a cold layer."""
+
+    id = "refraction"
+    per_m2: float = 5e-6
+    level_mm: float = 200.0
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"curvature": (1e6 * self.per_m2, "ppm/m^2")}
+
+    def bend(self, seen: Array, view: View) -> Array:
+        # Seen along the chord, the ray curves by the index's slope across it; where it arrives, that has turned it.
+        up = rotate(view.turn, np.broadcast_to([0.0, 0.0, 1.0], seen.shape))
+        reach = np.linalg.norm(seen, axis=-1, keepdims=True)
+        along = seen / reach
+        rise = np.sum(up * along, axis=-1, keepdims=True)
+        across = up - rise * along
+        height = view.centre[..., 2:] + rise * reach - self.level_mm
+        slope = PER_M**2 * self.per_m2
+        return seen - slope * across * (height * reach**2 / 2 - rise * reach**3 / 3)
+
+
+@dataclass(frozen=True)
+class DrivenCamera(CameraEffect):
+    """One of c, x0, y0 (px) of a camera follows the first actuator, as cables that pull at it make it do."""
+
+    id = "unexplained"
+    parameter: str = "c"
+    per_mm_px: float = 0.3
+    camera: str = ""
+
+    @property
+    def subject(self) -> str:
+        return f"camera {self.camera}".strip() if self.camera else ""
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return ("rho1_mm",)
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {self.parameter: (self.per_mm_px, "px/mm")}
+
+    def lens(self, lens: Lens, pose: int, schedule: Schedule) -> Lens:
+        if self.camera not in ("", lens.name):
+            return lens
+        change = float(self.per_mm_px * schedule.asked[pose, 0])
+        return UnstableCamera(self.parameter, jump_px=change, from_pose=schedule.pose[pose]).lens(lens, pose, schedule)

@@ -1,0 +1,136 @@
+"""Effects hidden in photographed campaigns: which kinds there are, in which layouts, and each of a wanted strength."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tests.blind.generator.folder import truth_path
+from tests.blind.generator.schedule import random_moves
+from tests.photographs.hidden import CameraEffect, DrivenCamera, UnstableCamera, WarmBar, Window
+from tests.photographs.lens import Lens
+from tests.photographs.ray_folder import write_rays
+from tests.photographs.rays import BARS, Bar, Shooting, draw_rays
+from tests.photographs.stations import Round
+from tests.photographs.strength import RayMeasure
+
+THIRD = Bar("U", ((-290.0, -240.0, 10.0), (-280.0, 210.0, 24.0)))
+SECOND = Lens(name="right", focal_px=2310.0, principal_px=-3.1 + 5.2j, radial=(-0.07, 0.09, 0.0))
+Sized = Callable[[float], CameraEffect]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a campaign is photographed: poses to fit and held out, and everything but the effects."""
+
+    kind: str
+    poses: tuple[int, int]
+    shooting: Shooting
+
+
+def _plan(kind: str, poses: tuple[int, int], count: int, warmth: float, lenses: tuple[Lens, ...] = (Lens(),)) -> Plan:
+    plain = Shooting()
+    around = replace(plain.layout.surroundings, temperature_step_c=warmth)
+    layout = replace(plain.layout, surroundings=around)
+    own = Shooting(layout=layout, lenses=lenses, stations=Round(count=count), bars=(*BARS, THIRD))
+    return Plan(kind, poses, own)
+
+
+LAYOUTS = {
+    plan.kind: plan
+    for plan in (
+        _plan("many-poses", (24, 0), 8, 0.8),
+        _plan("held-out", (18, 5), 8, 1.0),
+        _plan("two-cameras", (16, 0), 12, 1.0, (Lens(), SECOND)),
+    )
+}
+
+
+def _camera(plan: Plan, rng: np.random.Generator) -> Sized:
+    """A camera that jumps, drifts, follows the temperature, or is loose."""
+    name = str(rng.choice([lens.name for lens in plan.shooting.lenses]))
+    own = UnstableCamera(str(rng.choice(["c", "x0", "y0"])), camera=name, seed=int(rng.integers(2**31)))
+    form = str(rng.choice(["jump_px", "per_hour_px", "per_k_px", "per_pose_px"]))
+    first = int(rng.integers(round(0.3 * plan.poses[0]), round(0.7 * plan.poses[0]) + 1))
+    return lambda size: replace(own, **{form: size, "from_pose": first})
+
+
+def _bar(plan: Plan, rng: np.random.Generator) -> Sized:
+    name = str(rng.choice([bar.name for bar in plan.shooting.bars]))
+    return lambda size: WarmBar(1e-5 * size, name)
+
+
+def _pane(plan: Plan, rng: np.random.Generator) -> Sized:
+    return lambda size: Window(10.0 * size, camera=plan.shooting.lenses[0].name)
+
+
+def _driven(plan: Plan, rng: np.random.Generator) -> Sized:
+    name = str(rng.choice([lens.name for lens in plan.shooting.lenses]))
+    parameter = str(rng.choice(["c", "x0", "y0"]))
+    return lambda size: DrivenCamera(parameter, size, name)
+
+
+CATALOGUE: dict[str, Callable[[Plan, np.random.Generator], Sized]] = {
+    "camera-instability": _camera,
+    "scale-bar-temperature": _bar,
+    "refraction": _pane,
+}
+STRANGE = {"camera-follows-drive": _driven}
+KINDS = CATALOGUE | STRANGE
+
+
+def layouts_for(names: Sequence[str]) -> list[str]:
+    """The layouts in which effects of these names can be hidden: one pane stands before one camera."""
+    return [kind for kind in LAYOUTS if "refraction" not in names or kind != "two-cameras"]
+
+
+def draw_two(rng: np.random.Generator) -> tuple[str, str]:
+    """Two kinds at once."""
+    first, second = rng.choice(sorted(CATALOGUE), 2, replace=False).tolist()
+    return str(first), str(second)
+
+
+@dataclass(frozen=True)
+class PhotographedCase:
+    """A campaign with effects in it, each as strong alone as it is told."""
+
+    plan: Plan
+    seed: int
+    effects: tuple[CameraEffect, ...]
+    strengths: tuple[float, ...]
+
+    def write(self, folder: Path) -> Path:
+        """Writes the campaign under the folder's name, and its truth beside it."""
+        own = replace(self.plan.shooting, layout=replace(self.plan.shooting.layout, name=folder.name))
+        made = draw_rays(own, moves_of(self.plan, self.seed), [], self.effects, np.random.default_rng(self.seed))
+        write_rays(made, folder, self.seed)
+        truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
+        truth |= {"layout": self.plan.kind, "strengths": [round(value, 3) for value in self.strengths]}
+        truth_path(folder).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+        return folder
+
+
+def moves_of(plan: Plan, seed: int) -> list[tuple[int, str, np.ndarray]]:
+    """The configurations of a campaign."""
+    return random_moves(*plan.poses, np.random.default_rng([seed, 3]))
+
+
+def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> PhotographedCase:
+    """Effects by their names in ``KINDS``, each of the wanted strength, in a campaign of the layout ``kind``.
+
+    Rays follow effects of cameras, bars and panes in proportion, as far as they are small: one size tells all.
+    """
+    plan, rng = LAYOUTS[kind], np.random.default_rng([seed, 2])
+    measure = RayMeasure(plan.shooting, moves_of(plan, seed), seed)
+    effects = []
+    for name in names:
+        of_size = KINDS[name](plan, rng)
+        found = measure.strength(of_size(0.1))
+        if found < 1e-6:
+            raise ValueError(f"{name} does not show in this campaign")
+        effects.append(of_size(0.1 * wanted / found))
+    return PhotographedCase(plan, seed, tuple(effects), (wanted,) * len(effects))
