@@ -1,0 +1,52 @@
+"""Effects of cameras, bars and panes are hidden in rays that were never seen before, and the whole line must name them.
+
+``TRUING_BLIND_SEED`` draws other campaigns. They are few and twice as strong as must be found;
+``python -m benchmarks.blind --instrument photographs`` measures rates.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.blind import rates
+from tests.blind.judging import UNLUCKY, Judged, run_all
+from tests.photographs.hidden_case import CATALOGUE, hide, layouts_for
+
+SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
+ABOVE_CLEAR = 2.0
+
+
+def _write(names: tuple[str, ...], number: int, folder: Path) -> Path:
+    seed = int(np.random.SeedSequence([SEED, 8, number]).generate_state(1)[0])
+    kinds = layouts_for(names)
+    return hide(names, kinds[seed % len(kinds)], ABOVE_CLEAR * rates.CLEAR, seed).write(folder)
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+    """A campaign with nothing in it and one with one effect, drawn, written and run in one call."""
+    home = tmp_path_factory.mktemp("photographs")
+    one = str(np.random.default_rng([SEED, 9]).choice(sorted(CATALOGUE)))
+    return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate([(), (one,)])], 1)
+
+
+def test_where_nothing_is_hidden_no_more_is_found_than_chance_does(judged: list[Judged]) -> None:
+    sure = [rates.told(judged[0]) for row in judged[0].record["findings"] if row["p_value"] < UNLUCKY]
+    assert not judged[0].hidden
+    assert not sure
+
+
+def test_what_was_hidden_is_named_with_its_camera_or_bar(judged: list[Judged]) -> None:
+    (effect,) = judged[1].hidden
+    assert effect.cause not in judged[1].missed, rates.told(judged[1])
+    assert not judged[1].misplaced(effect), rates.told(judged[1])
+
+
+def test_nothing_is_found_for_sure_beside_what_was_hidden(judged: list[Judged]) -> None:
+    own = {effect.cause for effect in judged[1].hidden}
+    beside = [row for row in judged[1].record["findings"] if row["verdict"] == "found" and row["cause"] not in own]
+    assert all(row["p_value"] >= UNLUCKY for row in beside), rates.told(judged[1])

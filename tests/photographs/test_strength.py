@@ -1,0 +1,28 @@
+"""How strongly effects show in rays: what an adjustment takes up is nothing, and what is left grows in proportion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.blind.generator.schedule import random_moves
+from tests.photographs.hidden import AirGradient, UnstableCamera, WarmBar
+from tests.photographs.rays import Shooting
+from tests.photographs.stations import Round
+from tests.photographs.strength import RayMeasure
+
+MEASURE = RayMeasure(Shooting(stations=Round(count=5)), random_moves(4, 0, np.random.default_rng(3)), 5)
+
+
+def test_what_every_pose_has_alike_is_a_lens_and_no_effect() -> None:
+    assert MEASURE.strength(UnstableCamera("c", jump_px=0.3, from_pose=1)) < 0.02
+
+
+def test_an_even_gradient_and_bars_that_grow_alike_show_nothing() -> None:
+    assert MEASURE.strength(AirGradient(per_m=1e-5)) < 0.05
+    assert MEASURE.strength(WarmBar(1e-4)) < 0.15 * MEASURE.strength(WarmBar(1e-4, "S"))
+
+
+def test_strength_is_in_proportion_to_the_size() -> None:
+    small, large = (MEASURE.strength(UnstableCamera("c", jump_px=size, from_pose=3)) for size in (0.1, 0.2))
+    assert large == pytest.approx(2 * small, rel=0.01)
