@@ -224,10 +224,8 @@ def _pixels(
         )
     most = int(usable.sum(1).max(initial=1))
     order = np.argsort(~usable, axis=1, kind="stable")[:, :most]  # those that count come first, the others need no look
-    return (
-        *(np.take_along_axis(values, order, axis=1) for values in (picture, t, d)),
-        np.take_along_axis(usable, order, axis=1),
-    )
+    picture, t, d = (np.take_along_axis(values, order, axis=1) for values in (picture, t, d))
+    return picture, t, d, np.take_along_axis(usable, order, axis=1)
 
 
 def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> NDArray[np.bool_]:
