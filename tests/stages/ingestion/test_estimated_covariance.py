@@ -7,8 +7,10 @@ import struct
 import numpy as np
 import pytest
 
-from pipeline.in_memory import stage_line
+from pipeline.campaign_folder import open_campaign
+from pipeline.in_memory import call_stage, stage_line
 from tests.tolerance import assert_close
+from truing.formats.source import CampaignFiles
 
 SIGMA_PX = 0.2
 FOCAL, CENTRE = 2000.0, (1000.0, 800.0)
@@ -103,12 +105,9 @@ def test_without_its_images_the_model_has_the_declared_sigma(tmp_path):
     assert_close(ingested(tmp_path)["sigma_x_mm"].to_numpy(), np.full(POINTS, 0.5), atol=0.0)
 
 
-def test_the_run_says_where_sigmas_come_from(tmp_path, capfd):
-    from typer.testing import CliRunner
-
-    from pipeline.command_line import app
-
-    model(tmp_path / "model", 3)
-    done = CliRunner().invoke(app, ["run", str(tmp_path / "model"), "--out", str(tmp_path / "run"), "--only", "ingest"])
-    said = " ".join((done.output, *capfd.readouterr()))
-    assert "standard deviations of 40 points estimated from their rays" in said
+def test_the_run_says_where_sigmas_come_from(tmp_path):
+    model(tmp_path, 3)
+    campaign = open_campaign(tmp_path)
+    settings = campaign.validated()
+    outcome = call_stage("ingest", {}, settings, CampaignFiles(campaign.folder, settings))
+    assert "standard deviations of 40 points estimated from their rays" in str(outcome.read)
