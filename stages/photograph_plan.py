@@ -97,7 +97,8 @@ def plan_photographs(
     )
     order = one_by_one(candidates, wish.stations, progress)
     curve = _curve(planned, stations, seen, order)
-    chosen = exchanged(candidates, order[: _enough(curve, wish, len(order))], progress)
+    first = order[: _enough(curve, wish, len(order))]
+    chosen = _with_the_better_worst(planned, stations, seen, (first, exchanged(candidates, first, progress)))
     chosen = _in_order_round(stations, chosen, planned.layout.middle)
     prediction = predict(planned, stations.only(chosen), seen[chosen])
     if prediction is None:
@@ -163,6 +164,18 @@ def _enough(curve: tuple[tuple[int, float, float], ...], wish: PlanWish, most: i
     if wish.wanted_mm is None:
         return most
     return next((number for number, worst, _ in curve if 1e3 * worst <= wish.wanted_mm), most)
+
+
+def _with_the_better_worst(
+    planned: PlannedNetwork, stations: Stations, seen: Mask, choices: tuple[Index, ...]
+) -> Index:
+    """Of several choices the one whose worst target is known best: exchanges look at the mean of all."""
+
+    def worst(chosen: Index) -> float:
+        found = predict(planned, stations.only(chosen), seen[chosen])
+        return np.inf if found is None or np.isnan(found.sigma).any() else float(found.sigma.max())
+
+    return min(reversed(choices), key=worst)
 
 
 def _in_order_round(stations: Stations, chosen: Index, middle: Array) -> Index:

@@ -118,7 +118,7 @@ def sentences(plan: PhotographPlan) -> list[str]:
     ]
     if wish.wanted_mm is not None:
         reached = (
-            f"That is the wanted {wish.wanted_mm:g} mm"
+            f"That is within the wanted {wish.wanted_mm:g} mm"
             if plan.reaches
             else f"The wanted {wish.wanted_mm:g} mm are not reached"
         )

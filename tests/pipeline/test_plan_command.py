@@ -47,7 +47,7 @@ def plan(place, *options):
 def test_stations_for_what_is_wanted(place):
     found = plan(place, "--wanted", "0.02", *FEW, "--out", str(place / "plan.csv"))
     assert found.exit_code == 0, found.output
-    assert "That is the wanted 0.02 mm" in found.output
+    assert "That is within the wanted 0.02 mm" in found.output
     assert "Not used, because their ends are no surveyed targets: B" in found.output
     stations, targets = pd.read_csv(place / "plan.csv"), pd.read_csv(place / "plan-targets.csv")
     curve, bodies = pd.read_csv(place / "plan-curve.csv"), pd.read_csv(place / "plan-bodies.csv")
