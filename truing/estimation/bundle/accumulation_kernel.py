@@ -15,7 +15,7 @@ from truing.estimation import lane_arithmetic
 from truing.estimation.lane_arithmetic import compiled, inner
 
 POINT, IMAGE, INTERIOR, MISCLOSURE = 0, 3, 9, 19  # where each part of a row starts
-WIDTH = 24  # of a row: three vectors
+WIDTH = 20  # of a row
 
 
 @inner

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.elimination import EliminatedPose, Ties, blocks_of
@@ -88,8 +88,12 @@ def eliminate_poses(
 def solve(layout: Layout, reduced: Reduced) -> Step:
     """Return the step; raises LinAlgError where the common unknowns are not determined."""
     scale = 1 / np.sqrt(np.diagonal(reduced.common))
-    factor = cho_factor(scale[:, None] * reduced.common * scale, lower=True) if len(scale) else None
-    common = scale * cho_solve(factor, scale * reduced.side) if factor else np.zeros(0)
+    common = np.zeros(0)
+    if len(scale):
+        _, common, fault = dposv(scale[:, None] * reduced.common * scale, scale * reduced.side)
+        if fault:
+            raise np.linalg.LinAlgError("the common unknowns are not determined")
+        common = scale * common
     images, points = np.zeros((len(layout.images), 6)), np.zeros((len(layout.points), 3))
     multipliers = np.zeros(len(layout.distances))
     for pose, eliminated in enumerate(reduced.poses):
