@@ -150,6 +150,24 @@ def test_what_is_not_determined_is_said():
     assert np.isnan(found.covariance.point_blocks()[3]).all()
 
 
+def test_what_cannot_be_adjusted_is_named_all_at_once():
+    rng = np.random.default_rng(11)
+    network, truth = draw(rng, poses=2, images=4, points=8)
+    cov, point = network.rays.cov_px2.copy(), network.rays.point.copy()
+    cov[5] = [[1, 2], [2, 1]]
+    cov[6] = 0
+    point[9] = 12
+    bars = replace(network.bars, second=network.bars.second[::-1])
+    known = KnownPoints(np.array([3, 4]), truth.points[[3, 4]], np.stack([np.eye(3), np.diag([1.0, 1, 0])]))
+    broken = replace(network, rays=replace(network.rays, cov_px2=cov, point=point), bars=bars, known=known)
+    faults = (
+        r"rays 9 join an image and a point of different poses; distances 0, 1 join points of different poses; "
+        r"rays 5, 6 have a covariance that is not positive definite; known points 1 have a covariance"
+    )
+    with pytest.raises(UndeterminedNetworkError, match=faults):
+        adjust(broken, truth, "known")
+
+
 def test_points_behind_cameras_are_named():
     rng = np.random.default_rng(8)
     network, truth = draw(rng, images=4, points=8)

@@ -71,12 +71,22 @@ def ray_counts(network: Network, used: NDArray[np.bool_]) -> tuple[Index, Index]
 
 
 def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> None:
-    """Raise `UndeterminedNetworkError` that lists every point and image with some rays, but too few of them, and every
-    ray that joins an image and a point of different poses."""
+    """Raise `UndeterminedNetworkError` that lists every point and image with some rays, but too few of them, every ray
+    and distance that joins what is of different poses, and every covariance that is none."""
     rays, faults = network.rays, []
     astray = np.flatnonzero(used & (network.image_pose[rays.image] != network.point_pose[rays.point]))
     if len(astray):
         faults.append(f"rays {_listed(astray)} join an image and a point of different poses")
+    bars = network.bars
+    apart = np.flatnonzero(network.point_pose[bars.first] != network.point_pose[bars.second])
+    if len(apart):
+        faults.append(f"distances {_listed(apart)} join points of different poses")
+    bad = np.flatnonzero(used & ~_definite(rays.cov_px2))
+    if len(bad):
+        faults.append(f"rays {_listed(bad)} have a covariance that is not positive definite")
+    bad = np.flatnonzero(~_definite(network.known.cov_m2)) if known else bad[:0]
+    if len(bad):
+        faults.append(f"known points {_listed(bad)} have a covariance that is not positive definite")
     points, images = ray_counts(network, used)
     needed = np.full(len(points), RAYS_OF_A_POINT)
     if known:
@@ -91,6 +101,15 @@ def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> 
         faults.append("found no ray, expected a network")
     if faults:
         raise UndeterminedNetworkError("; ".join(faults))
+
+
+def _definite(covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which symmetric matrices (n, 2, 2) or (n, 3, 3) are positive definite: all leading minors are positive."""
+    c = covariance
+    minors = [c[:, 0, 0], c[:, 0, 0] * c[:, 1, 1] - c[:, 0, 1] * c[:, 1, 0]]
+    if c.shape[1] > 2:
+        minors.append(np.linalg.det(c))
+    return np.all(np.array(minors) > 0, axis=0)
 
 
 def _listed(numbers: Index, most: int = 20) -> str:
