@@ -66,10 +66,23 @@ def run(
     poses = len(set(rays.photographs.column("pose").to_pylist()))
     return Outcome(
         artifacts,
-        read=f"{len(rays.image_points):,} rays of {len(rays.photographs)} images",
+        read="; ".join((f"{len(rays.image_points):,} rays of {len(rays.photographs)} images", *_lacking(rays, small))),
         left_out=_left_out(small, rays.left_out, artifacts["image_rejections"]),
         figure=f"{points} points in {poses} poses",
     )
+
+
+def _lacking(rays: MeasuredRays | PhotographTables, small: dict[str, SmallTable | None]) -> list[str]:
+    """What files of rays measured elsewhere do not say."""
+    without_sigma = getattr(rays, "without_sigma", None)
+    if without_sigma is None:
+        return []
+    said = []
+    if without_sigma:
+        said.append(f"{without_sigma:,} of them without a standard deviation: [noise] image_px")
+    if not any(small.get(name) for name in ("scale_bars", "known_points", "image_targets")):
+        said.append("nothing tells their scale")
+    return said
 
 
 def look(settings: Any, source: CampaignFiles) -> str:

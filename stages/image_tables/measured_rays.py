@@ -31,11 +31,13 @@ _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
 @dataclass(frozen=True)
 class MeasuredRays:
-    """The tables image_points and photographs, and what was left out, by (file, reason)."""
+    """The tables image_points and photographs, what was left out, by (file, reason), and how many rays came without a
+    standard deviation."""
 
     image_points: pa.Table
     photographs: pa.Table
     left_out: Mapping[tuple[str, str], int]
+    without_sigma: int = 0
 
 
 def read_rays(
@@ -72,7 +74,8 @@ def read_rays(
         **{name: found.table.column(name) for name in _CIRCLE if name in found.table.column_names},
     }
     image_points = _as_table("image_points", columns)
-    return MeasuredRays(image_points, _photographs(image_points, cameras, found, log), dict(found.left_out))
+    photographs = _photographs(image_points, cameras, found, log)
+    return MeasuredRays(image_points, photographs, dict(found.left_out), _without_sigma(found))
 
 
 def _names(found: Gathered, targets: pa.Table | None) -> tuple[Names, Names, Names]:
@@ -136,6 +139,15 @@ def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
     if improper.any() and _COVARIANCE[0] in names:
         found.fault(log, improper, _COVARIANCE[0], "a covariance: xx and yy above 0, xy within their product")
     return np.asarray(out)
+
+
+def _without_sigma(found: Gathered) -> int:
+    """How many rays have no standard deviation of their own."""
+    own = np.zeros(len(found.table), dtype=bool)
+    for name in ("sigma_x_px", _COVARIANCE[0]):
+        if name in found.table.column_names:
+            own |= np.isfinite(_numbers(found, name))
+    return int(np.count_nonzero(~own))
 
 
 def _numbers(found: Gathered, name: str) -> Array:

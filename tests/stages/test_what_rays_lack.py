@@ -1,0 +1,23 @@
+"""What a file of rays does not say, the run says: sigmas that were declared, a scale that nothing gives."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipeline.in_memory import stage_line
+from tests.docs.how_to_pages import FOLDER, examples
+
+
+@pytest.mark.parametrize(
+    ("page", "number", "said", "unsaid"),
+    [
+        ("colmap", 0, ("6 of them without a standard deviation", "nothing tells their scale"), ()),
+        ("photomodeler", 0, ("nothing tells their scale",), ("without a standard deviation",)),
+        ("aicon", 1, ("5 of them without a standard deviation",), ("scale",)),
+    ],
+)
+def test_what_is_not_in_the_file_is_in_the_words(tmp_path, page, number, said, unsaid):
+    line = stage_line(examples(FOLDER / f"{page}.md")[number].write(tmp_path)).call("images")
+    words = line.said["images"].read
+    assert [one for one in said if one not in words] == []
+    assert [one for one in unsaid if one in words] == []
