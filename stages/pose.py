@@ -54,7 +54,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.rigid_poses.tables import poses_table, residuals_table, sensitivities_table
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
-    fitted = _bodies(observations, tables.get("survey"), poses, settings, progress)
+    fitted = alone = _bodies(observations, tables.get("survey"), poses, settings, progress)
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
     errors = point_errors(observations, *network)
     if errors is not None:
@@ -65,7 +65,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     artifacts = {
         "poses": poses_table(bodies, settings.reference_body, identifier),
         "residuals": residuals_table(bodies, identifier),
-        **_exclusion_effects(fitted, tables.get("survey"), settings),
+        **_exclusion_effects(alone, tables.get("survey"), settings),
     }
     if errors is not None and errors.parameters:
         of_common = (settings.reference_body, errors.parameters, identifier)
