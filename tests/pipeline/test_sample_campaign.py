@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 from typer.testing import CliRunner, Result
 
 from pipeline import campaign_run
@@ -100,6 +101,13 @@ def rays_campaign(folder: Path) -> None:
     write_rays(draw_rays(Shooting(), moves, [], [], np.random.default_rng(1)), folder, seed=1)
 
 
+def pictures_campaign(folder: Path) -> None:
+    """One photograph of nothing: what is asked is what the stage reads of the settings."""
+    (folder / "images" / "1").mkdir(parents=True)
+    (folder / "campaign.toml").write_text('[campaign]\nname = "pictures"\nkind = "photogrammetry"\n')
+    Image.fromarray(np.full((120, 160), 128, np.uint8)).save(folder / "images" / "1" / "a.png")
+
+
 @pytest.fixture(scope="module")
 def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, CampaignRun], dict[str, set[str]]]:
     """Runs of the sample campaign and small ones of other kinds, and which sections each stage read in them."""
@@ -108,6 +116,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     bodies_campaign(folder / "bodies")
     displacement_campaign(folder / "bench")
     rays_campaign(folder / "rays")
+    pictures_campaign(folder / "pictures")
     write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS))
     views: dict[str, list[SettingsView]] = {}
 
@@ -127,7 +136,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
-        parts += [("rays", "pose")]
+        parts += [("rays", "pose"), ("pictures", "images")]
         parts += [("sensor", "qa"), ("sensor", "uncertainty")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
