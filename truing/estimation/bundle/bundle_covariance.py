@@ -80,12 +80,13 @@ class BundleCovariance:
     def images(self, pose: int) -> Array:
         """Return the covariance (i, 6, 6) of each image of a pose: centre in m, then theta in rad."""
         own = self._pose(pose)
-        by_common = own.images_by_common.reshape(-1, 6, len(self.common))
+        by_common = own.images_by_common.reshape(len(own.images), 6, len(self.common))
         return own.images + by_common @ self.common @ by_common.transpose(0, 2, 1)
 
     def images_common(self, pose: int) -> Array:
         """Return the covariance (i, 6, c) of the images of a pose with the common unknowns."""
-        return (self._pose(pose).images_by_common @ self.common).reshape(-1, 6, len(self.common))
+        own = self._pose(pose)
+        return (own.images_by_common @ self.common).reshape(len(own.images), 6, len(self.common))
 
     def _pose(self, pose: int) -> PoseCovariance:
         own = self.poses[pose]
