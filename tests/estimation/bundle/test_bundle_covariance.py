@@ -55,6 +55,16 @@ def test_every_part_is_that_of_the_unreduced_equations(images, points, bars, rep
         np.testing.assert_allclose(ours, reference, rtol=1e-6, atol=1e-7 * np.abs(reference).max(), err_msg=name)
 
 
+def test_without_a_common_unknown_images_have_their_covariance_all_the_same():
+    rng = np.random.default_rng(2)
+    network, truth = draw(rng, 2, 4, 8, free=(), bars=False)
+    first = adjust(noisy(rng, network), disturbed(rng, truth))
+    found = adjust(first.network, first.state)
+    dense = dense_covariance(found, inner_constraints(found, scale=True))
+    np.testing.assert_allclose(found.covariance.images(0)[2], dense[12:18, 12:18], rtol=1e-6, atol=1e-7 * dense.max())
+    assert found.covariance.images_common(0).shape == (4, 6, 0)
+
+
 @settings(max_examples=12, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
