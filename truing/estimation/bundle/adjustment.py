@@ -6,7 +6,7 @@ pose. The datum plays no part in the iterations; it is put on what they arrive a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -93,13 +93,14 @@ def adjust(
     weights (N,) in [0, 1] multiply the information of rays, variance_factor (N,) their covariance. datum: "free" and
     "minimal" leave known points aside; with "known" they are observations, and what they leave free is as in "free".
     Raises `UndeterminedNetworkError` for points and images with too few rays, points behind cameras at the start, and
-    networks with free directions.
+    networks with free directions. A bar's length of no uncertainty is what it is, whatever the start says.
     """
     count = network.rays.count
     w = np.ones(count) if weights is None else np.asarray(weights, float)
     factor = np.ones(count) if variance_factor is None else np.asarray(variance_factor, float)
     on = (np.ones(count, bool) if used is None else np.asarray(used, bool)) & (w > 0)
-    known = datum == "known"
+    bars, known = network.bars, datum == "known"
+    start = replace(start, bar_length_m=np.where(bars.sigma_m > 0, start.bar_length_m, bars.length_m))
     check_determined(network, on, known)
     layout = lay_out(network, on, known)
     observed = observe(network, layout, w, factor)
