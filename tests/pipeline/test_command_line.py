@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pipeline.command_line import app
 from tests.pipeline.fake_project import STAGES, FakeProject
 
-COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "export", "compare")
+COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "compare")
 
 
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
