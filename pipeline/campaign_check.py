@@ -12,7 +12,7 @@ from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campa
 from pipeline.campaign_run import CampaignRun, detached_run
 from pipeline.problems import ExitCode
 from pipeline.settings_view import SettingsView
-from pipeline.stage_order import RAW_READERS, stage_module
+from pipeline.stage_order import RAW_READERS, is_optional, stage_module
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
@@ -44,8 +44,8 @@ def _read_raw(run: CampaignRun) -> str:
     said: list[str] = []
     faults: list[Fault] = []
     for stage in run.order:
-        if stage.name not in RAW_READERS:
-            continue
+        if stage.name not in RAW_READERS or not all(map(is_optional, stage.reads)):
+            continue  # what needs the work of others is no look at the files
         try:
             source = CampaignFiles(run.campaign.folder, run.settings)
             if stage.name == "images" and source.entries("images"):

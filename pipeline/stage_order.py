@@ -20,7 +20,7 @@ ORDER: dict[str, tuple[str, ...]] = {
 }
 
 # The stages that see raw files, through truing.formats, and which tables of [files] are theirs.
-RAW_READERS: dict[str, tuple[str, ...]] = {"images": OF_IMAGES, "ingest": OTHERS}
+RAW_READERS: dict[str, tuple[str, ...]] = {"images": OF_IMAGES, "bundle": ("targets",), "ingest": OTHERS}
 # Stages with work in independent pieces: they are given what does these in several processes.
 IN_PIECES = ("images",)
 

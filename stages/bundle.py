@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.bundle_adjustment.adjusting import AdjustedNetwork
+    from truing.formats.source import CampaignFiles
 
 DECLARATION = Stage(
     name="bundle",
@@ -25,26 +26,30 @@ DECLARATION = Stage(
     settings=(
         *("photographs.datum", "photographs.false_alarm", "photographs.variance_components"),
         *("photographs.marker_mm", "photographs.target_mm", "photographs.eccentricity"),
+        *("bodies.reference", "mechanism.type", "noise.point_mm", "files.targets"),
     ),
     summary="adjusts the rays of all photographs together: object points, cameras, what is wrong with which ray",
 )
 
 
-def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress) -> Outcome:
+def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
     """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
     from stages.bundle_adjustment.adjusting import Choices, adjust_network
     from stages.bundle_adjustment.given_cameras import given_cameras
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.statistics import statistics_table
+    from stages.bundle_adjustment.survey_distances import Survey, with_scale
     from stages.bundle_adjustment.tables import NetworkTables
     from stages.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
 
+    given = settings.photographs
+    known = given.datum == "known" and "known_points" in tables
+    tables = with_scale(tables, Survey.of(settings), source, known=known)
     photographs = tables["photographs"]
     rays = image_points(tables["image_points"], photographs)
     cameras = given_cameras(photographs, tables.get("cameras_given"))
-    named = named_network(rays, photographs, cameras, tables, settings.photographs.marker_mm)
-    given = settings.photographs
+    named = named_network(rays, photographs, cameras, tables, given.marker_mm)
     radii = _radii(tables.get("image_targets"), given.target_mm)
     choices = Choices(given.datum, given.false_alarm, given.variance_components, given.eccentricity, radii)
     try:

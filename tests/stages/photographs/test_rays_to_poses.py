@@ -11,7 +11,6 @@ import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults
 from tests.blind.generator.schedule import random_moves
 from tests.photographs.hidden import UnstableCamera
 from tests.photographs.ray_folder import write_rays
@@ -256,14 +255,49 @@ def test_known_points_give_the_frame_and_the_scale(tmp_path: Path) -> None:
     assert (origins == "scale from known points").sum() == 1
 
 
+def test_without_bars_distances_of_the_survey_give_the_scale(tmp_path: Path) -> None:
+    """Each target of the base in one distance at most, so that their errors are independent, as their prior says."""
+    photographed = photograph(tmp_path / "surveyed", poses=2)
+    (tmp_path / "surveyed" / "scale_bars.csv").unlink()
+    tables = run_line(tmp_path / "surveyed", "images", "bundle", "ingest", "pose")[0]
+    lengths = tables["scale_bar_lengths"].to_pandas().query("pose == 1")
+    ends = [*lengths["first"], *lengths["second"]]
+    assert len(set(ends)) == len(ends) > 6
+    assert all(end.startswith("base/") for end in ends)
+    names, found, cov = _covariance(tables, 1)
+    truth = _truth(photographed, 1, names)
+    moved, _ = _brought_over(found, truth)
+    x = (moved - moved.mean(0)).ravel()
+    scale, sigma = x @ (found - moved).ravel() / (x @ x), np.sqrt(x @ cov @ x) / (x @ x)
+    assert abs(scale) < 4.0 * sigma < 1e-4  # the survey's 5 um in half a metre, several times over
+
+
 def test_without_anything_that_gives_the_scale_it_is_said_what_would(tmp_path: Path) -> None:
     photograph(tmp_path / "unscaled", poses=2)
-    (tmp_path / "unscaled" / "scale_bars.csv").unlink()
+    for name in ("scale_bars.csv", "targets.csv"):
+        (tmp_path / "unscaled" / name).unlink()
     tables = run_line(tmp_path / "unscaled", "images", "bundle")[0]
     origins = tables["bundle_statistics"].to_pandas()["figure"]
     assert (origins == "scale from none").sum() == 2
-    with pytest.raises(CampaignFaults, match=r"as large as in targets.csv.* Rays alone give no scale: scale_bars.csv"):
-        run_line(tmp_path / "unscaled", *LINE)
+
+
+def test_points_whose_scale_is_open_keep_the_poses_of_their_own_fit(tmp_path: Path) -> None:
+    """All of a network in one body, and nothing that gives the scale: the whole covariance has more null directions
+    than motions have."""
+    photograph(tmp_path / "open", poses=2)
+    for name in ("scale_bars.csv", "targets.csv"):
+        (tmp_path / "open" / name).unlink()
+    toml = (tmp_path / "open" / "campaign.toml").read_text(encoding="utf-8")
+    start = toml.index("[mechanism")
+    rest = [part for part in ("[" + part for part in toml[start:].split("\n[")) if "mechanism" not in part[:12]]
+    (tmp_path / "open" / "campaign.toml").write_text(toml[:start] + "\n".join(rest), encoding="utf-8")
+    rays = tmp_path / "open" / "image_points.csv"
+    text = rays.read_text(encoding="utf-8")
+    rays.write_text(text.replace(",platform,", ",base,").replace(",bars,", ",base,"), encoding="utf-8")
+    tables = run_line(tmp_path / "open", "images", "bundle", "ingest", "qa", "pose", "report")[0]
+    poses = tables["poses"].to_pandas()
+    assert (poses["status"] == "ok").any()
+    assert "scale" in tables["qa"].to_pandas().query("verdict == 'fail'")["check"].tolist()
 
 
 def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from truing.estimation.covariance import apply_rotation, fit_gain, symmetric
 from truing.estimation.rotation import exp_so3, skew
@@ -63,16 +63,25 @@ class JointMotions:
 
 
 def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotions:
-    """Return the motions of the bodies of a pose from starts R (B, 3, 3), t (B, 3); three points or more of each."""
+    """Return the motions of the bodies of a pose from starts R (B, 3, 3), t (B, 3); three points or more of each.
+
+    The starts, not converged, where the points leave more than motions open: their common scale.
+    """
     R, t = R.copy(), t.copy()
     each = points.body
     converged = False
+    start = JointMotions(
+        R.copy(), t.copy(), np.zeros((6 * len(R), points.target.size)), np.full(len(each), np.nan), False
+    )
     for _ in range(_MOST_STEPS):
         turned = R[each] @ points.cov_source @ np.swapaxes(R[each], -1, -2)
         arm = apply_rotation(R[each], points.source)
         r = points.target - arm - t[each]
         J = _motions(arm, each, len(R))
-        factor = _factor(points.cov_target, turned, J)
+        try:
+            factor = _factor(points.cov_target, turned, J)
+        except LinAlgError:
+            return start
         force = cho_solve(factor, r.ravel()).reshape(-1, 3)
         J = _motions(arm + apply_rotation(turned, force), each, len(R))
         weighted = cho_solve(factor, J)

@@ -110,6 +110,6 @@ def _three(r: Any, names: str, first: int, factor: float) -> str:
     cells = []
     for k, name in enumerate(names.split()):
         variance = getattr(r, f"cov_{first + k}_{first + k}")
-        sigma = 1e3 * variance**0.5 if variance == variance else None
+        sigma = 1e3 * max(variance, 0.0) ** 0.5 if variance == variance else None
         cells.append(with_uncertainty(factor * getattr(r, name), sigma))
     return ", ".join(cells)
