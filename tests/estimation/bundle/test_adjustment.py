@@ -189,6 +189,19 @@ def test_what_the_images_do_not_determine_is_named():
         _ = found.covariance
 
 
+def test_a_network_with_a_hinge_settles_and_has_no_covariance():
+    """Two halves that share two points turn about the line through them."""
+    rng = np.random.default_rng(0)
+    network, truth = draw(rng, images=8, points=20, bars=False, free=("c",))
+    image, point = network.rays.image, network.rays.point
+    used = ((image < 4) & (point < 11)) | ((image >= 4) & (point >= 9))
+    found = adjust(noisy(rng, network), truth, used=used)
+    assert found.converged
+    assert 0.4 < found.variance_factor < 1.8
+    with pytest.raises(UndeterminedNetworkError, match=r"free directions are left, seen at|falls apart"):
+        _ = found.covariance
+
+
 def test_nothing_adjusted_is_nothing_moved():
     rng = np.random.default_rng(10)
     network, truth = draw(rng, images=4, points=8)

@@ -174,8 +174,9 @@ def _iterated(observed: Observed, start: State, held: tuple[Array, ...], most: i
             reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, damping)
             step = solve(layout, reduced)
         except np.linalg.LinAlgError:
-            least = max(least, min(damping, _LEAST_DAMPING))
+            singular = damping < _START_DAMPING  # something is free: the least sum of squares is found all the same
             damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
+            least = damping if singular else least
             continue
         tried = moved(layout, state, step)
         before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
