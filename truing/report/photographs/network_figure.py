@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.numbers import quantity
 from truing.report.scene.view import round_gain
@@ -87,9 +86,11 @@ def _gain(points: pd.DataFrame, images: pd.DataFrame) -> float:
 def _traces(
     points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame, gain: float, bodies: dict[Any, str]
 ) -> list[Any]:
+    from scipy.spatial.transform import Rotation
+
     place = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
     centre = images[["px_mm", "py_mm", "pz_mm"]].to_numpy()
-    R = exp_so3(images[["rx_rad", "ry_rad", "rz_rad"]].to_numpy())
+    R = Rotation.from_rotvec(images[["rx_rad", "ry_rad", "rz_rad"]].to_numpy()).as_matrix()
     view = _view(place, centre)
     middle = place.mean(axis=0)
     frusta = _frusta(
