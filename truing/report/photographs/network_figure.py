@@ -90,7 +90,7 @@ def _traces(
 
     place = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
     centre = images[["px_mm", "py_mm", "pz_mm"]].to_numpy()
-    R = Rotation.from_rotvec(images[["rx_rad", "ry_rad", "rz_rad"]].to_numpy()).as_matrix()
+    R = Rotation.from_rotvec(np.array(images[["rx_rad", "ry_rad", "rz_rad"]])).as_matrix()
     view = _view(place, centre)
     middle = place.mean(axis=0)
     frusta = _frusta(
