@@ -26,13 +26,13 @@ _NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
 _HELD = 0.1  # of the contrast: levels in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
 _GROUND, _COVERED = 0.3, 0.06  # of the contrast: levels beyond a ring; share of them that may be others
-_STRAY = 0.04  # share of an edge's pixels that may be taken for something else
+_STRAY = 0.03  # share of an edge's pixels that may be taken for something else
 # By which an arc of an edge may be off its ellipse: px, or a share of the semi-major axis (paper is not flat).
 _DENT, _DENT_SHARE = 0.3, 0.012
 _MISFIT = 0.1  # of the contrast, beyond the noise: what an ellipse's picture leaves; sharpened ones 0.05
 _WORSE = 3.0  # sigmas by which arcs of a target scatter more than those of the others
 _SEVERAL = 5  # targets, whose residuals together tell how large the noise is
-_SOFTEST = 0.8  # blur over semi-minor axis
+_SOFTEST = 0.65  # blur over semi-minor axis
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ import numpy as np
 from truing.estimation import lane_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import (
-    INV_SQRT2,
     MOST_NODES,
     count_nodes,
     edge_light,
     ring_light,
     set_nodes,
     set_spokes,
+    upper_tail,
 )
 from truing.estimation.lane_arithmetic import compiled, inner
 
@@ -49,7 +49,9 @@ _DENT_SIGMAS = 4.0
 # picture of a small blurred target cannot tell a slope from a shift.
 _SLOPE_SIGMA = 0.001
 _HELD_BLUR = 0.5  # px, where levels are held: a narrow strip cannot tell blur, levels and size apart
-_OUTLYING = 0.25  # of the contrast; what sharpens a picture in a camera overshoots by up to 0.2
+# Of the contrast: least and largest limit beyond which a pixel is left out; what sharpens a picture in a camera
+# overshoots by up to 0.2.
+_OUTLYING_LEAST, _OUTLYING = 0.03, 0.25
 _OUTLYING_SIGMAS = 5.0
 
 
@@ -119,9 +121,10 @@ def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs):
         row[GROUND], row[CONTRAST] = light, edge * light
         row[SLOPE_X], row[SLOPE_Y] = flat * rx, flat * ry
         for i in range(UNKNOWNS):
-            rhs[i] += weight * row[i] * r
+            weighted = weight * row[i]
+            rhs[i] += weighted * r
             for j in range(i + 1):
-                normal[i, j] += weight * row[i] * row[j]
+                normal[i, j] += weighted * row[j]
     return cost
 
 
@@ -142,12 +145,15 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
             dx, dy = x - p[CX], y - p[CY]
             ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
             q = math.sqrt(ux * ux + uy * uy)
-            slope = math.hypot(p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy) / max(q, 1e-9)
-            if q > outer or abs(q - 1.0) > reach * slope or n == pixels.shape[1]:
+            if q > outer:
+                continue
+            gx, gy = p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy
+            slope = math.sqrt(gx * gx + gy * gy) / max(q, 1e-9)
+            if abs(q - 1.0) > reach * slope or n == pixels.shape[1]:
                 continue
             light = ring_light(p, dx, dy, ring, spokes) if coded else 0.0
             depth = (q - 1.0) / max(slope, 1e-9) / p[BLUR]
-            expected = p[GROUND] + p[CONTRAST] * (0.5 * math.erfc(depth * INV_SQRT2) + light)
+            expected = p[GROUND] + p[CONTRAST] * (upper_tail(depth, math.exp(-0.5 * depth * depth)) + light)
             pixels[0, n], pixels[1, n], pixels[2, n] = x, y, grey[y, x]
             pixels[3, n] = 1.0 / (noise[0] + noise[1] * max(expected, 0.0))
             pixels[4, n] = light
@@ -197,20 +203,23 @@ def _expected(p, origin, size, top, x, y, ring, nodes, count, row):  # type: ign
 
 
 @inner
-def _drop_outlying(p, origin, size, n, pixels, top, nodes, result):  # type: ignore[no-untyped-def]
-    """Take the weight from pixels that are far from the picture; set the shares of them inside and outside."""
+def _drop_outlying(p, origin, size, n, pixels, top, first, nodes, result):  # type: ignore[no-untyped-def]
+    """Take the weight from pixels far from the picture; set shares of them inside and outside. Return what is left."""
     inside = outside = hidden = merged = 0
     row, count = np.empty(UNKNOWNS), count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
+    off, radius2 = np.empty(n), np.empty(n)
     for m in range(n):
-        x, y, ring = pixels[0, m], pixels[1, m], pixels[4, m]
-        model, radius2 = _expected(p, origin, size, top, x, y, ring, nodes, count, row)
-        far = abs(pixels[2, m] - model)
-        out = far > _OUTLYING * abs(p[CONTRAST]) and far * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
+        model, radius2[m] = _expected(p, origin, size, top, pixels[0, m], pixels[1, m], pixels[4, m], nodes, count, row)
+        off[m] = abs(pixels[2, m] - model)
+    # five sigmas of what is usual, by the mean of absolute values
+    usual = _OUTLYING if first else min(max(6.25 * off.mean() / abs(p[CONTRAST]), _OUTLYING_LEAST), _OUTLYING)
+    for m in range(n):
+        out = off[m] > usual * abs(p[CONTRAST]) and off[m] * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
         if out:
             pixels[3, m] = 0.0
-        if radius2 < 1.0:
+        if radius2[m] < 1.0:
             inside += 1
             hidden += out
         else:
@@ -282,25 +291,30 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         if held_share > 0:
             held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
             held[5] = held[4]
-        settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) >= 0
+        cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
         # the light of a ring is laid where the dot is thought to be: that is repeated
         for _ in range(_RELAID):
-            if settled and pixels[4, :n].max() > _BRIGHT:
+            if cost >= 0 and pixels[4, :n].max() > _BRIGHT:
                 n = _gather(grey, p, ring[t], True, outer[t], noise, pixels)
-                settled = n > 2 * UNKNOWNS and _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) >= 0
-        if not settled:
-            continue
-        n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-        left = _drop_outlying(p, origin, size, n, pixels, top, nodes, result)
-        if left <= 2 * UNKNOWNS:
-            continue
-        cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if held_share > 0 else _SMALL_STEP, work)
+                cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
         if cost < 0:
             continue
-        weights = pixels[3, :n].sum()
+        first = held_share > 0
+        if not first:
+            n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
+        left = _drop_outlying(p, origin, size, n, pixels, top, first, nodes, result)
+        if left <= 2 * UNKNOWNS:
+            continue
+        if not first or left < n:
+            cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
+        if cost < 0:
+            continue
         result[CHI2], result[FREEDOM] = cost / (left - UNKNOWNS), left - UNKNOWNS
+        result[MISFIT] = math.sqrt(cost / pixels[3, :n].sum()) / max(abs(p[CONTRAST]), 1e-9)
         _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result)
-        result[MISFIT] = math.sqrt(cost / weights) / max(abs(p[CONTRAST]), 1e-9)
+        if first:
+            result[SETTLED] = 1.0
+            continue
         good = True
         for axis in range(2):
             for i in range(UNKNOWNS):
