@@ -113,6 +113,7 @@ RAYS = (
         minimum=0.0,
         nullable=True,
     ),
+    real("shared_mean", "", "what was known of it beforehand, less its adjusted value, in its unit"),
     real("score", "", "slope of the log likelihood of the rays by it, at its adjusted value, per scale"),
     real("information", "", "curvature of that by the two numbers, per scale of each"),
     *(real(f"moves_{a}_mm", "mm", f"change of {a} per scale of the number in this pose alone") for a in _AXES),

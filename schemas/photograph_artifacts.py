@@ -132,7 +132,7 @@ PHOTOGRAPHS = (
     parquet(
         "ray_statistics",
         "what the rays of each pose say of numbers that all poses should share: cameras, scale bars, air",
-        ("pose", "shared_number", "shared_unit", "shared_scale", "shared_sigma", "score"),
+        ("pose", "shared_number", "shared_unit", "shared_scale", "shared_sigma", "shared_mean", "score"),
         key=("pose", "shared_number"),
     ),
     parquet(

@@ -57,6 +57,7 @@ def _statistics(found: RayStatistics, names: Array, poses: Sequence[int | str], 
         "shared_unit": [number.unit for number in found.numbers] * len(told),
         "shared_scale": np.tile(scale, len(told)),
         "shared_sigma": [number.sigma for number in found.numbers] * len(told),
+        "shared_mean": [number.mean for number in found.numbers] * len(told),
         "score": (found.score[told] * scale).ravel(),
     }
     return _table("ray_statistics", columns, poses)
@@ -104,12 +105,15 @@ def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]
 def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
     """The numbers of ray_statistics, each once, in their order."""
     found: dict[str, RayParameter] = {}
-    for row in table.select(["shared_number", "shared_unit", "shared_scale", "shared_sigma"]).to_pylist():
+    told = ("unit", "scale", "sigma", "mean")
+    for row in table.select(
+        ["shared_number", "shared_unit", "shared_scale", "shared_sigma", "shared_mean"]
+    ).to_pylist():
         name = row["shared_number"]
         if name not in found:
             kind, _, rest = name.partition(" ")
             owner, _, own = rest.rpartition(" ")
-            found[name] = RayParameter(kind, owner, own, row["shared_unit"], row["shared_scale"], row["shared_sigma"])
+            found[name] = RayParameter(kind, owner, own, *(row[f"shared_{own}"] for own in told))
     return tuple(found.values())
 
 

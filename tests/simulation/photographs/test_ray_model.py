@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,19 @@ def test_of_two_bars_the_one_that_grows_is_not_told_from_one_that_shrinks() -> N
     (verdict,) = (v for v in diagnosis.verdicts if v.verdict == "found")
     assert verdict.cause.id == "scale-bar-temperature"
     assert {verdict.cause.subject, *(subject for subject, _ in verdict.subjects)} == {"bar S", "bar T"}
+
+
+def test_a_bar_counts_from_its_certificate_whatever_the_adjustment_made_of_it() -> None:
+    # A long way above the reference all the time: its mean strain went into the adjusted length.
+    warm = replace(RAYS, reference_temperature_c=10.0)
+    strain = 3e-5 * warm.heat
+    mean = float(strain.mean())
+    numbers = tuple(replace(n, mean=-mean) if n.called == "bar S strain" else n for n in NUMBERS)
+    rays = replace(warm, parameters=numbers)
+    poses = told(rays, off_by("bar S strain", (strain - mean) / 1e-5), 3)
+    found_there = Acceptance(RayModel.of(rays), poses, None, Settings(0.05, 200, 1)).run(KINDS).verdicts[0]
+    assert found_there.cause.id == "scale-bar-temperature"
+    assert abs(abs(found_there.values[0]) - 3e-5) < 4 * np.sqrt(found_there.covariance[0, 0]) < 2e-5
 
 
 def test_what_follows_a_column_that_no_cause_knows_is_unexplained() -> None:

@@ -36,7 +36,7 @@ _POWERS = (0, 0, 0, -3, -5, -7, -2, -2, -1, -1)
 class SharedNumber:
     """A number that poses should share: kind (camera, bar, air, window), which camera or bar by number (-1 for air),
     its name and unit in SI or px; scale: of what size it matters; sigma: how well it was known before the adjustment,
-    None where not at all, 0 where it was taken as exact."""
+    None where not at all, 0 where it was taken as exact; mean: what was known of it less what was adjusted."""
 
     kind: str
     owner: int
@@ -44,6 +44,7 @@ class SharedNumber:
     unit: str
     scale: float
     sigma: float | None
+    mean: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class RayStatistics:
 def ray_statistics(observed: Observed, state: State) -> RayStatistics:
     """Return what each pose tells at an adjusted state."""
     network, layout = observed.network, observed.layout
-    numbers = _numbers(observed)
+    numbers = _numbers(observed, state)
     rays = network.rays
     image, point = rays.image[layout.rays], rays.point[layout.rays]
     at = linearise(network, state, image, point)
@@ -85,7 +86,7 @@ class _Rows:
     by_numbers: Array  # (n, 2, T)
 
 
-def _numbers(observed: Observed) -> tuple[SharedNumber, ...]:
+def _numbers(observed: Observed, state: State) -> tuple[SharedNumber, ...]:
     """Return the numbers; what an adjustment can hardly tell apart from the rest comes first, cameras' c last."""
     network, layout = observed.network, observed.layout
     cameras = np.unique(network.image_camera[layout.images]).tolist()
@@ -93,7 +94,8 @@ def _numbers(observed: Observed) -> tuple[SharedNumber, ...]:
     found = [SharedNumber(AIR, -1, name, "1/m^2", _CURVATURE, 0.0) for name in CURVATURES]
     found += [SharedNumber(WINDOW, camera, "thickness", "m", _THICKNESS, 0.0) for camera in cameras]
     sigma = lengths.sigma_m / lengths.length_m
-    found += [SharedNumber(BAR, bar, "strain", "1", _STRAIN, float(sigma[bar])) for bar in bars]
+    mean = lengths.length_m / state.bar_length_m - 1
+    found += [SharedNumber(BAR, bar, "strain", "1", _STRAIN, float(sigma[bar]), float(mean[bar])) for bar in bars]
     for k in (*range(3, len(PARAMETERS)), 1, 2, 0):
         for camera in cameras:
             own, name = network.cameras[camera], PARAMETERS[k]

@@ -123,7 +123,8 @@ class RayModel(EffectsModel):
         """Return by how much each number (B, T), SI, is off its value in the adjustment, pose by pose."""
         rays = self.conditions
         found = np.zeros((len(rays.poses), len(rays.parameters)), np.result_type(shared, float))
-        found[:, self._common] = shared[self.layout["common"]] * self._common_sigma * self._scale[self._common]
+        mean = np.array([rays.parameters[n].mean for n in self._common])
+        found[:, self._common] = mean + shared[self.layout["common"]] * self._common_sigma * self._scale[self._common]
         for effect in self.effects(shared):
             found = found + _of_rays(effect.cause).moved(rays, effect.values)
         return found

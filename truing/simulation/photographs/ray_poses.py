@@ -18,7 +18,8 @@ class RayParameter:
     """A number that all poses should share: of which kind of thing, of which one of these, its name and unit.
 
     ``scale`` is what brings it to about one. ``sigma`` is how well its value in the adjustment is known beforehand
-    apart from the rays (a bar's calibration); None: not at all; 0: exactly, so that only causes move it.
+    apart from the rays (a bar's calibration); None: not at all; 0: exactly, so that only causes move it; ``mean``:
+    what was known of it beforehand, less that value.
     """
 
     kind: str
@@ -27,6 +28,7 @@ class RayParameter:
     unit: str
     scale: float
     sigma: float | None
+    mean: float = 0.0
 
     @property
     def called(self) -> str:
