@@ -44,7 +44,8 @@ _ROUNDING = 1e-15  # of the sum of squares
 class Adjustment:
     """An adjusted network: its state, residuals (N, 2) in px of all rays, measured less computed (NaN where a point is
     not before its camera), which rays were used (N,) and the weights (N,) they had, iterations, whether it converged,
-    the redundancy, the defect of the datum (S,) and its conditions B (3 p, d) per pose, the weighted sum of squares."""
+    the redundancy, the defect of the datum (S,) and its conditions B (3 p, d) per pose, the weighted sum of squares,
+    and what the last step started from where that is as good as its end."""
 
     network: Network
     state: State
@@ -59,7 +60,7 @@ class Adjustment:
     held: tuple[Array, ...]
     chi2: float
     observed: Observed
-    reduced: Reduced | None
+    before: tuple[State, Reduced] | None
 
     @property
     def variance_factor(self) -> float:
@@ -74,7 +75,8 @@ class Adjustment:
     @cached_property
     def covariance(self) -> BundleCovariance:
         """The covariance of all unknowns for sigma0 = 1; times `variance_factor` where rays are to say the scale."""
-        return covariance(self.observed, self.state, self.held, self.reduced)
+        state, reduced = self.before or (self.state, None)
+        return covariance(self.observed, state, self.held, reduced)
 
 
 def adjust(
@@ -126,7 +128,7 @@ def adjust(
         held,
         chi2,
         observed,
-        settled.reduced,
+        settled.before,
     )
 
 
@@ -149,13 +151,13 @@ def _total(observed: Observed, state: State) -> float:
 
 @dataclass(frozen=True)
 class _Settled:
-    """Where the iterations ended: the state, how many there were, whether they settled, and the reduced equations of
-    the last step where they are as good as at its end."""
+    """Where the iterations ended: the state, how many there were, whether they settled, and, where those are as good
+    as at its end, the state before the last step and its reduced equations."""
 
     state: State
     iterations: int
     converged: bool
-    reduced: Reduced | None
+    before: tuple[State, Reduced] | None
 
 
 def _iterated(observed: Observed, start: State, held: tuple[Array, ...], most: int) -> _Settled:
@@ -185,7 +187,7 @@ def _iterated(observed: Observed, start: State, held: tuple[Array, ...], most: i
         settled = left <= _SETTLED + _ROUNDING * before
         if settled and damping <= least:
             same = placed and not damping and length <= _SAME
-            return _Settled(tried if gain > 0 else state, iteration, True, reduced if same else None)
+            return _Settled(tried if gain > 0 else state, iteration, True, (state, reduced) if same else None)
         if settled or gain > 1e-4 * foreseen:
             if gain > 0:
                 placed = left <= _NEAR

@@ -185,7 +185,7 @@ def covariance(
     observed: Observed, state: State, held: tuple[Array, ...], reduced: Reduced | None = None
 ) -> BundleCovariance:
     """Return the covariance of a network at its least sum of squares, in the datum of the conditions held, B (3 p, d)
-    per pose; reduced are the undamped equations there, where they are at hand.
+    per pose; reduced are its undamped equations, where they are at hand.
 
     Raises `UndeterminedNetworkError` where something is free that the datum does not settle.
     """
