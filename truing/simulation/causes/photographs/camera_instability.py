@@ -14,10 +14,10 @@ from truing.simulation.photographs.ray_poses import CAMERA, TEMPERATURE, TIME, R
 
 JUMP, DRIFT, SETTLES, WARMTH, SCATTER = "jump", "drift", "settles", "temperature", "scatter"
 PRINCIPAL_DISTANCE, PRINCIPAL_POINT = ("c",), ("x0", "y0")
-_WHAT = (PRINCIPAL_DISTANCE, PRINCIPAL_POINT, (*PRINCIPAL_DISTANCE, *PRINCIPAL_POINT))
-_SHARE_OF_WHAT = (0.4, 0.4, 0.2)
+_WHAT = (PRINCIPAL_DISTANCE, PRINCIPAL_POINT, ("x0",), ("y0",), (*PRINCIPAL_DISTANCE, *PRINCIPAL_POINT))
+_SHARE_OF_WHAT = (0.4, 0.2, 0.1, 0.1, 0.2)
 _SHARE_OF_FORM = {JUMP: 0.25, DRIFT: 0.15, SETTLES: 0.1, WARMTH: 0.25, SCATTER: 0.25}
-_PLAUSIBLE_PX, _PLAUSIBLE_PX_PER_K = 0.3, 0.1
+_PLAUSIBLE_PX, _PLAUSIBLE_PX_PER_K = 1.0, 0.3
 # Time constants that are tried, in spans of the campaign.
 _SETTLING = (0.5, 0.25, 0.125, 0.0625)
 # One sigma of the logarithm of a time constant about the one that was tried.
@@ -78,7 +78,7 @@ class CameraInstability(RayCause):
     @property
     def says(self) -> str:
         """Return what the camera does."""
-        parts = ("principal distance",) * ("c" in self.what) + ("principal point",) * ("x0" in self.what)
+        parts = ("principal distance",) * ("c" in self.what) + ("principal point",) * (self.what != PRINCIPAL_DISTANCE)
         of = f"the {' and the '.join(parts)} of camera {self.camera}"
         several = len(parts) > 1
         if self.form == JUMP:

@@ -13,8 +13,9 @@ from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, wav
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
 from truing.simulation.photographs.ray_poses import BAR, CAMERA, ORDER, TEMPERATURE, TIME, RayPoses
 
-# What of a camera or a bar may follow something, each by itself, and how much of it is plausible.
-_PLAUSIBLE = {"c": 0.3, "x0": 0.3, "y0": 0.3, "strain": 1e-4}
+# What of a camera or a bar may follow something, each by itself, and how much of it is plausible: an amplitude is half
+# of what there is from one end to the other.
+_PLAUSIBLE = {"c": 0.5, "x0": 0.5, "y0": 0.5, "strain": 5e-5}
 _POLYNOMIALS, _WAVES = (1, 2, 3), (2, 4)
 _PER_FUNCTION = 4  # poses
 _IN_PROPORTION = 4.0
