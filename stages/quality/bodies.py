@@ -27,7 +27,8 @@ class Surroundings:
 
     poses (B ids); time (B,) in s; settings (B, D) actuator or drive readings in the units of the table,
     without columns that do not vary; temperature (B,) in degrees C or None; names of the settings; unobserved:
-    poses of the configurations without any point.
+    poses of the configurations without any point; shared: points came out of networks of rays, whose errors they
+    share in part.
     """
 
     poses: tuple[int | str, ...]
@@ -36,6 +37,7 @@ class Surroundings:
     names: tuple[str, ...]
     temperature: Array | None
     unobserved: tuple[int | str, ...] = ()
+    shared: bool = False
 
     @property
     def covariates(self) -> Array:
@@ -78,10 +80,10 @@ class BodyView:
 
 def surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> Surroundings:
     """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
-    observed = pose_ids(observations)
+    observed, shared = pose_ids(observations), "point" in observations.column_names
     if configurations is None:
         none = np.zeros((len(observed), 0))
-        return Surroundings(observed, np.arange(float(len(observed))), none, (), None)
+        return Surroundings(observed, np.arange(float(len(observed))), none, (), None, shared=shared)
     order = np.argsort(number_column(configurations, "time_s"), kind="stable")
     ids = configurations.column("pose").to_pylist()
     seen = set(observed)
@@ -97,6 +99,7 @@ def surroundings(observations: pa.Table, configurations: pa.Table | None, drives
         varying,
         number_column(configurations, "temperature_c")[rows] if has_temperature else None,
         tuple(pose for pose in ids if pose not in seen),
+        shared,
     )
 
 

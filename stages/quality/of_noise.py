@@ -42,28 +42,27 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
         why = "a single pose without a survey leaves no residual"
         yield without(f"noise of {body.name}", "noise", body.name, why)
         return
-    yield _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2)
+    yield _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
     for k, axis in enumerate("xyz"):
         one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
-        yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6)
+        yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)
 
 
 def _pooled(scatter: Scatter) -> Scatter:
     return Scatter(scatter.chi_square.sum(keepdims=True), scatter.dof.sum(keepdims=True))
 
 
-def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share: float) -> Check:
+def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share: float, shared: bool) -> Check:
     ratio = float(scatter.ratio[0])
     failing = scatter.p_above(tolerated)[0] < share
-    verdict = FAIL if failing else WARN if _noted(scatter, share)[0] else PASS
+    # What all points of a pose share of their errors moves or scales them together: the declared is more than scatters.
+    below = not shared and scatter.p_below(1.0 / _NOISE_NOTED)[0] < share
+    noted = below or scatter.p_above(_NOISE_NOTED)[0] < share
     where = f"the scatter along {axis}" if axis else "the scatter"
-    sentence = f"{body}: {where} is {ratio:.2f} times the declared noise ({scatter.dof[0]:.0f} degrees of freedom)."
+    noise = "standard deviations, errors that points share among them" if shared else "declared noise"
+    sentence = f"{body}: {where} is {ratio:.2f} times the {noise} ({scatter.dof[0]:.0f} degrees of freedom)."
+    verdict = FAIL if failing else WARN if noted else PASS
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
-
-
-def _noted(scatter: Scatter, share: float) -> NDArray[np.bool_]:
-    """Noise that differs from the declared by more than a tenth, beyond chance."""
-    return (scatter.p_above(_NOISE_NOTED) < share) | (scatter.p_below(1.0 / _NOISE_NOTED) < share)
 
 
 def noise_by_pose(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
