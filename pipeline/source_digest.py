@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import re
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 from pipeline.remembered import RememberedDigests
 
 ROOMS = ("schemas", "truing", "stages")  # what a stage can be made of
+_TELLING = re.compile(rf"\b(?:{'|'.join(ROOMS)})\b|\bfrom[\s\\]*\.".encode())
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 
 
@@ -82,22 +85,35 @@ class SourceTree:
 @cache
 def _imports_of(source: bytes, package: str) -> list[str]:
     """Project modules that a source executes; kept for all runs of this process, each of which remembers for itself."""
-    return sorted(set(_executed_imports(ast.parse(source), package)))
+    return sorted(set(_executed_imports(ast.parse(source), package, _telling_lines(source))))
 
 
-def _executed_imports(node: ast.AST, package: str) -> Iterator[str]:
-    """Project modules that ``node`` imports at any depth, except those for type checkers only."""
-    if isinstance(node, ast.Import):
-        yield from (alias.name for alias in node.names if _is_ours(alias.name))
-    elif isinstance(node, ast.ImportFrom):
-        yield from _from_import(node, package)
-    elif isinstance(node, ast.Constant):
-        yield from _named_module(node.value)
-    else:
-        skipped = node.body if isinstance(node, ast.If) and _is_type_checking(node.test) else ()
-        for child in ast.iter_child_nodes(node):
-            if child not in skipped:
-                yield from _executed_imports(child, package)
+def _telling_lines(source: bytes) -> list[int]:
+    """Numbers of the lines in which a room is named or a relative import begins: nothing else is looked at."""
+    starts = [match.start() for match in _TELLING.finditer(source)]
+    return [1 + source.count(b"\n", 0, start) for start in starts]
+
+
+def _executed_imports(tree: ast.AST, package: str, telling: list[int]) -> Iterator[str]:
+    """Project modules that ``tree`` imports at any depth, except those for type checkers only."""
+    pending = [tree]
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.stmt | ast.expr) and not _tells(node, telling):
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if _is_ours(alias.name))
+        elif isinstance(node, ast.ImportFrom):
+            yield from _from_import(node, package)
+        elif isinstance(node, ast.Constant):
+            yield from _named_module(node.value)
+        else:
+            skipped = node.body if isinstance(node, ast.If) and _is_type_checking(node.test) else ()
+            pending.extend(child for child in ast.iter_child_nodes(node) if child not in skipped)
+
+
+def _tells(node: ast.stmt | ast.expr, telling: list[int]) -> bool:
+    return bisect_left(telling, node.lineno) < bisect_right(telling, node.end_lineno or node.lineno)
 
 
 def _from_import(node: ast.ImportFrom, package: str) -> Iterator[str]:
