@@ -162,6 +162,24 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
 
 
 @inner
+def _is_lit(pixels, n):  # type: ignore[no-untyped-def]
+    """Return whether the light of a ring falls on any of the pixels."""
+    brightest = 0.0
+    for m in range(n):
+        brightest = max(brightest, pixels[4, m])
+    return brightest > _BRIGHT
+
+
+@inner
+def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[no-untyped-def]
+    """Copy a trial to where the descent stands; copies of slices would take five seconds longer to compile."""
+    for i in range(UNKNOWNS):
+        p[i], rhs[i] = trial[i], trial_rhs[i]
+        for j in range(UNKNOWNS):
+            normal[i, j] = trial_normal[i, j]
+
+
+@inner
 def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
     """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
     normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes = work
@@ -185,7 +203,8 @@ def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignor
         trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, trial_normal, trial_rhs)
         gained = cost - trial_cost
         if gained >= 0:
-            p[:], normal[:], rhs[:], cost = trial, trial_normal, trial_rhs, trial_cost
+            _take_over(p, normal, rhs, trial, trial_normal, trial_rhs)
+            cost = trial_cost
         damping *= 0.1 if gained >= 0 else 10.0
         if moved < small and abs(gained) < 0.1 * small * cost:
             return cost
@@ -282,7 +301,8 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
     for t in range(len(start)):
         result = results[t]
         p = result[:UNKNOWNS]
-        p[:] = start[t]
+        for i in range(UNKNOWNS):
+            p[i] = start[t, i]
         result[SETTLED] = 0.0
         origin = (p[CX], p[CY])
         size = 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
@@ -294,8 +314,8 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
         # the light of a ring is laid where the dot is thought to be: that is repeated
         for _ in range(_RELAID):
-            if cost >= 0 and pixels[4, :n].max() > _BRIGHT:
-                n = _gather(grey, p, ring[t], True, outer[t], noise, pixels)
+            if cost >= 0 and coded[t] and _is_lit(pixels, n):
+                n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
                 cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
         if cost < 0:
             continue
