@@ -6,7 +6,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -194,38 +195,61 @@ def _pulls(row: Finding, truth: dict[str, Any]) -> list[float]:
 
 
 def run_all(folders: Sequence[Path], workers: int = AT_ONCE) -> list[Judged]:
-    """Runs campaign folders through the command line, as many calls at a time, each with a share of them."""
-    shares = [list(folders[start::workers]) for start in range(workers)]
-    with ThreadPoolExecutor(workers) as pool:
-        done = [record for records in pool.map(run_share, shares) for record in records]
+    """Runs campaign folders through the command line, as many calls at a time, each with a share of them.
+
+    A single call is made in this process: another would only load all libraries again.
+    """
+    if workers == 1:
+        done = run_share(folders, _call_here)
+    else:
+        shares = [list(folders[start::workers]) for start in range(workers)]
+        with ThreadPoolExecutor(workers) as pool:
+            done = [record for records in pool.map(run_share, shares) for record in records]
     broken = {record["name"]: record["failed"] for record in done if "failed" in record}
     assert not broken, broken
     return [Judged(record) for record in done]
 
 
-def run_share(folders: Sequence[Path]) -> list[Record]:
+def run_share(folders: Sequence[Path], call: Callable[[list[str]], tuple[int, str]] | None = None) -> list[Record]:
     """Runs folders of campaigns with names of their own in one call, as far as the diagnosis; one that leaves none has
-    ``failed`` in its record, which is what the call printed.
+    ``failed`` in its record, which is what the call printed. ``call`` is by default another process.
     """
     if not folders:
         return []
     out = folders[0].with_name(f"{folders[0].name}.runs")
-    command = [*COMMAND, *map(str, folders), "--out", str(out), "--only", "diagnose", "--qa", "warn"]
+    words = ["run", *map(str, folders), "--out", str(out), "--only", "diagnose", "--qa", "warn"]
     start = _processor_seconds()
-    done = subprocess.run(command, cwd=PROJECT, env=_one_thread(), capture_output=True, text=True, check=False)
+    code, printed = (call or _call_another)(words)
     seconds = (_processor_seconds() - start) / len(folders)
     places = [out / folder.name if len(folders) > 1 else out for folder in folders]
-    said = f"exit code {done.returncode}\n{done.stderr or done.stdout}"
+    said = f"exit code {code}\n{printed}"
     return [_read(folder, place, seconds, said) for folder, place in zip(folders, places, strict=True)]
 
 
-COMMAND = [sys.executable, "-m", "pipeline", "run"]
+COMMAND = [sys.executable, "-m", "pipeline"]
+
+
+def _call_another(words: list[str]) -> tuple[int, str]:
+    done = subprocess.run(
+        [*COMMAND, *words], cwd=PROJECT, env=_one_thread(), capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stderr or done.stdout
+
+
+def _call_here(words: list[str]) -> tuple[int, str]:
+    from typer.testing import CliRunner
+
+    from pipeline.command_line import app
+
+    with warnings.catch_warnings():
+        warnings.resetwarnings()  # as in a process of its own, where they end nothing
+        done = CliRunner().invoke(app, words)
+    return done.exit_code, done.output
 
 
 def _processor_seconds() -> float:
-    """What all calls so far have taken: unlike the clock's time, it knows no neighbours."""
-    spent = os.times()
-    return spent.children_user + spent.children_system
+    """What this process and all calls so far have taken: unlike the clock's time, it knows no neighbours."""
+    return sum(os.times()[:4])
 
 
 def _one_thread() -> dict[str, str]:
@@ -236,7 +260,7 @@ def _one_thread() -> dict[str, str]:
 def through_the_command_line(folder: Path, stage: str) -> tuple[Path, str]:
     """Runs one folder as far as a stage; where its artifacts are, and what it printed."""
     out = folder.with_name(f"{folder.name}.run")
-    command = [*COMMAND, str(folder), "--out", str(out), "--only", stage]
+    command = [*COMMAND, "run", str(folder), "--out", str(out), "--only", stage]
     done = subprocess.run(command, cwd=PROJECT, env=_one_thread(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{folder.name} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
     return out, done.stdout
