@@ -14,6 +14,7 @@ from pipeline.campaign_folder import CampaignFolder, run_folder_of
 from pipeline.executor import Workforce, results
 from pipeline.given_table import ENDINGS, table_bytes
 from pipeline.in_memory import call_stage
+from pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
 from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from pipeline.run_campaign import usable_campaign
 from pipeline.voice import Voice
@@ -48,7 +49,8 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     voice, campaign = Voice(quiet=False), usable_campaign(place)
     settings = campaign.validated()
     _check(wish, out, settings)
-    file = run_folder_of(campaign, None, several=False) / _DEFAULT_FILE if out is None else out
+    run = run_folder_of(campaign, None, several=False)
+    file, beside = run / _DEFAULT_FILE if out is None else out, of_photographs(campaign, run)
     with voice.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
         plan = _plan(campaign, settings, wish)
@@ -60,9 +62,9 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
             answers.append(given)
     except (Interrupted, KeyboardInterrupt):
         if answers:
-            _tell(campaign, asked, answers, file, voice)  # hours may lie behind them
+            _tell(campaign, asked, answers, (file, beside), voice)  # hours may lie behind them
         raise
-    _tell(campaign, asked, answers, file, voice)
+    _tell(campaign, asked, answers, (file, beside), voice)
     return ExitCode.DONE
 
 
@@ -215,33 +217,50 @@ def _lost(trial: Trial) -> Answer:
 
 
 def _tell(
-    campaign: CampaignFolder, asked: Sequence[Question], answers: Sequence[Answer], file: Path, voice: Voice
+    campaign: CampaignFolder,
+    asked: Sequence[Question],
+    answers: Sequence[Answer],
+    out: tuple[Path, OfPhotographs | None],
+    voice: Voice,
 ) -> None:
+    """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
     from stages.power import curve, false_alarms
     from stages.simulated_campaigns.tables import rates_table, sizes_table
     from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
 
+    file, photographs = out
     curves = [curve(question, place, answers) for place, question in enumerate(asked)]
     sizes, rates = sizes_table(curves), rates_table(curves, false_alarms(answers))
     said, drawn = sizes.to_pandas(), rates.to_pandas()
     voice.show(SIZE_HEADS, size_rows(said))
     if alarm_words(drawn):
         voice.say(alarm_words(drawn))
-    _leave(campaign.name, {"": sizes, "-rates": rates}, (said, drawn), file)
+    if photographs is not None:
+        if photographs.rows:
+            voice.show(HEADS, photographs.rows)
+        voice.say(photographs.said)
+    _leave(campaign.name, {"": sizes, "-rates": rates}, (said, drawn), (file, photographs))
     voice.say(f"tables and page: {file}, {_beside(file, '-rates', file.suffix)}, {_beside(file, '', '.html')}")
 
 
-def _leave(name: str, tables: Mapping[str, pa.Table], frames: tuple[pd.DataFrame, pd.DataFrame], file: Path) -> None:
+def _leave(
+    name: str,
+    tables: Mapping[str, pa.Table],
+    frames: tuple[pd.DataFrame, pd.DataFrame],
+    out: tuple[Path, OfPhotographs | None],
+) -> None:
     from pipeline.problems import environment
     from pipeline.whole_file import write_whole
-    from truing.report.power_page import power_head, power_sections
+    from truing.report.power_page import power_head, power_sections, section_of_photographs
     from truing.report.rendering.render import render_page
 
+    file, photographs = out
     with environment(f"{file.parent} cannot be made"):
         file.parent.mkdir(parents=True, exist_ok=True)
     for ending, table in tables.items():
         write_whole(_beside(file, ending, file.suffix), table_bytes(table, file.suffix, quoting="needed"))
-    page = render_page(power_head(name, *frames), power_sections(*frames))
+    further = [] if photographs is None else [section_of_photographs(photographs.said, HEADS, photographs.rows)]
+    page = render_page(power_head(name, *frames), [*power_sections(*frames), *further])
     write_whole(_beside(file, "", ".html"), page.encode())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
@@ -61,6 +62,12 @@ def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[Section]:
     for cause, own in drawn.groupby("cause", sort=False):
         sections.append(_of_cause(str(cause), own))
     return sections
+
+
+def section_of_photographs(said: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+    """What photographs show, which no campaign was drawn for."""
+    listing = Listing(tuple(heads), tuple(map(tuple, rows)), caption="What the run would have shown, by theory")
+    return Section("photographs", "What photographs show", said, listings=(listing,) if rows else ())
 
 
 def size_rows(sizes: pd.DataFrame) -> list[list[str]]:

@@ -29,7 +29,7 @@ def hidden(rows: list[Judged], tables: Tables) -> Section:
         why = "How large an effect must be to be found was not computed in this run."
         told = _in_words(rows)
         return Section("hidden", _TITLE, why, listings=(told,) if told.rows else (), state="not evaluated")
-    table = table.assign(subject=table["subject"].map(cell), told=_told(table))
+    table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
     held = {row.cause for row in rows if CONTAINED in row.explanation}
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
     found = {row.cause for row in rows if row.verdict == "found"}
@@ -37,7 +37,8 @@ def hidden(rows: list[Judged], tables: Tables) -> Section:
     return Section("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
 
 
-def _told(table: pd.DataFrame) -> list[str]:
+def size_words(table: pd.DataFrame) -> list[str]:
+    """The size of each row of detectable.parquet, in words."""
     return [
         printed(plain_size(str(name), float(size), cell(unit))) if size == size else _NEVER
         for name, size, unit in zip(table["parameter"], table["size"], table["unit"], strict=True)

@@ -1,0 +1,61 @@
+"""`truing power` of a campaign with photographs: what is not drawn is said, and what its run tells of that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from pipeline.artifacts import Stamp, write_table
+from pipeline.campaign_folder import CampaignFolder
+from pipeline.power_of_photographs import HEADS, of_photographs
+from schemas.artifacts import ARTIFACTS
+from truing.report.power_page import section_of_photographs
+
+DETECTABLE = ARTIFACTS["detectable"]
+
+
+@pytest.fixture
+def photographed(tmp_path: Path) -> CampaignFolder:
+    (tmp_path / "image_points.csv").write_text("pose,image,camera,body,target,x_px,y_px\n")
+    document = {"campaign": {"name": "lab", "kind": "photogrammetry"}}
+    return CampaignFolder(tmp_path / "campaign.toml", document)
+
+
+def left_by_a_run(folder: Path) -> Path:
+    row = {"subject": "", "parameter": "gain", "size": 0.1, "unit": "1", "power": 0.8}
+    jump = {"subject": "camera left", "parameter": "c", "size": 0.35, "unit": "px", "power": 0.8}
+    rows = [
+        {**row, "cause": "actuator-gain"},
+        {**jump, "cause": "camera-instability"},
+        {**row, "cause": "refraction", "parameter": "gradient", "size": None, "unit": "ppm/m"},
+    ]
+    table = pa.Table.from_pylist(rows, schema=DETECTABLE.arrow_schema())
+    folder.mkdir()
+    write_table(folder / DETECTABLE.file, DETECTABLE, table, Stamp("diagnose", "", "lab", "0", ()))
+    return folder
+
+
+def test_without_a_run_it_says_which_causes_are_not_judged(photographed: CampaignFolder, tmp_path: Path) -> None:
+    told = of_photographs(photographed, tmp_path / "none")
+    assert told is not None
+    assert not told.rows
+    for words in ("photographs are not drawn", "Camera instability", "refraction are not judged here"):
+        assert words in told.said
+
+
+def test_what_the_run_would_have_shown_of_them_is_told(photographed: CampaignFolder, tmp_path: Path) -> None:
+    told = of_photographs(photographed, left_by_a_run(tmp_path / "run"))
+    assert told is not None
+    assert told.rows == (
+        ("camera instability", "camera left", "c 0.35 px"),
+        ("refraction", "the whole", "gradient not at any plausible size"),
+    )
+    (listing,) = section_of_photographs(told.said, HEADS, told.rows).listings
+    assert listing.rows == told.rows
+
+
+def test_of_points_that_were_measured_as_points_nothing_is_said(photographed: CampaignFolder, tmp_path: Path) -> None:
+    (photographed.folder / "image_points.csv").unlink()
+    assert of_photographs(photographed, tmp_path / "none") is None
