@@ -38,23 +38,35 @@ def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str
         relative = path.relative_to(folder)
         top = relative.parts[0] if len(relative.parts) > 1 else ""
         groups.setdefault((top, path.suffix), []).append(relative)
+    tops = len({top for top, _ in groups})
     found = []
     for (top, suffix), paths in sorted(groups.items()):
-        pattern, mapping = _read_by(top, suffix, paths)
+        pattern, mapping = _read_by(top, suffix, paths, alone=tops == 1)
         guess = Guess(mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*NEEDED, *_told(mapping)))
         found.append((pattern, folder / paths[0], len(paths), guess))
     return found
 
 
-def _read_by(top: str, suffix: str, paths: Sequence[Path]) -> tuple[str, dict[str, Any]]:
-    """The glob that finds these photographs, and what tells their poses."""
+def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tuple[str, dict[str, Any]]:
+    """The glob that finds these photographs, and what tells their poses; ``alone``: no other folder holds any."""
     depth = max(len(path.parts) for path in paths)
     head = f"{glob.escape(top)}/" if top else ""
     if depth > (2 if top else 1):
         return f"{head}**/*{suffix}", {"from_name": _IN_FOLDERS}
-    if all(_NUMBERED.fullmatch(path.stem) for path in paths):
-        return f"{head}*{suffix}", {"from_name": _IN_NAMES}
+    before = [match["pose"] if (match := _NUMBERED.fullmatch(path.stem)) else "" for path in paths]
+    if top and not alone and len(set(before)) == 1:  # cameras number on: IMG_0412 tells nothing, its folder does
+        return f"{head}*{suffix}", {"from_name": _IN_FOLDERS}
+    if all(before):
+        return f"{head}*{suffix}", {"from_name": _in_names(before)}
     return f"{head}*{suffix}", {"constants": {"pose": 1}}
+
+
+def _in_names(before: Sequence[str]) -> str:
+    """What finds the pose in names that begin so: the number alone where they differ in a number at their end."""
+    parts = [re.fullmatch(r"(.*?)(\d+)", text) for text in before]
+    heads = {part[1] if part else None for part in parts}
+    (head,) = heads if len(heads) == 1 else (None,)
+    return _IN_NAMES if not head else rf"^{re.escape(head)}(?P<pose>\d+)[-_ ]\d+\."
 
 
 def _told(mapping: dict[str, Any]) -> tuple[str, ...]:

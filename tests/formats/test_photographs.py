@@ -19,7 +19,7 @@ from truing.formats.image_heads import read_head
 from truing.formats.image_pixels import read_grey
 from truing.formats.photographs import list_photographs
 from truing.formats.raw import Unusable
-from truing.formats.source import CampaignFiles, has_photographs
+from truing.formats.source import CampaignFiles, has_photographs, raw_files
 
 MODEL, ORIENTATION, EXIF, FOCAL, FOCAL_35, SERIAL = 0x110, 0x112, 0x8769, 0x920A, 0xA405, 0xA431
 PLANE_X, PLANE_UNIT, WIDTH_TAKEN, TAKEN, SPLIT = 0xA20E, 0xA210, 0xA002, 0x9003, 0x9291
@@ -74,6 +74,19 @@ def test_poses_by_a_pattern_with_what_else_lies_there_counted(tmp_path):
     assert found == [("raw/DSC_p07_c2_0013", "107", "2"), ("raw/DSC_p08_c2_0014", "108", "2")]
     assert listed(tmp_path, **entry).left_out == {("raw", "no photograph (.nef)"): 1}
     assert listed(tmp_path, **entry).poses_are_numbers
+
+
+def test_a_folder_stands_for_the_pictures_in_it(tmp_path):
+    for name in ("photos/1/a.jpg", "photos/2_7.JPG", "photos/3/left/b.tif"):
+        saved(tmp_path / name)
+    (tmp_path / "photos/notes.txt").write_text("warm")
+    found, faults = told(tmp_path, path="photos")
+    assert not faults
+    assert sorted(pose for _, pose, _ in found) == ["1", "2", "3"]
+    mapped = {"files": {"images": {"path": "photos/"}}}
+    assert len(raw_files(tmp_path, mapped)) == 3
+    (tmp_path / "none").mkdir()
+    assert [fault.value for fault in told(tmp_path, path="none")[1]] == ["none"]
 
 
 def test_pictures_beside_points_make_no_campaign_of_photographs(tmp_path):

@@ -312,6 +312,7 @@ def test_phases_of_a_quadrature_log_are_read_as_proposed(tmp_path: Path) -> None
         (("images/1/a.jpg", "images/2/a.jpg"), None, {}),
         (("shots/1/a.jpg", "shots/2/a.jpg"), "shots/**/*.jpg", {"from_name": "(?P<pose>[^/]+)/[^/]+$"}),
         (("shots/up_1.png", "shots/up_2.png"), "shots/*.png", {"from_name": r"^(?P<pose>.+)[-_ ]\d+\."}),
+        (("s/IMG_p01_1.JPG", "s/IMG_p02_1.JPG"), "s/*.JPG", {"from_name": r"^IMG_p(?P<pose>\d+)[-_ ]\d+\."}),
         (("a.JPG", "b.JPG"), "*.JPG", {"constants": {"pose": 1}}),
     ],
 )
@@ -327,3 +328,14 @@ def test_photographs_are_found_with_what_tells_their_pose(
     assert "points" not in found
     assert found.get("images") == (None if path is None else {"path": path, **mapping})
     assert written(tmp_path)["campaign"]["kind"] == "photogrammetry"
+
+
+@pytest.mark.parametrize("number", ["_1", ""])
+def test_folders_of_a_pose_each_are_not_one_pose(tmp_path: Path, number: str) -> None:
+    for pose in ("1", "2"):
+        (tmp_path / pose).mkdir()
+        (tmp_path / pose / f"IMG{number}.jpg").write_bytes(b"\xff\xd8\xff")
+    assert init(tmp_path).exit_code == 0
+    entries = written(tmp_path)["files"]["images"]
+    poses = [re.search(entry["from_name"], entry["path"])["pose"] for entry in entries]  # type: ignore[index]
+    assert poses == ["1", "2"]

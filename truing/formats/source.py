@@ -6,7 +6,7 @@ import errno
 import glob
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -59,6 +59,8 @@ class CampaignFiles:
         mapped = self._files.get(table)
         if mapped is not None:
             entries = mapped if isinstance(mapped, tuple) else (mapped,)
+            if table == "images":
+                return tuple(_with_pictures_of_folders(self.folder, entry) for entry in entries)
             return tuple(one for entry in entries for one in entry.by_channel) if table == _BY_CHANNEL else entries
         from schemas.mapping import FileMapping
 
@@ -137,7 +139,8 @@ def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...]
     patterns = [name for table in named if table not in mapped for name in _contract_names(table)]
     for table, entry in mapped.items():
         if tables is None or table in tables or (table not in TABLES and "points" in tables):
-            patterns += _patterns(entry)
+            named_here = _patterns(entry)
+            patterns += _pictures_of_folders(folder, named_here) if table == "images" else named_here
     if tables is None or "points" in tables:
         patterns += _files_of_mechanism(document)
     named_files = {folder / name for pattern in patterns for name in _expand(folder, pattern)}
@@ -164,10 +167,26 @@ def _patterns(entry: object) -> list[str]:
 
 
 def _contract_names(table: str) -> tuple[str, ...]:
-    if table == "images":
-        endings = [ending for name in PICTURES for ending in (name, name.upper())]
-        return tuple(f"images/{inner}*.{ending}" for inner in ("", "*/", "*/*/") for ending in endings)
-    return f"{table}.csv", f"{table}.parquet"
+    return _pictures_in("images") if table == "images" else (f"{table}.csv", f"{table}.parquet")
+
+
+def _pictures_in(folder: str) -> tuple[str, ...]:
+    """The globs of the pictures in a folder, in those within it, and in theirs."""
+    endings = [ending for name in PICTURES for ending in (name, name.upper())]
+    return tuple(f"{glob.escape(folder)}/{inner}*.{ending}" for inner in ("", "*/", "*/*/") for ending in endings)
+
+
+def _pictures_of_folders(folder: Path, patterns: Iterable[str]) -> list[str]:
+    """Patterns of [files.images] with the pictures in it in place of a folder that has any."""
+    found: list[str] = []
+    for pattern in patterns:
+        globs = _pictures_in(pattern.rstrip("/")) if os.path.isdir(folder / pattern) else ()
+        found += [one for one in globs if _expand(folder, one)] or [pattern]
+    return found
+
+
+def _with_pictures_of_folders(folder: Path, entry: FileMapping) -> FileMapping:
+    return entry.model_copy(update={"path": tuple(_pictures_of_folders(folder, entry.paths))})
 
 
 def _expand(folder: Path, pattern: str) -> list[str]:
