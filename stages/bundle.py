@@ -38,14 +38,15 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from stages.bundle_adjustment.given_cameras import given_cameras
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.statistics import statistics_table
-    from stages.bundle_adjustment.survey_distances import Survey, with_scale
+    from stages.bundle_adjustment.survey_distances import Survey, never_seen, with_scale
     from stages.bundle_adjustment.tables import NetworkTables
     from stages.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
 
     given = settings.photographs
     known = given.datum == "known" and "known_points" in tables
-    tables = with_scale(tables, Survey.of(settings), source, known=known)
+    unseen = never_seen(tables.get("scale_bars"), tables["image_points"])
+    tables = with_scale(tables, Survey.of(settings), source, given.marker_mm, known=known)
     photographs = tables["photographs"]
     rays = image_points(tables["image_points"], photographs)
     cameras = given_cameras(photographs, tables.get("cameras_given"))
@@ -62,7 +63,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     adjusted, named = found.adjustment, found.named
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{len(rays.point):,} rays of {len(photographs)} images"
-    return Outcome(artifacts, read=read, left_out=_left_out(found), figure=_figure(found))
+    return Outcome(artifacts, read=read, left_out=_left_out(found, unseen), figure=_figure(found))
 
 
 def _radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float]:
@@ -74,12 +75,12 @@ def _radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float
     return radii | {f"{row['body']}/{row['target']}": 0.5e-3 * row["diameter_mm"] for row in rows if row["diameter_mm"]}
 
 
-def _left_out(found: AdjustedNetwork) -> str:
+def _left_out(found: AdjustedNetwork, unseen: list[str]) -> str:
     reasons = Counter([*found.snooped.rejected.reason, *found.unmatched_reason])
     said = [f"{count:,} rays: {reason}" for reason, count in reasons.most_common()]
     held = ", ".join(f"{camera} {element}" for camera, element in found.snooped.held)
     said += [f"held, since these images do not determine them: {held}"] if held else []
-    return "; ".join(said) or "nothing"
+    return "; ".join([*said, *unseen]) or "nothing"
 
 
 def _figure(found: AdjustedNetwork) -> str:

@@ -1,4 +1,4 @@
-"""Distances of the survey in place of scale bars: where nothing else gives photographs their scale."""
+"""Distances of the survey, or sizes of markers, in place of scale bars: where no bar gives photographs their scale."""
 
 from __future__ import annotations
 
@@ -41,23 +41,85 @@ class Survey:
 
 
 def with_scale(
-    tables: Mapping[str, pa.Table], survey: Survey, source: CampaignFiles, *, known: bool
+    tables: Mapping[str, pa.Table], survey: Survey, source: CampaignFiles, marker_mm: float | None, *, known: bool
 ) -> Mapping[str, pa.Table]:
-    """The tables with distances between surveyed targets as scale bars, where there are neither bars nor (known) a
-    datum of known points; as they are where the survey does not give any either."""
-    bars = tables.get("scale_bars")
-    given = bars is not None and "scale" in bars.column("serves").to_pylist()
-    if given or known or not (survey.mapped or source.entries("targets")):
+    """The tables with further scale bars for poses that show both ends of none, unless (known) known points are their
+    datum: distances between surveyed targets, else diagonals of markers of known size; as they are without either."""
+    bars, rays = tables.get("scale_bars"), tables["image_points"]
+    seen = _seen_in_poses(rays)
+    lacking = [pose for pose in seen if pose not in _with_bar(bars, seen)]
+    if known or not lacking:
         return tables
-    seen = frozenset(tables["image_points"].column("point").to_pylist()) - {""}
-    found = _surveyed(survey, source, seen)
+    every = frozenset().union(*seen.values())
+    found = _surveyed(survey, source, every) if survey.mapped or source.entries("targets") else []
+    found = found or _markers(tables.get("image_targets"), every, marker_mm, survey.noise_mm)
     if not found:
         return tables
     import pyarrow as pa
 
-    own = pa.Table.from_pylist(found, schema=ARTIFACTS["scale_bars"].arrow_schema("int64", tuple(found[0])))
-    checks = [] if bars is None else [bars.select(own.column_names).cast(own.schema)]
-    return {**tables, "scale_bars": pa.concat_tables([own, *checks])}
+    if len(lacking) < len(seen):
+        found = [{"pose": pose, **row} for pose in lacking for row in found]
+    schema = ARTIFACTS["scale_bars"].arrow_schema(str(rays.schema.field("pose").type), tuple(found[0]))
+    own = pa.Table.from_pylist(found, schema=schema)
+    return {**tables, "scale_bars": own if bars is None else pa.concat_tables([bars, own], promote_options="default")}
+
+
+def never_seen(bars: pa.Table | None, rays: pa.Table) -> list[str]:
+    """What to say of each scale bar of the table of which no pose shows both ends."""
+    if bars is None:
+        return []
+    seen = _seen_in_poses(rays)
+    every = frozenset().union(*seen.values())
+    said = {}
+    for row in bars.to_pylist():
+        ends = {row["first"], row["second"]}
+        if not any(ends <= points for points in seen.values()):
+            lost = ", ".join(sorted(ends - every))
+            what = f"no image shows {lost}" if lost else "no pose shows both ends"
+            said[row["bar"]] = f"scale bar {row['bar']}: {what}"
+    return list(said.values())
+
+
+def _seen_in_poses(rays: pa.Table) -> dict[Any, frozenset[str]]:
+    seen: dict[Any, set[str]] = {}
+    for pose, point in zip(rays.column("pose").to_pylist(), rays.column("point").to_pylist(), strict=True):
+        seen.setdefault(pose, set()).add(point)
+    return {pose: frozenset(points - {""}) for pose, points in seen.items()}
+
+
+def _with_bar(bars: pa.Table | None, seen: Mapping[Any, frozenset[str]]) -> set[Any]:
+    """The poses that show both ends of a bar that gives the scale."""
+    rows = [] if bars is None else [row for row in bars.to_pylist() if row["serves"] == "scale"]
+    return {
+        pose
+        for pose, points in seen.items()
+        for row in rows
+        if row.get("pose") in (None, pose) and {row["first"], row["second"]} <= points
+    }
+
+
+def _markers(
+    targets: pa.Table | None, seen: frozenset[str], marker_mm: float | None, noise_mm: float | None
+) -> list[dict[str, object]]:
+    """Rows of scale_bars: both diagonals of every square marker of known size whose corners are all seen."""
+    sizes: dict[str, float] = {}
+    if targets is not None and "size_mm" in targets.column_names:
+        rows = targets.select(["body", "target", "size_mm"]).to_pylist()
+        sizes = {f"{row['body']}/{row['target']}": row["size_mm"] for row in rows if row["size_mm"]}
+    found: list[dict[str, object]] = []
+    for stem in sorted({point.rpartition(".")[0] for point in seen} - {""}) if noise_mm else ():
+        size = sizes.get(stem) or (marker_mm if stem.startswith(("aruco", "apriltag")) or "/" in stem else None)
+        if size and {f"{stem}.{corner}" for corner in range(4)} <= seen:
+            found += [
+                _bar(
+                    f"marker, {stem}.{a} to {stem}.{b}",
+                    (f"{stem}.{a}", f"{stem}.{b}"),
+                    2**0.5 * size,
+                    2**0.5 * (noise_mm or 0.0),
+                )
+                for a, b in ((0, 2), (1, 3))
+            ]
+    return found
 
 
 def _surveyed(survey: Survey, source: CampaignFiles, seen: frozenset[str]) -> list[dict[str, object]]:
@@ -108,6 +170,9 @@ def _row(name: NDArray[np.object_], xyz: Array, variance: Array, first: int, sec
     apart = xyz[second] - xyz[first]
     length = float(np.linalg.norm(apart))
     sigma = float(np.sqrt((variance[first] + variance[second]) @ (apart / length) ** 2))
-    bar = f"survey, {name[first]} to {name[second]}"
-    ends = {"bar": bar, "first": name[first], "second": name[second], "length_mm": length, "sigma_mm": sigma}
-    return {**ends, "repeat_sigma_mm": 0.0, "serves": "scale"}
+    return _bar(f"survey, {name[first]} to {name[second]}", (name[first], name[second]), length, sigma)
+
+
+def _bar(bar: str, ends: tuple[str, str], length_mm: float, sigma_mm: float) -> dict[str, object]:
+    told = {"bar": bar, "first": ends[0], "second": ends[1], "length_mm": length_mm, "sigma_mm": sigma_mm}
+    return {**told, "repeat_sigma_mm": 0.0, "serves": "scale"}

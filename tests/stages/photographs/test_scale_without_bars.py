@@ -1,0 +1,55 @@
+"""What gives photographs their scale where no bar is seen, and what is said of bars that are not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from stages.bundle_adjustment.survey_distances import Survey, never_seen, with_scale
+
+NO_FILES: Any = SimpleNamespace(entries=lambda table: ())
+CORNERS = [f"plate/M.{corner}" for corner in range(4)]
+BAR = {"bar": "S", "first": "a", "second": "b", "length_mm": 300.0, "sigma_mm": 0.01, "repeat_sigma_mm": 0.0}
+MARKER = pa.Table.from_pylist([{"family": "aruco4x4_50", "code": 1, "body": "plate", "target": "M", "size_mm": 30.0}])
+
+
+def rays(**points: list[str]) -> pa.Table:
+    return pa.Table.from_pylist([{"pose": pose, "point": point} for pose, own in points.items() for point in own])
+
+
+def bars(serves: str = "scale") -> pa.Table:
+    return pa.Table.from_pylist([{**BAR, "serves": serves}])
+
+
+def scaled(image_points: pa.Table, scale_bars: pa.Table, noise_mm: float | None = 0.02) -> list[dict[str, Any]]:
+    tables = {"image_points": image_points, "scale_bars": scale_bars, "image_targets": MARKER}
+    found = with_scale(tables, Survey(mapped=False, noise_mm=noise_mm, reference=None), NO_FILES, None, known=False)
+    return [row for row in found["scale_bars"].to_pylist() if row["bar"] != "S"]
+
+
+def test_a_bar_that_is_seen_is_the_scale() -> None:
+    assert scaled(rays(p=["a", "b", *CORNERS]), bars()) == []
+
+
+@pytest.mark.parametrize("scale_bars", [bars(), bars("check")])
+def test_without_one_the_diagonals_of_markers_are(scale_bars: pa.Table) -> None:
+    first, second = scaled(rays(p=["a", *CORNERS]), scale_bars)
+    assert (first["first"], first["second"], second["first"]) == ("plate/M.0", "plate/M.2", "plate/M.1")
+    assert first["length_mm"] == pytest.approx(30.0 * 2**0.5)
+    assert first["sigma_mm"] == pytest.approx(0.02 * 2**0.5)
+    assert scaled(rays(p=["a", *CORNERS]), scale_bars, noise_mm=None) == []
+    assert scaled(rays(p=["a", *CORNERS[:3]]), scale_bars) == []
+
+
+def test_in_poses_without_it_alone() -> None:
+    found = scaled(rays(p=["a", "b"], q=["a", *CORNERS], r=CORNERS), bars())
+    assert sorted({row["pose"] for row in found}) == ["q", "r"]
+
+
+def test_bars_that_no_image_shows_are_told() -> None:
+    assert never_seen(bars(), rays(p=["a"])) == ["scale bar S: no image shows b"]
+    assert never_seen(bars(), rays(p=["a"], q=["b"])) == ["scale bar S: no pose shows both ends"]
+    assert never_seen(bars(), rays(p=["a", "b"])) == never_seen(None, rays(p=["a"])) == []
