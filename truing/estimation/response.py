@@ -152,10 +152,19 @@ def _design(u: Array, free: NDArray[np.bool_], group: NDArray[np.int64]) -> Arra
 def _precision(cov: Array, seen: NDArray[np.bool_]) -> Array:
     """(N, L, L) pseudo-inverse of the covariance of what was seen; zero for what was not."""
     masked = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)  # of what was not seen it may be infinite
+    if masked.shape[1] == 1:  # thirty reweightings of every target's components: no decomposition of single numbers
+        return np.divide(1.0, masked, out=np.zeros_like(masked), where=masked > 0.0)
     values, vectors = np.linalg.eigh(masked)
     kept = values > _RANK_CUTOFF * values[:, -1:]
     inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
     return np.einsum("nik,nk,njk->nij", vectors, inverse, vectors)
+
+
+def _rank(weight: Array) -> int:
+    """How many numbers the weights (N, L, L) inform of."""
+    if weight.shape[1] == 1:
+        return int(np.count_nonzero(weight))
+    return round(float(np.einsum("nij,nij->", weight, np.linalg.pinv(weight, hermitian=True))))
 
 
 def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups: int) -> Array:
@@ -181,7 +190,7 @@ def _solve(
     coefficients = np.zeros(free.shape)
     coefficients[free] = theta[:n_free]
     chi_square = float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta)
-    informative = round(float(np.einsum("nij,nij->", weight, np.linalg.pinv(weight, hermitian=True))))
+    informative = _rank(weight)
     informative += int(np.linalg.matrix_rank(prior, hermitian=True)) if prior.any() else 0
     return ResponseFit(
         form=form,
@@ -220,8 +229,10 @@ def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
 
 def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:
     """Residuals of each row against the fit to all others: (I - H_nn)^-1 r_n with the hat matrix's blocks."""
-    hat = np.einsum("nlp,pq,nmq,nmk->nlk", design, covariance, design, weight, optimize=True)
-    return np.einsum("nlk,nk->nl", np.linalg.pinv(np.eye(hat.shape[1]) - hat, rcond=1e-9), residuals)
+    rest = np.eye(design.shape[1]) - design @ covariance @ design.transpose(0, 2, 1) @ weight
+    if rest.shape[1] == 1:
+        return np.divide(residuals, rest[:, 0], out=np.zeros_like(residuals), where=rest[:, 0] != 0.0)
+    return np.einsum("nlk,nk->nl", np.linalg.pinv(rest, rcond=1e-9), residuals)
 
 
 def keep_consistent(

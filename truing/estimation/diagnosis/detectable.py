@@ -106,7 +106,8 @@ def sights(search: Search, level: float) -> list[Sight]:
 
 def sight(search: Search, cause: Any, level: float) -> Sight | None:
     """Return how well a search sees one of its candidates; None where it has no such candidate."""
-    own = (candidate for candidate in search.candidates if candidate.key == cause.key)
+    key = cause.key
+    own = (candidate for candidate in search.candidates if candidate.key == key)
     return next(_of_candidates(search, level, own), None)
 
 
