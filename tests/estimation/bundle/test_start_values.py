@@ -7,6 +7,7 @@ import pytest
 
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.network import Bars, Rays
+from truing.estimation.bundle.resection import _of_all
 from truing.estimation.bundle.start_values import Markers, find_start
 
 from .photographed import guess, off_by, shape_error, simulate
@@ -135,3 +136,8 @@ def test_a_pose_without_common_points_is_left_out_and_the_others_are_not():
     assert not start.image_oriented[5:].any()
     assert start.frame == ("none", "not oriented")
     assert all(start.image_reason[5:])
+
+
+def test_points_that_all_lie_in_one_direction_orient_nothing():
+    rng = np.random.default_rng(2)
+    assert _of_all(rng.normal(size=(6, 3)), 1e-9 * rng.normal(size=(6, 2))) == []

@@ -67,11 +67,18 @@ def _motions(first: Array, second: Array, limit: float) -> list[tuple[Array, Arr
     for E in [] if essential is None else np.split(essential, len(essential) // 3):
         one, other, t = cv2.decomposeEssentialMat(E)
         motions += [(R, sign * t.ravel()) for R in (one, other) for sign in (1.0, -1.0)]
-    H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=100)
-    if H is not None:
-        _, turns, shifts, _ = cv2.decomposeHomographyMat(H, np.eye(3))
-        motions += [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]
-    return motions
+    return motions + _motions_of_a_plane(a, b, limit)
+
+
+def _motions_of_a_plane(a: Array, b: Array, limit: float) -> list[tuple[Array, Array]]:
+    import cv2
+
+    try:
+        H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=100)
+        turns, shifts = ((), ()) if H is None else cv2.decomposeHomographyMat(H, np.eye(3))[1:3]
+    except cv2.error:  # points that determine none
+        return []
+    return [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]
 
 
 def _judged(R: Array, t: Array, first: Array, second: Array, limit: float) -> Pair | None:

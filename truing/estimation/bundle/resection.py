@@ -51,10 +51,7 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     best = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
     members = np.ravel(chosen)
     if len(members) > FEWEST:
-        ok, turns, shifts, _ = cv2.solvePnPGeneric(
-            local[members], image[members], np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
-        )
-        for turn, shift in zip(turns if ok else (), shifts if ok else (), strict=True):
+        for turn, shift in _of_all(local[members], image[members]):
             other = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
             best = other if _better(other, best) else best
     R, t, off, depth = best
@@ -63,6 +60,18 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
         return None
     rms = float(np.sqrt(np.mean(off[agrees] ** 2)) * scale_px)
     return Resection(R, origin - R @ t * size, agrees, rms)
+
+
+def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
+    """Orientations from all points at once, as rotation vector and shift; none where the points do not determine one,
+    which the library takes for a fault."""
+    import cv2
+
+    try:
+        found, turns, shifts, _ = cv2.solvePnPGeneric(X, direction, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:
+        return []
+    return list(zip(turns, shifts, strict=True)) if found else []
 
 
 def _better(one: tuple[Array, Array, Array, Array], other: tuple[Array, Array, Array, Array]) -> bool:
