@@ -8,6 +8,7 @@ import pytest
 from truing.estimation.bundle import rejected_rays
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import PARAMETERS
+from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.ray_tests import ray_tests
 from truing.estimation.bundle.snooping import adjust_robustly
 from truing.estimation.bundle.variance_components import grouped
@@ -129,3 +130,19 @@ def test_images_and_points_without_a_start_are_left_out_with_their_reason():
     assert (reason[rays.image == 2] == rejected_rays.NO_IMAGE).all()
     assert (reason[(rays.point == 7) & (rays.image != 2)] == rejected_rays.NO_POINT).all()
     assert np.isfinite(found.adjustment.state.points[np.arange(25) != 7]).all()
+
+
+def test_bars_that_contradict_each_other_cost_no_ray():
+    """One of two is longer by a hundred of its standard deviations: the rays are good, and their noise is what it is."""
+    made = simulate(seed=2, images=8, points=20)
+    first, second = np.array([0, 2]), np.array([1, 3])
+    length = np.linalg.norm(made.truth.points[first] - made.truth.points[second], axis=1)
+    bars = Bars(np.arange(2), first, second, np.zeros(2), length * [1.0, 1.01], 1e-4 * length)
+    network = replace(made.network, bars=bars)
+    start = replace(made.truth, bar_length_m=length)
+    found = adjust_robustly(network, start)
+    assert (~found.used).sum() <= 4  # 0.3 expected; with bars that hold, those of their ends
+    off = found.adjustment.state.bar_length_m / bars.length_m - 1
+    assert off[0] > 3e-4 > -3e-4 > off[1]
+    alone = adjust_robustly(made.network, made.truth)
+    np.testing.assert_allclose(found.components.factor, alone.components.factor, rtol=0.02)

@@ -25,6 +25,7 @@ from truing.estimation.bundle.variance_components import GlobalTest, VarianceCom
 _MOST_ROUNDS = 60
 _SETTLED = 1e-3  # relative change of the variance components
 _RETURNS = 2  # times that a ray may come back
+_LOOSE = 0.1  # of its length: a distance that gives a scale and contradicts none
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ def _snooped(
     """Return the network adjusted with those of the possible rays (N,) that pass, beginning with the active ones
     (N,)."""
     known = datum == "known"
+    whole, network = network, _with_loose_bars(network)
     state, active, components = robust_start(network, start, datum, active)
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
@@ -108,6 +110,10 @@ def _snooped(
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
+    if network is not whole:
+        network = whole
+        adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays())
+        state, tests = adjusted.state, ray_tests(adjusted, components)
     tested = int((used & (tests.freedom > 0)).sum())
     stated = adjust(network, state, datum, used=used) if with_components else adjusted
     return Snooped(
@@ -127,6 +133,17 @@ def _snooped(
         covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
         sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
     )
+
+
+def _with_loose_bars(network: Network) -> Network:
+    """Return the network with distances that hardly hold, where a pose has several: bars that contradict each other
+    would bend points until rays to their ends fail. What rays are good, rays tell."""
+    bars = network.bars
+    pose = network.point_pose[bars.first]
+    if not len(pose) or np.bincount(pose).max() < 2:
+        return network
+    loose = np.maximum(bars.repeat_sigma_m, _LOOSE * bars.length_m[bars.bar])
+    return replace(network, bars=replace(bars, repeat_sigma_m=loose))
 
 
 def _rescaled(tests: RayTests, used: Mask, before: VarianceComponents, after: VarianceComponents) -> RayTests:
