@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.estimation.image_targets.pictures import ellipse_picture, photograph
 from tests.estimation.image_targets.scenes import errors, rings
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
 from truing.estimation.image_targets.ring_codes import any_word, ring_code
@@ -29,6 +30,31 @@ def test_codes_are_read_and_centres_are_not_pulled_by_their_rings(bits, axes, bl
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     assert 0.4 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.5
     assert np.abs(error).max() < 0.04
+
+
+@pytest.mark.parametrize(("times", "dark"), [(1.5, False), (3.0, False), (2.0, True)])
+def test_codes_in_light_beyond_the_range_are_read_and_centres_stay_as_sure_as_stated(times, dark):
+    rng = np.random.default_rng(7)
+    scene = rings(rng, (9, 6), 0.8, 0.7, 12, rng.choice(ring_code(12).words, 16), invert=dark)
+    over = np.clip(np.rint((scene.grey.astype(float) - 30) * times * 255 / 180 + 30), 0, 255).astype(np.uint8)
+    assert (over == 255).mean() > 0.05
+    found = measure_circles(over, CirclePlan(codes=(ring_code(12),)))
+    match, error, covariance = errors(found, scene.centre)
+    assert sorted(match) == list(range(16))
+    assert [ring_code(12).words[number - 1] for number in found.code] == scene.word[match].tolist()
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert 0.4 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.5
+    assert np.abs(error.mean(0)).max() < 0.005
+
+
+def test_a_sticker_is_not_taken_for_the_target_on_it():
+    # a black dot on a round white label whose edge is as clear as its own, on a grey wall
+    label = ellipse_picture(110, (54.3, 54.8), (25, 22), 0.3, 0.8)
+    dot = ellipse_picture(110, (54.3, 54.8), (7, 6), 0.3, 0.8)
+    grey = photograph(np.random.default_rng(4), 0.3 + 0.7 * label - 0.95 * dot, 20, 200, 1.0)
+    found = measure_circles(grey, CirclePlan())
+    np.testing.assert_allclose(found.semi_axes_px, [(7, 6)], atol=0.05)
+    assert found.rejected["ground of another"] == 1
 
 
 def test_codes_of_another_family_are_counted_and_not_called_circles():

@@ -11,6 +11,15 @@ from numpy.typing import NDArray
 
 from truing.estimation.image_targets import edge_kernel as edge
 from truing.estimation.image_targets.candidates import Candidates, find_candidates
+from truing.estimation.image_targets.fitted_ellipses import (
+    about_others,
+    axes_of,
+    doubles,
+    matrices,
+    on_rings,
+    unclipped,
+    visible_contrast,
+)
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.ring_codes import ROUND, Reading, RingCode, read_rings
 from truing.estimation.image_targets.surroundings import inside_image, sample_ellipses, unit_matrices
@@ -106,12 +115,12 @@ def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
     rejected = Counter(found.rejected)
     start = _with_clear_sides(grey, found, least, rejected)
     first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None, _HELD)
-    first = first[_kept(_faults(first, plan, noise, least), rejected)]
+    first = first[_kept(_faults(first, plan, noise, least, _top(grey)), rejected)]
     reading, outer = _surroundings(grey, first, plan)
     good = _kept(_code_faults(grey, first, reading, plan), rejected)
     reading, first = _of(reading, good), first[good]
     last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, outer[good], reading.ring, 0.0)
-    good = _kept(_faults(last, plan, noise, least), rejected)
+    good = _kept(_faults(last, plan, noise, least, _top(grey)), rejected)
     return _targets(last[good], _of(reading, good), rejected, noise, plan)
 
 
@@ -138,7 +147,7 @@ def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: 
     results = np.zeros((len(start), edge.RESULTS))
     if len(start):
         rings = np.zeros((len(start), 1)) if ring is None else ring
-        a, b = _axes(start)[0].max(0)
+        a, b = axes_of(start)[0].max(0)
         most = int(4 * (1.5 * a + 20) * (1.5 * b + 20))
         level = np.array([noise.read_var, noise.gain])
         wide = grey.astype(np.uint16, copy=False)
@@ -153,10 +162,10 @@ def _top(grey: NDArray) -> float:
     return float((1 << max(8, int(grey.max(initial=0)).bit_length())) - 1)
 
 
-def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float) -> NDArray[np.str_]:
+def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float, top: float) -> NDArray[np.str_]:
     """Return why each fit (N, RESULTS) is no target, the first reason that holds; empty where it is one."""
-    axes, _ = _axes(fit)
-    contrast = np.abs(fit[:, edge.CONTRAST])
+    axes, _ = axes_of(fit)
+    contrast = visible_contrast(fit, top)
     light = fit[:, edge.GROUND] + np.maximum(fit[:, edge.CONTRAST], 0)
     excess = fit[:, edge.MISFIT] ** 2 - noise.variance(light) / np.maximum(contrast, 1e-9) ** 2
     dent = fit[:, edge.DENT] / np.maximum(_DENT, _DENT_SHARE * axes[:, 0])
@@ -170,43 +179,28 @@ def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float) -> ND
         "merged": (fit[:, edge.MERGED] > _STRAY) | (dent > 1),
         "unsharp": fit[:, edge.BLUR] > _SOFTEST * axes[:, 1],
         "not elliptical": excess > _MISFIT**2,
-        "found twice": _doubles(fit, axes),
+        "found twice": doubles(fit, axes),
     }
     return np.select(list(tests.values()), list(tests), "")
-
-
-def _doubles(fit: Array, axes: Array) -> Mask:
-    """Return which fits (N,) lie on another one that fits better."""
-    from scipy.spatial import cKDTree
-
-    double = np.zeros(len(fit), bool)
-    settled = np.flatnonzero(fit[:, edge.SETTLED] > 0.5)
-    pairs = cKDTree(fit[settled, :2]).query_pairs(4.0, output_type="ndarray") if len(settled) else np.empty((0, 2), int)
-    i, j = settled[pairs].T
-    near = np.hypot(*(fit[i, :2] - fit[j, :2]).T) < 0.5 * np.minimum(axes[i, 1], axes[j, 1])
-    worse = np.where(fit[i, edge.MISFIT] > fit[j, edge.MISFIT], i, j)
-    double[worse[near]] = True
-    return double
 
 
 def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading, Array]:
     """Return what the rings about dots (N, RESULTS) say, and out to which radii (N,) all light is known."""
     from scipy.special import erf
 
-    A, centre = _matrices(fit), fit[:, :2]
+    A, centre = matrices(fit), fit[:, :2]
 
-    def levels(radii: tuple[float, ...]) -> Array:
-        grey_levels = sample_ellipses(grey, centre, A, radii, ROUND).mean(1)
-        return (grey_levels - fit[:, [edge.GROUND]]) / fit[:, [edge.CONTRAST]]
+    def levels(radii: tuple[float, ...], left: Array) -> Array:
+        return unclipped(sample_ellipses(grey, centre, A, radii, ROUND).mean(1), fit, _top(grey), left)
 
     # of a narrow ring the blur leaves this much
-    width = _axes(fit)[0].prod(1) ** 0.5
-    left = np.maximum(erf(width / 2 / np.sqrt(2) / fit[:, edge.BLUR]), 0.5)
-    ring = levels(_RING) / left[:, None]
+    width = axes_of(fit)[0].prod(1) ** 0.5
+    whole_light = np.ones(len(fit))
+    ring = levels(_RING, np.maximum(erf(width / 2 / np.sqrt(2) / fit[:, edge.BLUR]), 0.5))
     # an edge across the ring, at its middle: its blur in samples
     soft = fit[:, edge.BLUR] / (2.5 * width) * ROUND / (2 * np.pi)
     reading = read_rings(ring, plan.codes, soft)
-    beyond = np.abs(levels(_BEYOND))
+    beyond = np.abs(levels(_BEYOND, whole_light))
     # a ring stands on ground; what covers a part of it seldom ends there
     whole, ground = (beyond < _GROUND).mean(1) > 1 - _COVERED, np.median(beyond, axis=1) < _GROUND
     broken = (reading.number >= 0) & ~whole
@@ -217,7 +211,7 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
         ring=reading.ring * ~broken[:, None],
         unreadable=reading.unreadable & ground | broken,
     )
-    free = (levels((1.7, _FAR)) < 0.3).all(1) & (ring < 0.5).all(1)
+    free = (levels((1.7, _FAR), whole_light) < 0.3).all(1) & (ring < 0.5).all(1)
     return reading, np.select([reading.number >= 0, free], [_TO_RING, _FAR], _NEAR)
 
 
@@ -227,7 +221,8 @@ def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) 
     tests = {
         "at border": ~_ring_inside(grey, fit, plan),
         "unreadable code": reading.unreadable & ~coded,
-        "part of a ring": ~coded & _on_rings(fit, reading),
+        "part of a ring": ~coded & on_rings(fit, coded | reading.unreadable),
+        "ground of another": ~coded & about_others(fit),
         "no code": ~coded & (not plan.uncoded),
     }
     return np.select(list(tests.values()), list(tests), "")
@@ -238,30 +233,14 @@ def _of(reading: Reading, numbers: NDArray[np.int64]) -> Reading:
     return Reading(*(getattr(reading, each.name)[numbers] for each in fields(Reading)))
 
 
-def _on_rings(fit: Array, reading: Reading) -> Mask:
-    """Return which dots (N,) lie on the ring of another, be it readable or not."""
-    from scipy.spatial import cKDTree
-
-    owner = np.flatnonzero((reading.number >= 0) | reading.unreadable)
-    lies = np.zeros(len(fit), bool)
-    if len(owner):
-        reach = 3.5 * _axes(fit[owner])[0][:, 0]
-        near = cKDTree(fit[:, :2]).query_ball_point(fit[owner, :2], reach)
-        i = np.repeat(owner, [len(part) for part in near])
-        j = np.concatenate(near).astype(np.int64)
-        radius = np.linalg.norm(np.einsum("nij,nj->ni", _matrices(fit[i]), fit[j, :2] - fit[i, :2]), axis=1)
-        lies[j[(radius > 1.5) & (radius < 3.2)]] = True
-    return lies
-
-
 def _ring_inside(grey: NDArray, fit: Array, plan: CirclePlan) -> Mask:
     """Return which rings (N,) lie in the image whole; where no codes are looked for, all do."""
-    return inside_image(grey, fit[:, :2], _matrices(fit), 3.0) | (not plan.codes)
+    return inside_image(grey, fit[:, :2], matrices(fit), 3.0) | (not plan.codes)
 
 
 def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageNoise, plan: CirclePlan) -> ImageTargets:
     """Return the targets of fits (N, RESULTS)."""
-    axes, angle = _axes(fit)
+    axes, angle = axes_of(fit)
     factor = _noise_factor(fit, noise)
     covariance = fit[:, [[edge.C_XX, edge.C_XY], [edge.C_XY, edge.C_YY]]] * factor[:, None, None]
     return ImageTargets(
@@ -301,17 +280,3 @@ def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> NDArray[np.int64]
     """Return the numbers of candidates without a fault, and count the others by theirs."""
     rejected.update(faults[faults != ""].tolist())
     return np.flatnonzero(faults == "")
-
-
-def _matrices(fit: Array) -> Array:
-    """Return the matrices (N, 2, 2) that turn the ellipses into unit circles."""
-    return fit[:, [[edge.AXX, edge.AXY], [edge.AXY, edge.AYY]]]
-
-
-def _axes(fit: Array) -> tuple[Array, Array]:
-    """Return semi-axes (N, 2), the major one first, and the angles (N,) of the major ones in (-pi/2, pi/2]."""
-    values, vectors = np.linalg.eigh(_matrices(fit))
-    x, y = vectors[:, 0, 0], vectors[:, 1, 0]
-    angle = np.arctan2(y, x)
-    angle = np.where(angle > np.pi / 2, angle - np.pi, np.where(angle <= -np.pi / 2, angle + np.pi, angle))
-    return 1 / np.maximum(values, 1e-12), angle

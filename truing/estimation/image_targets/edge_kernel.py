@@ -252,7 +252,8 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, nodes, result):  # ty
 def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: ignore[no-untyped-def]
     """Set how far arcs of the edge lie off the ellipse: mean square in sigmas, its freedom, and the worst in px.
 
-    Sharpening, or a blur that is no Gaussian, leaves the same on all of an edge, and dents none of its arcs.
+    Return how many pixels are not clipped, and the sum of their weights. Sharpening, or a blur that is no Gaussian,
+    leaves the same on all of an edge, and dents none of its arcs.
     """
     row, count = np.empty(UNKNOWNS), count_nodes(p)
     if count:
@@ -261,6 +262,7 @@ def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: i
     round_px = math.pi * (1 / max(half - skew, 1e-9) + 1 / (half + skew))
     m_arcs = min(max(int(round_px / _ARC), _ARCS_LEAST), arcs.shape[1])
     arcs[:] = 0.0
+    seen, weights = 0, 0.0
     for m in range(n):
         if pixels[3, m] == 0.0:
             continue
@@ -268,6 +270,7 @@ def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: i
         model, _ = _expected(p, origin, size, top, x, y, pixels[4, m], nodes, count, row)
         if model >= top:
             continue
+        seen, weights = seen + 1, weights + pixels[3, m]
         ux, uy = p[AXX] * (x - p[CX]) + p[AXY] * (y - p[CY]), p[AXY] * (x - p[CX]) + p[AYY] * (y - p[CY])
         k = int((math.atan2(uy, ux) / (2 * math.pi) + 0.5) * m_arcs) % m_arcs
         light = 1.0 + (p[SLOPE_X] * (x - origin[0]) + p[SLOPE_Y] * (y - origin[1])) / size
@@ -284,6 +287,7 @@ def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: i
                 worst = off
     result[ARC_FREEDOM] = max(used - 5, 1)
     result[ARC_CHI2], result[DENT] = square / result[ARC_FREEDOM], worst
+    return seen, weights
 
 
 @compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
@@ -329,9 +333,12 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
             cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
         if cost < 0:
             continue
-        result[CHI2], result[FREEDOM] = cost / (left - UNKNOWNS), left - UNKNOWNS
-        result[MISFIT] = math.sqrt(cost / pixels[3, :n].sum()) / max(abs(p[CONTRAST]), 1e-9)
-        _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result)
+        seen, weights = _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result)
+        if seen <= UNKNOWNS:
+            continue
+        visible = abs(min(p[GROUND] + p[CONTRAST], top) - min(p[GROUND], top))
+        result[CHI2], result[FREEDOM] = cost / (seen - UNKNOWNS), seen - UNKNOWNS
+        result[MISFIT] = math.sqrt(cost / weights) / max(visible, 1e-9)
         if first:
             result[SETTLED] = 1.0
             continue
