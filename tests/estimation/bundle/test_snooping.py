@@ -133,7 +133,7 @@ def test_images_and_points_without_a_start_are_left_out_with_their_reason():
 
 
 def test_bars_that_contradict_each_other_cost_no_ray():
-    """One of two is longer by a hundred of its standard deviations: the rays are good, and their noise is what it is."""
+    """One of two is longer by a hundred of its standard deviations: rays are good, and their noise is what it is."""
     made = simulate(seed=2, images=8, points=20)
     first, second = np.array([0, 2]), np.array([1, 3])
     length = np.linalg.norm(made.truth.points[first] - made.truth.points[second], axis=1)
