@@ -15,7 +15,7 @@ CALIBRATION = (
         "deformation",
         "shift of each attachment along z of the platform",
         ("pose", "leg", "delta_rho_mm", "delta_bz_um", "sigma_um"),
-        optional=("own_sigma_um", "p_value", "significant", "rejected", "reason"),
+        optional=("own_sigma_um", "scatter_sigma_um", "p_value", "significant", "rejected", "reason"),
         key=("pose", "leg"),
     ),
     parquet(

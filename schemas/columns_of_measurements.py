@@ -132,6 +132,12 @@ DEFORMATION = (
     real("delta_bz_um", "um", "shift of the attachment along z of the platform, from its place in the survey"),
     real("sigma_um", "um", "one standard deviation, all known noise propagated", minimum=0.0),
     real("own_sigma_um", "um", "the part of it that the attachment's own targets bring along z", minimum=0.0),
+    real(
+        "scatter_sigma_um",
+        "um",
+        "the part of it that differs from pose to pose, where points have errors in common",
+        minimum=0.0,
+    ),
     real("displacement_um", "um", "shift of a target in its body frame from its place in the survey"),
     Column("significant", "flag", "whether it differs from zero at the stated false-alarm rate", nullable=True),
     Column("column", "integer", "which drive the coefficient multiplies, counted from 1; 0 is the offset", minimum=0),

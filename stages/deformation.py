@@ -29,6 +29,7 @@ DECLARATION = Stage(
         "reading_residuals?",
         "run_terms?",
         "positions?",
+        *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
     ),
     leaves=(
         "deformation?",

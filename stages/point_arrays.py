@@ -88,12 +88,14 @@ def pose_points(
 def observation_rows(
     observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
 ) -> NDArray[np.int64]:
-    """(B, T) which row of the observations holds each of a body's points; -1 where it was not seen."""
+    """(B, T) which row of the observations holds each of a body's points, targets not named being left out; -1 where it
+    was not seen."""
     at = np.flatnonzero(text_column(observations, "body") == body)
     rows = observations.take(at)
     at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
     dense = np.full((len(poses), len(targets)), -1, np.int64)
-    dense[at_pose, at_target] = at
+    known = (at_pose >= 0) & (at_target >= 0)
+    dense[at_pose[known], at_target[known]] = at[known]
     return dense
 
 

@@ -126,7 +126,8 @@ def _of_attachments(
     shift, variance = np.full((2, len(poses), legs), np.nan)
     at = place[kept], leg[kept] - 1
     shift[at] = number_column(table, "delta_bz_um")[kept]
-    variance[at] = number_column(table, "own_sigma_um")[kept] ** 2
+    stated = "scatter_sigma_um" if "scatter_sigma_um" in table.column_names else "own_sigma_um"
+    variance[at] = number_column(table, stated)[kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
     found = Repeated("attachment", subjects, ("um",) * legs, how, len(groups))
     found.add_to(repeats, within_groups(shift, groups), np.sqrt(known_mean(variance)))

@@ -20,6 +20,7 @@ from stages.point_arrays import (
     survey_points,
     used_targets,
 )
+from stages.responses.correlated_shifts import correlated_shifts
 from stages.responses.tables import FALSE_ALARM, Rows, entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, fit_response, keep_consistent
 from truing.estimation.response_structure import (
@@ -44,8 +45,8 @@ class Shifts:
 
     shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y, which gross errors show;
     noise (B, L, L) of the measurement, own (B, L) variance of what the attachment's own targets bring to it, survey
-    (L, L) of the survey, which all poses share; attachments (L, 3);
-    modulo_plane: the frame was fitted to the attachments themselves.
+    (L, L) of the survey, and of cameras and bars, which all poses share; attachments (L, 3);
+    modulo_plane: the frame was fitted to the attachments themselves; correlated: points have errors in common.
     """
 
     shift: Array
@@ -55,6 +56,7 @@ class Shifts:
     survey: Array
     attachments: Array
     modulo_plane: bool
+    correlated: bool
 
 
 def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[float]) -> Outcome:
@@ -138,14 +140,19 @@ def _shifts(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], n_legs
     shift = np.einsum("blt,bta->bla", per_leg, np.nan_to_num(residual))
     shift[~per_leg.any(axis=2)] = np.nan
     typical = _typical_average(survey, n_legs)
+    of_points, shared = np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg), typical @ surveyed @ typical.T
+    together = correlated_shifts(tables, poses, per_leg)
+    if together is not None:  # a pose without a joint fit keeps what its points say one by one
+        of_points, shared = np.where(together.there[:, None, None], together.noise, of_points), together.shared
     return Shifts(
         shift[:, :, 2],
         shift[:, :, :2],
-        np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg),
+        of_points,
         np.einsum("blt,bt->bl", per_leg**2, noise[:, :, 2, 2]),
-        typical @ surveyed @ typical.T,
+        shared,
         typical @ survey.points,
         bool((used & (survey.leg > 0)).any()),
+        together is not None,
     )
 
 
@@ -188,7 +195,8 @@ def _typical_average(survey: SurveyPoints, n_legs: int) -> Array:
 def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts, rejected: NDArray[np.bool_]) -> Rows:
     from scipy.special import ndtr
 
-    sigma = np.sqrt(np.einsum("bll->bl", shifts.noise) + np.diag(shifts.survey))
+    scatter = np.einsum("bll->bl", shifts.noise)
+    sigma = np.sqrt(scatter + np.diag(shifts.survey))
     p = 2.0 * ndtr(-np.abs(shifts.shift) / sigma)
     significant = holm_significant(np.where(rejected, np.nan, p), FALSE_ALARM)
     b, leg = np.nonzero(np.isfinite(shifts.shift))
@@ -200,6 +208,7 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
         delta_bz_um=shifts.shift[b, leg] * 1e6,
         sigma_um=sigma[b, leg] * 1e6,
         own_sigma_um=np.sqrt(shifts.own[b, leg]) * 1e6,
+        **({"scatter_sigma_um": np.sqrt(scatter[b, leg]) * 1e6} if shifts.correlated else {}),
         p_value=p[b, leg],
         significant=significant[b, leg],
         rejected=rejected[b, leg],

@@ -135,3 +135,13 @@ def _effects(table: pa.Table | None, of_row: _Rows, count: int) -> tuple[tuple[s
     values = np.column_stack([number_column(table, f"effect_{a}_mm") for a in "xyz"]) * 1e-3
     effect[row[row >= 0], :, column[row >= 0]] = values[row >= 0]
     return parameters, effect
+
+
+def common_correlation(table: pa.Table | None, parameters: tuple[str, ...]) -> Array:
+    """The correlations (K, K) of parameters common to all poses, by name."""
+    out = np.eye(len(parameters))
+    if table is not None and table.num_rows:
+        i, j = (positions(table.column(name), parameters) for name in ("parameter", "other_parameter"))
+        known = (i >= 0) & (j >= 0)
+        out[i[known], j[known]] = out[j[known], i[known]] = number_column(table, "correlation")[known]
+    return out

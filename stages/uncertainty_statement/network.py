@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.point_arrays import number_column, positions
+from stages.rigid_poses.point_errors import common_correlation
 from truing.estimation.uncertainty_budget import Source
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def parts_of_network(
     by = np.zeros((len(poses), 6, len(parameters)))
     place = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
     by[place[0], :, place[1]] = np.column_stack([number_column(rows, name) for name in _EFFECTS]) * _TO_SI
-    correlation = _correlation(tables.get("camera_correlations"), parameters)
+    correlation = common_correlation(tables.get("camera_correlations"), parameters)
     bar = np.array([name.startswith("bar ") for name in parameters], dtype=bool)
     common = by @ correlation @ np.swapaxes(by, 1, 2)
     by_bars = by[:, :, bar] @ correlation[np.ix_(bar, bar)] @ np.swapaxes(by[:, :, bar], 1, 2)
@@ -51,12 +52,3 @@ def has_scale(tables: Mapping[str, pa.Table]) -> bool:
     """Whether scale bars stand behind the poses, and their uncertainty in the budgets."""
     lengths = tables.get("scale_bar_lengths")
     return lengths is not None and "scale" in lengths.column("serves").to_pylist()
-
-
-def _correlation(table: pa.Table | None, parameters: tuple[str, ...]) -> Array:
-    out = np.eye(len(parameters))
-    if table is not None and table.num_rows:
-        i, j = (positions(table.column(name), parameters) for name in ("parameter", "other_parameter"))
-        known = (i >= 0) & (j >= 0)
-        out[i[known], j[known]] = out[j[known], i[known]] = number_column(table, "correlation")[known]
-    return out

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
@@ -101,6 +102,37 @@ def test_without_the_correlations_heights_would_be_stated_far_too_well(adjusted:
     assert np.sqrt(both[0] / both[1]).min() > 2.0
 
 
+def test_shifts_scatter_as_the_whole_covariance_of_points_says(adjusted: Any) -> None:
+    """One pose again and again, each time with errors of its points drawn from their whole covariance."""
+    _, folder, tables = adjusted
+    drawn, settings = _drawn_again(tables, pose=1, times=150), settings_of(folder)
+    drawn |= call_stage("pose", drawn, settings).artifacts  # type: ignore[operator]
+    shifts = call_stage("deformation", drawn, settings).artifacts["deformation"]
+    assert isinstance(shifts, pa.Table)
+    found = shifts.to_pandas()
+    off = found["delta_bz_um"] - found.groupby("leg")["delta_bz_um"].transform("mean")
+    squares = ((off / found["scatter_sigma_um"]) ** 2).groupby(found["pose"]).mean()  # legs have errors in common
+    assert len(squares) == 150
+    assert abs(squares.mean() - 1.0) < 4.0 * squares.std() / np.sqrt(150) < 0.3
+    survey = found["sigma_um"] ** 2 - found["scatter_sigma_um"] ** 2
+    assert survey.groupby(found["leg"]).std().max() < 1e-6 * survey.min()
+
+
+def _drawn_again(tables: Tables, pose: int, times: int) -> Tables:
+    """What one pose has of tables, as poses 1, 2, ...; points moved by draws from their covariance."""
+    names, _, cov = _covariance(tables, pose)
+    errors = np.random.default_rng(5).multivariate_normal(np.zeros(len(cov)), cov, times, method="eigh")
+    again: Tables = {"survey": tables["survey"]}
+    for name in ("configurations", "observations", "object_points", "point_correlations"):
+        one = tables[name].to_pandas().query("pose == @pose")
+        frame = pd.concat([one.assign(pose=number + 1) for number in range(times)])
+        if name == "observations":
+            place = [names.index(point) for point in one["point"]]
+            frame[["x_mm", "y_mm", "z_mm"]] += errors.reshape(times, -1, 3)[:, place].reshape(-1, 3)
+        again[name] = pa.Table.from_pandas(frame, tables[name].schema, preserve_index=False)
+    return again
+
+
 def _offsets(photographed: Photographed, survey: pa.Table, table: pa.Table) -> float:
     """Chi-square of where the platform is in the base, over all poses, three degrees each."""
     names = ["/".join(name) for name in photographed.names]
@@ -115,8 +147,8 @@ def _offsets(photographed: Photographed, survey: pa.Table, table: pa.Table) -> f
         (R0, t0), (_, t1) = motion["base"], motion["platform"]
         offset = np.array([row.px_mm, row.py_mm, row.pz_mm]) - R0.T @ (t1 - t0)
         cov = np.array([[getattr(row, f"cov_{min(i, j)}_{max(i, j)}") for j in range(3)] for i in range(3)]) * 1e6
-        total += offset @ np.linalg.solve(cov, offset)
-    return float(total)
+        total += float(offset @ np.linalg.solve(cov, offset))
+    return total
 
 
 def _motion(source: Array, target: Array) -> tuple[Array, Array]:
