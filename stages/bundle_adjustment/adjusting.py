@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.faults import CampaignFaults, Fault
 from stages.bundle_adjustment.circle_centres import eccentricities, without_eccentricity
 from stages.bundle_adjustment.rays_as_network import ImagePoints, NamedNetwork, Names
 from stages.declaration import Progress
@@ -21,6 +22,10 @@ from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, m
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_FEWEST_KNOWN = 4  # three can be anywhere
+_ELSEWHERE = 0.01  # of the extent of a pose's known points
+_BEYOND_SIGMA = 10.0
+_MANY_ELSEWHERE = 0.25  # of them: fewer are gross errors of their own
 _BEYOND = 0.5  # of the extent of the coded points: so far around them circles without code are sought
 
 
@@ -68,6 +73,8 @@ def adjust_network(
     """
     progress(0, 4, "start values")
     start = find_start(named.network, interior, named.markers)
+    if choices.datum == "known":
+        check_known(named, start.state)
     progress(1, 4, f"adjusting {named.network.rays.count:,} rays")
     snooped = _robustly(named.network, start.state, choices, start.ray_agrees)
     progress(2, 4, "matching circles without code")
@@ -83,6 +90,32 @@ def adjust_network(
         whole = replace(whole, network=without_eccentricity(whole.network, off))
         snooped = _robustly(whole.network, snooped.adjustment.state, choices, snooped.used)
     return AdjustedNetwork(whole, snooped, off, unmatched, reason, start)
+
+
+def check_known(named: NamedNetwork, state: State) -> None:
+    """Raise `CampaignFaults` where many known points of a pose lie elsewhere than its rays meet: these are good to far
+    less than a hundredth of the object, so that the coordinates are of another object, frame or name."""
+    known, faults = named.network.known, []
+    pose = named.network.point_pose[known.point]
+    for number, name in enumerate(named.poses):
+        own = np.flatnonzero((pose == number) & np.isfinite(state.points[known.point, 0]))
+        if len(own) < _FEWEST_KNOWN:
+            continue
+        xyz = known.xyz_m[own]
+        extent = float(np.sqrt(((xyz - xyz.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        off = np.linalg.norm(state.points[known.point[own]] - xyz, axis=1)
+        sigma = np.sqrt(np.einsum("nii->n", known.cov_m2[own]))
+        elsewhere = off > np.maximum(_ELSEWHERE * extent, _BEYOND_SIGMA * sigma)
+        if elsewhere.mean() > _MANY_ELSEWHERE:
+            worst = int(np.argmax(off))
+            furthest = f"{named.points[known.point[own[worst]]]} by {1e3 * off[worst]:.3g} mm"
+            value = f"{elsewhere.sum()} of {len(own)} elsewhere, {furthest}"
+            expected = (
+                f"coordinates of points as the rays of pose {name} show them: is their frame, unit or name another?"
+            )
+            faults.append(Fault("known_points", expected, column="x_mm, y_mm, z_mm", value=value))
+    if faults:
+        raise CampaignFaults(faults)
 
 
 def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) -> Snooped:

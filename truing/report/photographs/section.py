@@ -122,7 +122,10 @@ def _bars(tables: Tables) -> Iterator[Listing]:
             r.serves,
             with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
             with_uncertainty(r.adjusted_mm, r.adjusted_sigma_mm, "mm"),
-            printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm")),
+            # A bar that gives the scale alone differs by what numbers are rounded to.
+            printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm"))
+            if r.deviation_sigma_mm > 1e-9 * r.length_mm
+            else "0",
         )
         for r in table.itertuples()
     )
