@@ -36,6 +36,8 @@ DECLARATION = Stage(
         "ray_information?",
         "ray_effects?",
         "point_correlations?",
+        "object_points?",
+        "scale_bars?",
     ),
     leaves=(
         "diagnosis",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.ray_points import gather_rays
+from stages.diagnosis.scale_height import scale_height
 from stages.point_arrays import number_column
 from stages.ray_statistics import effects_on_points
 from stages.rigid_poses.point_errors import PointErrors, point_errors
@@ -149,6 +150,7 @@ def with_shared_errors(gathered: Gathered, tables: Mapping[str, pa.Table], rays:
 
     calibration = told(gathered.calibration)
     assert calibration is not None
+    photographed = replace(photographed, scale_height_m=scale_height(tables, calibration))
     model = replace(gathered.model.at(calibration.conditions), photographed=photographed)
     return replace(gathered, model=model, calibration=calibration, held_out=told(gathered.held_out))
 

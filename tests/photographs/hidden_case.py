@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from tests.blind.generator.folder import truth_path
+from tests.blind.generator.layout import Noise, telescope_geometry
 from tests.blind.generator.schedule import random_moves
-from tests.photographs.hidden import CameraEffect, DrivenCamera, UnstableCamera, WarmBar, Window
+from tests.photographs.hidden import AirGradient, AirLayer, CameraEffect, DrivenCamera, UnstableCamera, WarmBar, Window
 from tests.photographs.lens import Lens
 from tests.photographs.ray_folder import write_rays
 from tests.photographs.rays import BARS, Bar, Shooting, draw_rays
 from tests.photographs.stations import Round
 from tests.photographs.strength import RayMeasure
+from tests.photographs.surveyed import SurveyMeasure
 
 THIRD = Bar("U", ((-290.0, -240.0, 10.0), (-280.0, 210.0, 24.0)))
 SECOND = Lens(name="right", focal_px=2310.0, principal_px=-3.1 + 5.2j, radial=(-0.07, 0.09, 0.0))
+STILL_MM = 3000.0  # the height at which air over a warm floor has no gradient any more
 Sized = Callable[[float], CameraEffect]
 
 
@@ -40,12 +43,28 @@ def _plan(kind: str, poses: tuple[int, int], count: int, warmth: float, lenses: 
     return Plan(kind, poses, own)
 
 
+def _large() -> Plan:
+    """A machine of four metres, whose bodies a tracker surveyed: what light does over such ways shows."""
+    plain = _plan("large", (24, 6), 10, 0.5).shooting
+    geometry = telescope_geometry(base_radius=1500.0, platform_radius=1400.0, length=2200.0, rho0=60.0)
+    layout = replace(plain.layout, geometry=geometry, noise=Noise(point_mm=0.008, actuator_mm=0.002))
+    bars = tuple(
+        Bar(bar.name, ((6 * x, 6 * y, 6 * z), (6 * u, 6 * v, 6 * w)))
+        for bar in plain.bars
+        for (x, y, z), (u, v, w) in [bar.ends_mm]
+    )
+    stations = replace(plain.stations, distance_mm=9300.0, middle_mm=(0.0, 0.0, 1100.0), unsteady_mm=150.0)
+    return Plan("large", (24, 6), replace(plain, layout=layout, bars=bars, stations=stations))
+
+
+LARGE = "large"
 LAYOUTS = {
     plan.kind: plan
     for plan in (
         _plan("many-poses", (24, 0), 8, 0.8),
         _plan("held-out", (18, 5), 8, 1.0),
         _plan("two-cameras", (16, 0), 12, 1.0, (Lens(), SECOND)),
+        _large(),
     )
 }
 
@@ -64,8 +83,14 @@ def _bar(plan: Plan, rng: np.random.Generator) -> Sized:
     return lambda size: WarmBar(1e-5 * size, name)
 
 
-def _pane(plan: Plan, rng: np.random.Generator) -> Sized:
-    return lambda size: Window(10.0 * size, camera=plan.shooting.lenses[0].name)
+def _refraction(plan: Plan, rng: np.random.Generator) -> Sized:
+    """A pane; in a large scene air over a warm or cold floor, which bends rays evenly, or less and less with height."""
+    if plan.kind != LARGE:
+        return lambda size: Window(10.0 * size, camera=plan.shooting.lenses[0].name)
+    way = float(rng.choice([-1.0, 1.0]))
+    if rng.uniform() < 0.5:
+        return lambda size: AirGradient(1e-5 * way * size)
+    return lambda size: AirLayer(1e-5 * way * size, level_mm=STILL_MM)
 
 
 def _driven(plan: Plan, rng: np.random.Generator) -> Sized:
@@ -77,15 +102,18 @@ def _driven(plan: Plan, rng: np.random.Generator) -> Sized:
 CATALOGUE: dict[str, Callable[[Plan, np.random.Generator], Sized]] = {
     "camera-instability": _camera,
     "scale-bar-temperature": _bar,
-    "refraction": _pane,
+    "refraction": _refraction,
 }
 STRANGE = {"camera-follows-drive": _driven}
 KINDS = CATALOGUE | STRANGE
 
 
 def layouts_for(names: Sequence[str]) -> list[str]:
-    """The layouts in which effects of these names can be hidden: one pane stands before one camera."""
-    return [kind for kind in LAYOUTS if "refraction" not in names or kind != "two-cameras"]
+    """The layouts in which effects of these names can be hidden: one pane stands before one camera; air shows in a
+    large scene alone, where nothing may be hidden, too.
+    """
+    air = "refraction" in names
+    return [kind for kind in LAYOUTS if (kind != "two-cameras" or not air) and (kind != LARGE or air or not names)]
 
 
 def draw_two(rng: np.random.Generator) -> tuple[str, str]:
@@ -122,14 +150,16 @@ def moves_of(plan: Plan, seed: int) -> list[tuple[int, str, np.ndarray]]:
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> PhotographedCase:
     """Effects by their names in ``KINDS``, each of the wanted strength, in a campaign of the layout ``kind``.
 
-    Rays follow effects of cameras, bars and panes in proportion, as far as they are small: one size tells all.
+    Rays follow effects of cameras, bars, panes and air in proportion, as far as they are small: one size tells all.
     """
     plan, rng = LAYOUTS[kind], np.random.default_rng([seed, 2])
-    measure = RayMeasure(plan.shooting, moves_of(plan, seed), seed)
+    by_rays = RayMeasure(plan.shooting, moves_of(plan, seed), seed)
+    by_survey = SurveyMeasure(plan.shooting, moves_of(plan, seed), seed)
     effects = []
     for name in names:
         of_size = KINDS[name](plan, rng)
-        found = measure.strength(of_size(0.1))
+        small = of_size(0.1)
+        found = (by_survey if isinstance(small, AirGradient) else by_rays).strength(small)
         if found < 1e-6:
             raise ValueError(f"{name} does not show in this campaign")
         effects.append(of_size(0.1 * wanted / found))

@@ -49,11 +49,11 @@ class RayMeasure:
     def _of_pose(self, plain: Photographed, changed: Photographed, pose: int) -> Array:
         """Rows of one pose, free of its own points and stations: by lenses and bars' lengths, then the shift."""
         lenses = plain.shooting.lenses
-        station, point, shift = _shift(plain, changed, pose)
+        station, point, shift = shift_of(plain, changed, pose)
         view, points = View(plain.views.turn[pose], plain.views.centre[pose]), plain.points[pose]
 
         def seen(view: View = view, points: Array = points, lenses: tuple[Lens, ...] = lenses) -> Array:
-            return _pixels(view, points, lenses)[station, point].ravel()
+            return pixels(view, points, lenses)[station, point].ravel()
 
         here, rays, stations = seen(), np.arange(2 * len(station)), len(view.centre)
         local = np.zeros((len(rays), 6 * stations + 3 * len(points)))
@@ -67,13 +67,13 @@ class RayMeasure:
             shifted = seen(points=points + STEP_MM * axis)
             local[rays, 6 * stations + 3 * of_point + k] = (shifted - here) / STEP_MM
         shared = [
-            seen(lenses=(*lenses[:n], stepped, *lenses[n + 1 :])) - here
+            seen(lenses=(*lenses[:n], other, *lenses[n + 1 :])) - here
             for n, lens in enumerate(lenses)
-            for stepped in _stepped(lens)
+            for other in stepped(lens)
         ]
         none = np.zeros((len(rays), len(plain.shooting.bars)))
         rows = np.column_stack([local, *shared, none, shift.ravel()]) / self.shooting.sigma_px
-        rows = np.concatenate([rows, _bar_rows(plain, points, stations, rows.shape[1])])
+        rows = np.concatenate([rows, bar_rows(plain, points, stations, rows.shape[1])])
         own, left = rows[:, : local.shape[1]], rows[:, local.shape[1] :]
         own = own / np.maximum(np.linalg.norm(own, axis=0), 1e-300)
         value, vectors = np.linalg.eigh(own.T @ own)
@@ -82,7 +82,7 @@ class RayMeasure:
         return np.asarray(left - basis @ (basis.T @ left))
 
 
-def _shift(plain: Photographed, changed: Photographed, pose: int) -> tuple[Array, Array, Array]:
+def shift_of(plain: Photographed, changed: Photographed, pose: int) -> tuple[Array, Array, Array]:
     """Stations and points of the rays that both campaigns have of a pose, and by how many pixels (R, 2) they differ."""
     stations = int(plain.station.max()) + 1
     own, other = ((made.pose == pose) for made in (plain, changed))
@@ -92,14 +92,14 @@ def _shift(plain: Photographed, changed: Photographed, pose: int) -> tuple[Array
     return both % stations, both // stations, np.stack([off.real, off.imag], -1)
 
 
-def _pixels(view: View, points: Array, lenses: tuple[Lens, ...]) -> Array:
+def pixels(view: View, points: Array, lenses: tuple[Lens, ...]) -> Array:
     """Pixels (S, M, 2) of one pose."""
     w = direction(View(view.turn[:, None], view.centre[:, None]).seen(points[None]))
     pixel = np.stack([lenses[s % len(lenses)].image_of(w[s]) for s in range(len(w))])
     return np.stack([pixel.real, pixel.imag], -1)
 
 
-def _bar_rows(plain: Photographed, points: Array, stations: int, width: int) -> Array:
+def bar_rows(plain: Photographed, points: Array, stations: int, width: int) -> Array:
     """Rows of the bars: the distance of its ends is its length, which is one unknown for all poses."""
     bars = len(plain.shooting.bars)
     rows = np.zeros((bars, width))
@@ -112,7 +112,7 @@ def _bar_rows(plain: Photographed, points: Array, stations: int, width: int) -> 
     return rows / RIGID_MM
 
 
-def _stepped(lens: Lens) -> list[Lens]:
+def stepped(lens: Lens) -> list[Lens]:
     """The lens with each of its numbers a step further."""
     first, second, third = lens.radial
     return [

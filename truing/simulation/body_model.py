@@ -154,6 +154,7 @@ class BodyModel(RecordedModel):
             still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.still)),
             photographed=self.photographed is not None,
             scale_bars=self.photographed.scale_bars if self.photographed else (),
+            scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
         )
 
     def with_causes(self, causes: Sequence[Cause]) -> Self:

@@ -99,6 +99,7 @@ class Scene:
     word_of_target: str = "target"  # what one of the K is called: a target, a channel
     rays: RayPoses | None = None  # of photographs, in place of points
     scale_bars: tuple[str, ...] = ()  # that the points' scale was taken from
+    scale_height_m: float = 0.0  # at which height that was done
     photographed: bool = False  # whether points were computed from photographs
 
     @property

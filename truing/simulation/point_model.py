@@ -61,6 +61,7 @@ class PointModel(Unknowns):
             lengths_apart="u" in self.nominal.closure.geometry,
             photographed=self.photographed is not None,
             scale_bars=self.photographed.scale_bars if self.photographed else (),
+            scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
         )
 
     def state(self, shared: NDArray, local: NDArray) -> State:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 class Photographed:
     """That points come from photographs: with so many ``errors`` common to all poses (of cameras, of scale bars) and so
     many that the points of each pose share (its scale, ..), each of one standard deviation; and the bars that gave them
-    their scale."""
+    their scale, and at which height in the model's frame, m."""
 
     errors: int = 0
     pose_errors: int = 0
     scale_bars: tuple[str, ...] = ()
+    scale_height_m: float = 0.0

@@ -101,7 +101,12 @@ class Refraction(RayCause):
 
 @dataclass(frozen=True)
 class EvenAir(Cause):
-    """The index of air changes evenly with height, by gradient: points are found where no ray contradicts them."""
+    """The index of air changes evenly with height, by gradient: points are found where no ray contradicts them.
+
+    Lengths are right at the height where scale bars lie; what is above or below is scaled.
+    """
+
+    scale_height_m: float = 0.0
 
     id = ID
     step = Step.INSTRUMENT
@@ -114,7 +119,7 @@ class EvenAir(Cause):
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the cause where points come from photographs."""
-        return (self,) if scene.photographed else ()
+        return (EvenAir(scene.scale_height_m),) if scene.photographed else ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: what bends rays moves no platform."""
@@ -125,14 +130,15 @@ class EvenAir(Cause):
         return (Parameter("gradient", "ppm/m", _PLAUSIBLE_GRADIENT, _PPM),)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d point / d gradient = z x - x^2 e_z / 2, x from the middle of what was measured: the scale that it
-        has there is that of the bars."""
-        return Change({"points": _bent(state.points)[..., None]}, 1)
+        """Return d point / d gradient = z x - x^2 e_z / 2, x from the height of the bars; from which point there, makes
+        but a motion of the whole."""
+        return Change({"points": _bent(state.points, self.scale_height_m)[..., None]}, 1)
 
 
-def _bent(points: NDArray) -> NDArray:
+def _bent(points: NDArray, scale_height_m: float) -> NDArray:
     """Return how far points (B, K, 3) are moved per gradient (B, K, 3)."""
     arms = points - points.mean(1, keepdims=True)
+    arms[..., 2] = points[..., 2] - scale_height_m
     found = arms[..., 2:] * arms
     found[..., 2] -= 0.5 * np.sum(arms**2, -1)
     return np.asarray(found)
