@@ -23,6 +23,8 @@ from tests.photographs.surveyed import SurveyMeasure
 THIRD = Bar("U", ((-290.0, -240.0, 10.0), (-280.0, 210.0, 24.0)))
 SECOND = Lens(name="right", focal_px=2310.0, principal_px=-3.1 + 5.2j, radial=(-0.07, 0.09, 0.0))
 STILL_MM = 3000.0  # the height at which air over a warm floor has no gradient any more
+# Sizes that no room has more of: some twenty kelvins per metre, over a floor as much as in the whole height.
+MOST_OF_AIR: dict[type[CameraEffect], float] = {AirGradient: 2.0, AirLayer: 0.8}
 Sized = Callable[[float], CameraEffect]
 
 
@@ -148,19 +150,22 @@ def moves_of(plan: Plan, seed: int) -> list[tuple[int, str, np.ndarray]]:
 
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> PhotographedCase:
-    """Effects by their names in ``KINDS``, each of the wanted strength, in a campaign of the layout ``kind``.
+    """Effects by their names in ``KINDS``, each of the wanted strength, in a campaign of the layout ``kind``; air is
+    no stronger than a room can have it, and its strength told as what it is then.
 
     Rays follow effects of cameras, bars, panes and air in proportion, as far as they are small: one size tells all.
     """
     plan, rng = LAYOUTS[kind], np.random.default_rng([seed, 2])
     by_rays = RayMeasure(plan.shooting, moves_of(plan, seed), seed)
     by_survey = SurveyMeasure(plan.shooting, moves_of(plan, seed), seed)
-    effects = []
+    effects, strengths = [], []
     for name in names:
         of_size = KINDS[name](plan, rng)
         small = of_size(0.1)
         found = (by_survey if isinstance(small, AirGradient) else by_rays).strength(small)
         if found < 1e-6:
             raise ValueError(f"{name} does not show in this campaign")
-        effects.append(of_size(0.1 * wanted / found))
-    return PhotographedCase(plan, seed, tuple(effects), (wanted,) * len(effects))
+        size = min(0.1 * wanted / found, MOST_OF_AIR.get(type(small), np.inf))
+        effects.append(of_size(size))
+        strengths.append(wanted if size == 0.1 * wanted / found else found * size / 0.1)
+    return PhotographedCase(plan, seed, tuple(effects), tuple(strengths))
