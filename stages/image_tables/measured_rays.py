@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 ONE_CAMERA = "camera"
 """What the camera is called where nothing names it."""
 
+_MARGIN = 0.01
 _COVARIANCE = ("cov_xx_px2", "cov_xy_px2", "cov_yy_px2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
@@ -75,6 +76,7 @@ def read_rays(
     }
     image_points = _as_table("image_points", columns)
     photographs = _photographs(image_points, cameras, found, log)
+    _within_format(found, camera, cameras, log)
     return MeasuredRays(image_points, photographs, dict(found.left_out), _without_sigma(found))
 
 
@@ -113,6 +115,17 @@ def _one_camera(found: Gathered, log: FaultLog, camera: Names) -> None:
     keys = zip(found.table.column("pose").to_pylist(), _text(found, "image"), strict=True)
     other = np.array([first.setdefault(key, one) != one for key, one in zip(keys, camera, strict=True)], dtype=bool)
     found.fault(log, other, "camera", "one camera for all points of an image")
+
+
+def _within_format(found: Gathered, camera: Names, cameras: pa.Table | None, log: FaultLog) -> None:
+    """No ray lies outside the format that its camera is given, but for a hundredth of it."""
+    formats = {} if cameras is None else {row["camera"]: row for row in cameras.to_pylist()}
+    for side, name in (("width_px", "x_px"), ("height_px", "y_px")):
+        at = _numbers(found, name)
+        for one, given in formats.items():
+            if (size := given.get(side)) is not None:
+                outside = (camera == one) & ((at < -_MARGIN * size) | (at > (1 + _MARGIN) * size))
+                found.fault(log, outside, name, f"a place within the format of camera {one}, {side} {size}")
 
 
 def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:

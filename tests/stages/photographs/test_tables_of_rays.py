@@ -80,6 +80,10 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
         ({"image_points": RAYS + "1,b,ring12-17,1,2\n"}, "row 5, column point: found 'ring12-17'; expected each point"),
         ({"image_points": RAYS.replace("100.5", "x")}, "row 4, column x_px: found 'x'"),
         (
+            {"image_points": RAYS.replace("210", "3500")},
+            "row 4, column y_px: found '3500.0'; expected a place within the",
+        ),
+        (
             {"cameras": "camera,width_px\ncamera,4000\n"},
             "column cameras.name: found 'camera'; expected each camera once",
         ),

@@ -33,7 +33,7 @@ def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
     held = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
     left = covariance - held @ (held.T @ covariance)
     left = left - (left @ held) @ held.T
-    sigma = np.sqrt(np.mean(np.diagonal(left)))
+    sigma = np.sqrt(max(float(np.mean(np.diagonal(left))), 0.0))  # of hopeless networks, rounding is all that is left
     values, vectors = np.linalg.eigh((left + left.T) / 2)
     usual = float(np.median(values[6:])) if count > 2 else sigma**2
     chosen = np.arange(len(values))[::-1][:most]
