@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.estimation.image_targets.pictures import ellipse_picture, photograph
+from tests.estimation.image_targets.pictures import ellipse_picture, photograph, ring_target_picture
 from tests.estimation.image_targets.scenes import errors, rings
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
-from truing.estimation.image_targets.ring_codes import any_word, ring_code
+from truing.estimation.image_targets.ring_codes import any_word, ring_code, smallest_turn
 
 
 @pytest.mark.parametrize(
@@ -55,6 +55,30 @@ def test_a_sticker_is_not_taken_for_the_target_on_it():
     found = measure_circles(grey, CirclePlan())
     np.testing.assert_allclose(found.semi_axes_px, [(7, 6)], atol=0.05)
     assert found.rejected["ground of another"] == 1
+
+
+def test_a_ring_that_two_wanted_families_could_say_is_counted_as_such():
+    scene = rings(np.random.default_rng(1), (8, 7), 0.8, 1.0, 8, [0b00110011, 0b00111111])
+    both = measure_circles(scene.grey, CirclePlan(codes=(ring_code(8), ring_code(12))))
+    assert both.names == ["ring8-9"]
+    assert both.rejected["code of two families"] == 1
+    alone = measure_circles(scene.grey, CirclePlan(codes=(ring_code(8),)))
+    assert sorted(alone.names) == ["ring8-7", "ring8-9"]
+
+
+def test_a_ring_half_hidden_by_what_is_nearly_its_ground_says_nothing():
+    # what hides its lower side leaves another word of the family: opposite segments, and no others
+    rng = np.random.default_rng(5)
+    shown, left = 0b100100100001, 0b100000100000
+    assert {smallest_turn(shown, 12), smallest_turn(left, 12)} <= set(ring_code(12).words)
+    light = ring_target_picture(90, (44.5, 44.5), (8, 7), 0.0, 12, left, 0.0, 0.8)
+    plan = CirclePlan(codes=(ring_code(12),))
+    open_ring = photograph(rng, light, 30, 150, 1.0)
+    assert measure_circles(open_ring, plan).count == 1
+    light[55:] = np.maximum(light[55:], 0.16)
+    found = measure_circles(photograph(rng, light, 30, 150, 1.0), plan)
+    assert found.count == 0
+    assert found.rejected["unreadable code"] == 1
 
 
 def test_codes_of_another_family_are_counted_and_not_called_circles():

@@ -35,6 +35,7 @@ _NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
 _HELD = 0.1  # of the contrast: levels in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
 _GROUND, _COVERED = 0.3, 0.06  # of the contrast: levels beyond a ring; share of them that may be others
+_CLIPPED = 0.97  # of the range: levels that no slope of the light makes lighter
 _STRAY = 0.03  # share of an edge's pixels that may be taken for something else
 # By which an arc of an edge may be off its ellipse: px, or a share of the semi-major axis (paper is not flat).
 _DENT, _DENT_SHARE = 0.3, 0.012
@@ -188,11 +189,17 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     """Return what the rings about dots (N, RESULTS) say, and out to which radii (N,) all light is known."""
     from scipy.special import erf
 
-    A, centre = matrices(fit), fit[:, :2]
+    A, centre, top = matrices(fit), fit[:, :2], _top(grey)
 
     def levels(radii: tuple[float, ...], left: Array) -> Array:
-        return unclipped(sample_ellipses(grey, centre, A, radii, ROUND).mean(1), fit, _top(grey), left)
+        seen = sample_ellipses(grey, centre, A, radii, ROUND).mean(1)
+        light = np.where(seen < _CLIPPED * top, np.clip(1 + np.mean(radii) * slope, 0.5, 2.0), 1.0)
+        return unclipped(seen / light, fit, top, left)
 
+    # the light's slope, from the centre to the edge
+    turn = (np.arange(ROUND) + 0.5) * 2 * np.pi / ROUND
+    to_edge = np.linalg.inv(A) @ np.stack([np.cos(turn), np.sin(turn)]) * np.sqrt(np.linalg.det(A))[:, None, None]
+    slope = np.einsum("ni,nik->nk", fit[:, [edge.SLOPE_X, edge.SLOPE_Y]], to_edge)
     # of a narrow ring the blur leaves this much
     width = axes_of(fit)[0].prod(1) ** 0.5
     whole_light = np.ones(len(fit))
@@ -220,6 +227,7 @@ def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) 
     coded = reading.number >= 0
     tests = {
         "at border": ~_ring_inside(grey, fit, plan),
+        "code of two families": reading.ambiguous & reading.unreadable,
         "unreadable code": reading.unreadable & ~coded,
         "part of a ring": ~coded & on_rings(fit, coded | reading.unreadable),
         "ground of another": ~coded & about_others(fit),

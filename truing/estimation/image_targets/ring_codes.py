@@ -27,6 +27,10 @@ _ROUGH = 0.22  # rms of the cores of segments about the word they were read as
 _STRAY = 0.035  # mean square of all samples about the word, less what the blur of edges explains
 _EDGE_SQUARE = 0.234  # what the blur of an edge leaves: the integral of Phi(-|t|)^2 over t
 _SOMETHING = 0.6  # where no sample is lighter there is no ring
+# What stands before a part of a ring is seldom as light as its ground: by how much the middles of segments that are not
+# set may differ, beside what set neighbours shine into them, if it and _UNCLEAR's measure exceed _DOUBTFUL together (a
+# shadow over clear segments does not); and which share of a segment its middle is.
+_UNEVEN, _DOUBTFUL, _MIDDLE = 0.1, 0.3, 0.4
 _APART = 0.003  # by how much of the mean square another number of segments must be worse at explaining the ring
 
 
@@ -102,13 +106,15 @@ def _mirrored(word: int, bits: int) -> int:
 @dataclass(frozen=True)
 class Reading:
     """What rings say: family (N,) by number, -1 without; number (N,), -1 without; confidence (N,) from 0 to 1; ring
-    (N, ROUND) of the word read, 0 or 1 at every sample; unreadable (N,) where something is there that is no code."""
+    (N, ROUND) of the word read, 0 or 1 at every sample; unreadable (N,) where something is there that is no code, and
+    ambiguous (N,) where that is because it would be a code of another family as well."""
 
     family: NDArray[np.int64]
     number: NDArray[np.int64]
     confidence: Array
     ring: Array
     unreadable: NDArray[np.bool_]
+    ambiguous: NDArray[np.bool_]
 
 
 def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> Reading:
@@ -116,13 +122,13 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
 
     Levels are in units of the dot's contrast; soft (N,) is the blur of edges between segments, in samples. Every number
     of segments at every phase is fitted; the best decides unless another number of them makes a code as well, a segment
-    is neither set nor unset, edges lie elsewhere than between segments, or the word is no code. A ring that is dark all
-    round is none.
+    is neither set nor unset, edges lie elsewhere than between segments, those that are not set differ as if something
+    hid a part, or the word is no code. A ring that is dark all round is none.
     """
     n = len(levels)
     if not codes or not n:
         none = np.full(n, -1)
-        return Reading(none, none, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool))
+        return Reading(none, none, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool), np.zeros(n, bool))
     there = (levels > _SOMETHING).any(1)
     fits = [_fit(levels, code.bits) for code in codes]
     numbers = np.stack([_look_up(code, fit.word) for code, fit in zip(codes, fits, strict=True)])  # (families, N)
@@ -133,11 +139,16 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     bits = np.array([code.bits for code in codes])
     rivals = (meant & (bits[:, None] != bits[best])).any(0)
     each = np.arange(n)
-    ring, off, rough = (np.stack([getattr(fit, name) for fit in fits])[best, each] for name in ("ring", "off", "rough"))
+    names = ("ring", "off", "rough", "uneven")
+    ring, off, rough, uneven = (np.stack([getattr(fit, name) for fit in fits])[best, each] for name in names)
     edges = np.count_nonzero(ring != np.roll(ring, 1, axis=1), axis=1)
-    blurred = _EDGE_SQUARE * edges * (0.0 if soft is None else soft) / ROUND
+    soft = np.zeros(n) if soft is None else soft
+    blurred = _EDGE_SQUARE * edges * soft / ROUND
+    uneven = uneven - _shone_in(ROUND / bits[best], soft)
+    even = (uneven < _UNEVEN) | (off + uneven < _DOUBTFUL)
     stray = left[best, each] - np.minimum(blurred, 0.15)
-    read = there & meant.any(0) & ~rivals & (stray < _STRAY) & (off < _UNCLEAR) & (rough < _ROUGH)
+    clear = there & meant.any(0) & (stray < _STRAY) & (off < _UNCLEAR) & (rough < _ROUGH) & even
+    read = clear & ~rivals
     confidence = np.where(read, (1 - 2 * off) * (1 - rough), 0.0)
     return Reading(
         np.where(read, best, -1),
@@ -145,19 +156,31 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
         confidence,
         ring * read[:, None],
         there & ~read,
+        clear & rivals,
     )
 
 
 @dataclass(frozen=True)
 class _Fit:
     """A ring taken for so many segments, at the phase that fits best: word (N,), the same as ring (N, ROUND); how far
-    the mean of a segment's core is off its bit at most, rms of cores about it, mean square of all samples about it."""
+    the mean of a segment's core is off its bit at most, rms of cores about it, mean square of all samples about it, and
+    range of the middles of segments that are not set."""
 
     word: NDArray[np.int64]
     ring: Array
     off: Array
     rough: Array
     left: Array
+    uneven: Array
+
+
+def _shone_in(wide: Array, soft: Array) -> Array:
+    """Return the mean light (N,) in the middle of an unset segment, so many samples wide, between two that are set."""
+    from scipy.special import ndtr
+
+    near, far = ((0.5 + side * _MIDDLE / 2) * wide / np.maximum(soft, 1e-6) for side in (-1, 1))
+    first, last = (np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - z * ndtr(-z) for z in (near, far))
+    return 2 * (first - last) * soft / (_MIDDLE * wide)
 
 
 def _fit(levels: Array, bits: int) -> _Fit:
@@ -177,7 +200,11 @@ def _fit(levels: Array, bits: int) -> _Fit:
     ring[each[:, None, None], at[phase]] = bit[..., None]
     off = np.abs(core.mean(-1)).max(1)
     rough = np.sqrt(np.square(core).mean((-1, -2)))
-    return _Fit(bit @ (1 << np.arange(bits)[::-1]), ring, off, rough, left[each, phase])
+    trim = round(wide * (_CORE - _MIDDLE) / 2)
+    middle = core[..., trim : core.shape[-1] - trim].mean(-1)
+    highest, lowest = np.where(bit, -np.inf, middle).max(1), np.where(bit, np.inf, middle).min(1)
+    uneven = np.where(bit.all(1), 0.0, highest - lowest)
+    return _Fit(bit @ (1 << np.arange(bits)[::-1]), ring, off, rough, left[each, phase], uneven)
 
 
 def _look_up(code: RingCode, words: NDArray[np.int64]) -> NDArray[np.int64]:
