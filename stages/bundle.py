@@ -58,6 +58,11 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
         artifacts = NetworkTables(found, rays).all(tables.get("scale_bars"))
     except UndeterminedNetworkError as error:
         expected = "rays that make a network: images that see points in common, from different sides"
+        if not named.network.rays.count:  # circles find each other along lines of sight of images that codes oriented
+            expected = (
+                f"targets with a code or a name, four in common to neighbouring images; none of {len(rays.point):,} "
+            )
+            raise CampaignFaults([Fault("image_points", f"{expected}rays has one", column="point")]) from None
         raise CampaignFaults([Fault("image_points", expected, value=str(error))]) from None
     artifacts["bundle_statistics"] = statistics_table(found)
     adjusted, named = found.adjustment, found.named

@@ -153,6 +153,8 @@ class Points:
         file = self.unlabelled.parts[0][0].raw.name
         if self.expected.survey is None:
             said = "targets.csv (or [files.targets]): points without names are named by the survey's geometry"
+            if self.source.has_photographs:
+                said += "; [photographs] uncoded = false leaves circles without a code out"
             self.log.add(Fault(file, said, column="target"))
             return
         if self.expected.point_mm is None:
