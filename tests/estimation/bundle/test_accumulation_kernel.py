@@ -9,6 +9,7 @@ from tests.estimation.bundle.drawn_networks import disturbed, draw, noisy, uneve
 from truing.estimation.bundle.layout import lay_out
 from truing.estimation.bundle.normal_equations import normal_equations, observe, residuals, sum_of_squares
 from truing.estimation.bundle.projection import linearise, project
+from truing.estimation.bundle.workspace import Workspace
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def dense(observed, state):
 
 def test_sums_are_those_of_the_rows(observed):
     observed, state, _ = observed
-    ours = normal_equations(observed, state)
+    ours = normal_equations(observed, state, Workspace())
     rows, information, v = dense(observed, state)
     normal, side = rows.T @ information @ rows, rows.T @ information @ v
     layout = observed.layout
@@ -55,16 +56,19 @@ def test_sums_are_those_of_the_rows(observed):
     for n in range(len(layout.points)):
         own = slice(i + 3 * n, i + 3 * n + 3)
         np.testing.assert_allclose(ours.points[n] / np.outer(unit[own], unit[own]), scaled[own, own], atol=1e-12)
-        by = ours.point_rows[n] / unit[own, None]
+        by = ours.point_sides[n] / unit[own, None]
+        np.testing.assert_allclose(by[:, :-1] / unit[i + p :], scaled[own, i + p :], atol=1e-12)
+        np.testing.assert_allclose(by[:, -1], side[own] / unit[own], rtol=1e-9)
+    for n in range(len(layout.images)):
+        own = slice(6 * n, 6 * n + 6)
+        by = ours.image_sides[n] / unit[own, None]
         np.testing.assert_allclose(by[:, :-1] / unit[i + p :], scaled[own, i + p :], atol=1e-12)
         np.testing.assert_allclose(by[:, -1], side[own] / unit[own], rtol=1e-9)
     for pose in range(2):
         images = np.arange(6 * layout.image_start[pose], 6 * layout.image_start[pose + 1])
         points = np.arange(3 * layout.point_start[pose], 3 * layout.point_start[pose + 1]) + i
-        columns = np.concatenate([points, np.arange(i + p, len(unit))])
-        by = ours.image_rows[pose] / unit[images, None]
-        np.testing.assert_allclose(by[:, :-1] / unit[columns], scaled[np.ix_(images, columns)], atol=1e-12)
-        np.testing.assert_allclose(by[:, -1], side[images] / unit[images], rtol=1e-9)
+        by = ours.between[pose] / np.outer(unit[images], unit[points])
+        np.testing.assert_allclose(by, scaled[np.ix_(images, points)], atol=1e-12)
     common = ours.common / unit[i + p :, None]
     np.testing.assert_allclose(common[:, :-1] / unit[i + p :], scaled[i + p :, i + p :], atol=1e-12)
     np.testing.assert_allclose(common[:, -1], side[i + p :] / unit[i + p :], rtol=1e-9)

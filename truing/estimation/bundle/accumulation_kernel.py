@@ -1,9 +1,10 @@
 """Rays into normal equations, compiled: residual, exact derivatives and their products, image after image.
 
-The equations are those of `truing.estimation.bundle.projection`. A ray is two rows of 20 numbers, by point (3), image
-(6), interior (10) and misclosure (1), whitened by its information; the products of an image's rows are one product of
-matrices, those with a point are added as they come. Importing this module imports numba; compiled code is kept in
-numba's cache on disk.
+The equations are those of `truing.estimation.bundle.projection`. A ray is two rows of 17 numbers, by point (3), turn
+of the image (3), interior (10) and misclosure (1), whitened by its information; what moves the point moves the image's
+centre the other way, which needs no numbers of its own. The products of an image's rows are one product of matrices,
+those with a point are added as they come. Importing this module imports numba; compiled code is kept in numba's cache
+on disk.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from numpy.typing import NDArray
 from truing.estimation import lane_arithmetic
 from truing.estimation.lane_arithmetic import compiled, inner
 
-POINT, IMAGE, INTERIOR, MISCLOSURE = 0, 3, 9, 19  # where each part of a row starts
-WIDTH = 20  # of a row
+INTERIOR, MISCLOSURE = 6, 16  # where these parts of a row start, after point and turn
+WIDTH = 17  # of a row
 
 
 @inner
@@ -80,21 +81,21 @@ def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray, root:
     per = c / X[2]
     row[0, 0], row[0, 1], row[0, 2] = xx * per, xy * per, -(xx * u + xy * v) * per
     row[1, 0], row[1, 1], row[1, 2] = yx * per, yy * per, -(yx * u + yy * v) * per
-    row[0, 9], row[1, 9] = xx * u + xy * v, yx * u + yy * v
-    put(row, 10, root, 1.0, 0.0)
-    put(row, 11, root, 0.0, 1.0)
-    put(row, 12, root, xi * p1, eta * p1)
-    put(row, 13, root, xi * p2, eta * p2)
-    put(row, 14, root, xi * p3, eta * p3)
-    put(row, 15, root, s + 2.0 * xi * xi, 2.0 * xi * eta)
-    put(row, 16, root, 2.0 * xi * eta, s + 2.0 * eta * eta)
-    put(row, 17, root, xi, 0.0)
-    put(row, 18, root, eta, 0.0)
+    row[0, 6], row[1, 6] = xx * u + xy * v, yx * u + yy * v
+    put(row, 7, root, 1.0, 0.0)
+    put(row, 8, root, 0.0, 1.0)
+    put(row, 9, root, xi * p1, eta * p1)
+    put(row, 10, root, xi * p2, eta * p2)
+    put(row, 11, root, xi * p3, eta * p3)
+    put(row, 12, root, s + 2.0 * xi * xi, 2.0 * xi * eta)
+    put(row, 13, root, 2.0 * xi * eta, s + 2.0 * eta * eta)
+    put(row, 14, root, xi, 0.0)
+    put(row, 15, root, eta, 0.0)
 
 
 @inner
 def turned(row: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
-    """Turn derivatives by the direction into those by the point, and fill those by the image."""
+    """Turn derivatives by the direction into those by the point, and fill those by the turn of the image."""
     a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
     for k in range(2):
         d0, d1, d2 = row[k, 0], row[k, 1], row[k, 2]
@@ -102,8 +103,7 @@ def turned(row: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
         p1 = d0 * R[1, 0] + d1 * R[1, 1] + d2 * R[1, 2]
         p2 = d0 * R[2, 0] + d1 * R[2, 1] + d2 * R[2, 2]
         row[k, 0], row[k, 1], row[k, 2] = p0, p1, p2
-        row[k, 3], row[k, 4], row[k, 5] = -p0, -p1, -p2
-        row[k, 6], row[k, 7], row[k, 8] = p1 * c - p2 * b, p2 * a - p0 * c, p0 * b - p1 * a
+        row[k, 3], row[k, 4], row[k, 5] = p1 * c - p2 * b, p2 * a - p0 * c, p0 * b - p1 * a
 
 
 @inner
@@ -113,8 +113,9 @@ def add_to_point(sums: NDArray, row: NDArray, flat: NDArray, at: int, stride: in
         f, g = row[0, a], row[1, a]
         for b in range(WIDTH):
             sums[a, b] += f * row[0, b] + g * row[1, b]
-        for b in range(6):
-            flat[at + b * stride + a] += f * row[0, IMAGE + b] + g * row[1, IMAGE + b]
+        for b in range(3):
+            flat[at + b * stride + a] -= f * row[0, b] + g * row[1, b]
+            flat[at + (3 + b) * stride + a] += f * row[0, 3 + b] + g * row[1, 3 + b]
 
 
 @inner
@@ -133,18 +134,17 @@ def put_points(sums: NDArray, place: NDArray, blocks: NDArray, sides: NDArray) -
 
 
 @inner
-def put_image(
-    square: NDArray, block: NDArray, place: NDArray, common: NDArray, flat: NDArray, at: int, stride: int
-) -> None:
-    """Write an image's sums: its block (6, 6), its rows' columns of the common unknowns from at, and these alone."""
+def put_image(square: NDArray, block: NDArray, side: NDArray, place: NDArray, common: NDArray) -> None:
+    """Write an image's sums: its block (6, 6), its side (6, c + 1) by the common unknowns, and these alone."""
     last = common.shape[1] - 1
     for a in range(6):
+        sign = -1.0 if a < 3 else 1.0
         for b in range(6):
-            block[a, b] = square[IMAGE + a, IMAGE + b]
+            block[a, b] = square[a, b] if (a < 3) == (b < 3) else -square[a, b]
         for b in range(10):
             if place[b] >= 0:
-                flat[at + a * stride + place[b]] = square[IMAGE + a, INTERIOR + b]
-        flat[at + a * stride + last] = square[IMAGE + a, MISCLOSURE]
+                side[a, place[b]] = sign * square[a, INTERIOR + b]
+        side[a, last] = sign * square[a, MISCLOSURE]
     for a in range(10):
         if place[a] >= 0:
             for b in range(10):
@@ -171,6 +171,7 @@ def accumulate(
     image_row: NDArray,
     stride: NDArray,
     images: NDArray,
+    image_sides: NDArray,
     blocks: NDArray,
     sides: NDArray,
     common: NDArray,
@@ -180,7 +181,7 @@ def accumulate(
 
     Rays (n) are in the order of their images, first_ray (i + 1); camera, R, centre of every image; place (C, 10) of
     interior elements among the common unknowns; column (p,) of a point in its pose's rows, image_row (i,) where an
-    image's rows start in flat, stride (i,) their length, the last c + 1 columns being those of the common unknowns.
+    image's rows start in flat, stride (i,) their length.
     """
     most = 0
     for i in range(len(camera)):
@@ -204,7 +205,7 @@ def accumulate(
             add_to_point(sums[k, p], row, flat, image_row[i] + column[p], stride[i])
         own = rows[: 2 * (first_ray[i + 1] - start)]
         np.dot(own.T, own, square)
-        put_image(square, images[i], place[k], common, flat, image_row[i] + stride[i] - common.shape[1], stride[i])
+        put_image(square, images[i], image_sides[i], place[k], common)
         total += square[MISCLOSURE, MISCLOSURE]
     put_points(sums, place, blocks, sides)
     return total
@@ -262,42 +263,3 @@ def image_points(
         if X[2] > 0.0:
             x, y = image_point(interior[k], radius[k], X)
             xy[n, 0], xy[n, 1] = format_centre[k, 0] + x, format_centre[k, 1] + y
-
-
-@compiled(lane_arithmetic.__file__, __file__)
-def forward(own: NDArray, rows: NDArray, damping: float, root: NDArray, reduced: NDArray) -> bool:
-    """Fill the inverse (b, d, d) of the Cholesky factor of blocks whose diagonal is enlarged by a part of it, and its
-    product (b d, w) with their rows; return whether all of them are positive definite."""
-    count, d, _ = own.shape
-    lower = np.zeros((d, d))
-    for n in range(count):
-        for i in range(d):
-            for j in range(i + 1):
-                value = own[n, i, j]
-                if i == j:
-                    value *= 1.0 + damping
-                for k in range(j):
-                    value -= lower[i, k] * lower[j, k]
-                if i > j:
-                    lower[i, j] = value / lower[j, j]
-                elif value > 0.0:
-                    lower[i, i] = np.sqrt(value)
-                else:
-                    return False
-        for i in range(d):
-            for j in range(i + 1, d):
-                root[n, i, j] = 0.0
-            for j in range(i + 1):
-                value = 1.0 if i == j else 0.0
-                for k in range(j, i):
-                    value -= lower[i, k] * root[n, k, j]
-                root[n, i, j] = value / lower[i, i]
-        for i in range(d):
-            target = reduced[n * d + i]
-            target[:] = 0.0
-            for j in range(i + 1):
-                f = root[n, i, j]
-                source = rows[n * d + j]
-                for b in range(len(target)):
-                    target[b] += f * source[b]
-    return True

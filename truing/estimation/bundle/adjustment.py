@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.bundle.bundle_covariance import BundleCovariance, covariance
-from truing.estimation.bundle.datum import Datum, conditions, freedoms, in_datum
+from truing.estimation.bundle.datum import Datum, Freedom, conditions, freedoms, in_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
 from truing.estimation.bundle.layout import Layout, lay_out
 from truing.estimation.bundle.network import Array, Network, State
@@ -30,6 +30,7 @@ from truing.estimation.bundle.normal_equations import (
 )
 from truing.estimation.bundle.projection import project
 from truing.estimation.bundle.solution import Reduced, eliminate_poses, solve, tie_variances, tie_weights
+from truing.estimation.bundle.workspace import Workspace
 
 _START_DAMPING = 1e-6
 _LEAST_DAMPING = 1e-11  # less is none
@@ -106,8 +107,9 @@ def adjust(
     check_determined(network, on, known)
     layout = lay_out(network, on, known)
     observed = observe(network, layout, w, factor)
-    held = tuple(conditions(free, datum) for free in freedoms(layout, start))
-    settled = _iterated(observed, start, held, max_iterations)
+    near = freedoms(layout, start)
+    held = tuple(conditions(free, datum) for free in near)
+    settled = _iterated(observed, start, near, held, max_iterations)
     state = in_datum(layout, settled.state, start, held)
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
@@ -160,20 +162,23 @@ class _Settled:
     before: tuple[State, Reduced] | None
 
 
-def _iterated(observed: Observed, start: State, held: tuple[Array, ...], most: int) -> _Settled:
-    """Return the state of the least sum of squares; held are the conditions B (3 p, d) of the datum per pose.
+def _iterated(
+    observed: Observed, start: State, near: tuple[Freedom, ...], held: tuple[Array, ...], most: int
+) -> _Settled:
+    """Return the state of the least sum of squares; near are the freedoms of the start, held the conditions B (3 p, d)
+    of the datum per pose.
 
     The last steps have no damping at all: what holds back a weak direction tells nothing of how far it has to go.
     """
-    layout, state, placed = observed.layout, start, True
-    equations = normal_equations(observed, state)
+    layout, state, placed, workspace = observed.layout, start, True, Workspace()
+    equations = normal_equations(observed, state, workspace)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
     weight = tie_weights(observed, equations)
     damping, growth, iteration, last, least = _START_DAMPING, 2.0, 0, 0.0, 0.0
     for iteration in range(1, most + 1):
         try:
-            reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, damping)
+            reduced = eliminate_poses(observed, equations, near, weight, damping, workspace)
             step = solve(layout, reduced)
         except np.linalg.LinAlgError:
             singular = damping < _START_DAMPING  # something is free: the least sum of squares is found all the same
@@ -192,7 +197,7 @@ def _iterated(observed: Observed, start: State, held: tuple[Array, ...], most: i
             if gain > 0:
                 placed = left <= _NEAR
                 state = in_datum(layout, tried, start, held) if placed else tried
-                equations = normal_equations(observed, state)
+                equations = normal_equations(observed, state, workspace)
             growth, last = 2.0, length
             damping *= 0.0 if settled else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
             damping = damping if damping >= _LEAST_DAMPING else least
@@ -222,9 +227,8 @@ def _foreseen(
     misclosure = equations.distances.misclosure
     before = equations.chi2 + _of_distances(observed, misclosure, weight, step.multipliers)
     layout = observed.layout
-    image_side = np.concatenate([rows[:, -1] for rows in equations.image_rows])
-    along = step.images.ravel() @ image_side + step.common @ equations.common[:, -1]
-    along += np.sum(step.points * equations.point_rows[..., -1])
+    along = np.sum(step.images * equations.image_sides[..., -1]) + step.common @ equations.common[:, -1]
+    along += np.sum(step.points * equations.point_sides[..., -1])
     stretch = np.einsum(
         "qi,qi->q", equations.distances.direction, step.points[layout.second] - step.points[layout.first]
     )

@@ -22,6 +22,7 @@ from truing.estimation.bundle.normal_equations import Observed, normal_equations
 from truing.estimation.bundle.pose_covariance import PoseCovariance, given_common
 from truing.estimation.bundle.projection import linearise
 from truing.estimation.bundle.solution import Reduced, eliminate_poses, tie_variances, tie_weights
+from truing.estimation.bundle.workspace import Workspace
 
 _SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding
 
@@ -190,17 +191,19 @@ def covariance(
     Raises `UndeterminedNetworkError` where something is free that the datum does not settle.
     """
     layout = observed.layout
+    free = freedoms(layout, state)
     if reduced is None:
-        equations = normal_equations(observed, state)
+        workspace = Workspace()
+        equations = normal_equations(observed, state, workspace)
         weight = tie_weights(observed, equations)
         try:
-            reduced = eliminate_poses(observed, equations, freedoms(layout, state), weight, 0.0)
+            reduced = eliminate_poses(observed, equations, free, weight, 0.0, workspace)
         except np.linalg.LinAlgError:
             raise UndeterminedNetworkError("the network falls apart: images and points are free to move") from None
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced)
     poses = tuple(
-        None if one is None else given_common(layout, pose, one, reduced.free[pose], held[pose])
+        None if one is None else given_common(layout, pose, one, free[pose], held[pose])
         for pose, one in enumerate(reduced.poses)
     )
     draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))

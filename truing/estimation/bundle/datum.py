@@ -16,7 +16,6 @@ from scipy.linalg import qr
 
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array, Index, State
-from truing.estimation.rotation import skew
 
 Datum = Literal["free", "minimal", "known"]
 
@@ -27,11 +26,14 @@ _FIXED = 1e-6  # a freedom moves known points by less than this part of its move
 @dataclass(frozen=True)
 class Freedom:
     """What the observations of a pose leave free: movements of its images (i, 6, d) and points (p, 3, d), of its points
-    as a whole orthonormal, and the combination (7, d) of the shifts, turns and scale that they are."""
+    as a whole orthonormal, and the combination (7, d) that they are of shifts, turns and scale about the middle (3,) of
+    the points, in m per size in m."""
 
     images: Array
     points: Array
     mixture: Array
+    middle: Array
+    size: float
 
     @property
     def count(self) -> int:
@@ -39,24 +41,69 @@ class Freedom:
         return self.points.shape[-1]
 
 
-def freedom(centres: Array, points: Array, has_length: bool, known: Index) -> Freedom:
-    """Return what is left free of a pose with projection centres (i, 3) and points (p, 3) in m, where bars give the
-    length or not and the points known, by number (m,), are known."""
-    if not len(points):
-        return Freedom(np.zeros((len(centres), 6, 0)), np.zeros((0, 3, 0)), np.zeros((7, 0)))
-    middle = points.mean(0)
-    size = np.sqrt(np.mean((points - middle) ** 2) * 3)
-    of_images, of_points = np.zeros((len(centres), 6, 7)), _movements((points - middle) / size)
-    of_images[:, :3], of_images[:, 3:, 3:6] = _movements((centres - middle) / size), np.eye(3) / size
-    mixture = np.eye(7)[:, : 6 if has_length else 7]
-    if len(known):
-        mixture = mixture @ _null_space(of_points[known].reshape(-1, 7) @ mixture)
-    if mixture.shape[1]:
-        flat = (of_points @ mixture).reshape(-1, mixture.shape[1])
-        mixture = mixture @ np.linalg.inv(np.linalg.cholesky(flat.T @ flat)).T
-    of_images, of_points = of_images.reshape(-1, 7) @ mixture, of_points.reshape(-1, 7) @ mixture
-    free = mixture.shape[1]
-    return Freedom(of_images.reshape(len(centres), 6, free), of_points.reshape(len(points), 3, free), mixture)
+def freedoms(layout: Layout, state: State) -> tuple[Freedom, ...]:
+    """Return what the observations leave free of every pose: bars take the scale, known points what they fix."""
+    points, centres = state.points[layout.points], state.centre[layout.images]
+    middle, size = _middles(points, layout.point_start)
+    of_point, of_image = _owners(layout.point_start), _owners(layout.image_start)
+    points = (points - middle[of_point]) / size[of_point, None]
+    centres = (centres - middle[of_image]) / size[of_image, None]
+    of_points, of_images = _movements(points), np.zeros((len(centres), 6, 7))
+    of_images[:, :3], of_images[:, 3:, 3:6] = _movements(centres), np.eye(3) / size[of_image, None, None]
+    mixtures, has_length = _orthonormal(points, layout.point_start), np.zeros(layout.poses, bool)
+    has_length[layout.distance_pose] = True
+    found = []
+    for pose, mixture in enumerate(mixtures):
+        i = slice(layout.image_start[pose], layout.image_start[pose + 1])
+        p = slice(layout.point_start[pose], layout.point_start[pose + 1])
+        own = mixture[:, : 6 if has_length[pose] else 7] if p.start < p.stop else mixture[:, :0]
+        known = layout.known_slot[(layout.known_slot >= p.start) & (layout.known_slot < p.stop)]
+        if len(known):
+            own = own @ _null_space(of_points[known].reshape(-1, 7) @ own)
+        found.append(Freedom(_mixed(of_images[i], own), _mixed(of_points[p], own), own, middle[pose], size[pose]))
+    return tuple(found)
+
+
+def _mixed(movements: Array, mixture: Array) -> Array:
+    """Return movements (n, k, 7), combined by a mixture (7, d)."""
+    flat = movements.reshape(-1, 7) @ mixture
+    return flat.reshape(*movements.shape[:2], mixture.shape[1])
+
+
+def _owners(start: Index) -> Index:
+    """Return the pose (n,) of everything that stands pose by pose from start (S + 1,)."""
+    return np.repeat(np.arange(len(start) - 1), np.diff(start))
+
+
+def _sums(values: Array, start: Index) -> Array:
+    """Return the sum (S, ...) of values (n, ...) of every pose, zero where it has none."""
+    sums, some = np.zeros((len(start) - 1, *values.shape[1:])), start[:-1] < start[1:]
+    if len(values):
+        sums[some] = np.add.reduceat(values, start[:-1][some])
+    return sums
+
+
+def _middles(points: Array, start: Index) -> tuple[Array, Array]:
+    """Return the middle (S, 3) of every pose's points (p, 3), and their size (S,), the rms distance from it."""
+    count = np.maximum(np.diff(start), 1)
+    middle = _sums(points, start) / count[:, None]
+    squares = np.sum((points - middle[_owners(start)]) ** 2, -1)
+    size = np.sqrt(_sums(squares, start) / count)
+    return middle, np.where(size > 0, size, 1.0)
+
+
+def _orthonormal(points: Array, start: Index) -> Array:
+    """Return the mixtures (S, 7, 7) by which movements of points about their middle and per their size (p, 3) become
+    orthonormal: shifts, turns and the scale are so to each other, turns among themselves by their inertia."""
+    moments = _sums(points[:, :, None] * points[:, None], start)
+    trace = np.trace(moments, axis1=1, axis2=2)
+    inertia = trace[:, None, None] * np.eye(3) - moments
+    inertia[trace == 0] = np.eye(3)
+    found = np.zeros((len(moments), 7, 7))
+    shifts = 1 / np.sqrt(np.maximum(np.diff(start), 1))
+    found[:, [0, 1, 2, 6], [0, 1, 2, 6]] = shifts[:, None]
+    found[:, 3:6, 3:6] = np.linalg.inv(np.linalg.cholesky(inertia)).transpose(0, 2, 1)
+    return found
 
 
 def _movements(points: Array) -> Array:
@@ -87,18 +134,6 @@ def conditions(free: Freedom, datum: Datum) -> Array:
     return held
 
 
-def freedoms(layout: Layout, state: State) -> tuple[Freedom, ...]:
-    """Return what the observations leave free of every pose."""
-    found = []
-    for pose in range(layout.poses):
-        start, stop = layout.point_start[pose], layout.point_start[pose + 1]
-        known = layout.known_slot[(layout.known_slot >= start) & (layout.known_slot < stop)] - start
-        images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
-        has_length = bool(np.any(layout.distance_pose == pose))
-        found.append(freedom(state.centre[images], state.points[layout.points[start:stop]], has_length, known))
-    return tuple(found)
-
-
 def in_datum(layout: Layout, state: State, start: State, held: tuple[Array, ...]) -> State:
     """Return a state moved and scaled so that nothing that is held, B (3 p, d) per pose, deviates from the start.
 
@@ -118,16 +153,12 @@ def in_datum(layout: Layout, state: State, start: State, held: tuple[Array, ...]
 
 def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:
     """Return rotation, scale and shift after which the points deviate from the start by nothing that is held."""
-    whole = np.eye(4)
-    middle = points.mean(0)
-    size = np.sqrt(np.mean((points - middle) ** 2) * 3)
+    whole, middle, size = np.eye(4), free.middle, free.size
     for _ in range(50):
         now = (points - middle) @ whole[:3, :3].T + whole[:3, 3]
         by = held.T @ (_movements(now / size) @ free.mixture).reshape(-1, free.count)
         change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
-        generator = np.zeros((4, 4))
-        generator[:3] = np.column_stack([skew(change[3:6]) / size + change[6] / size * np.eye(3), change[:3]])
-        whole = _exponential(generator) @ whole  # along the freedoms exactly: what is known stays where it is
+        whole = _exponential(_generator(change, size)) @ whole  # along the freedoms: what is known stays where it is
         if np.abs(change).max() <= _SQUARED * size:
             break
     scale = float(np.cbrt(np.linalg.det(whole[:3, :3])))
@@ -135,11 +166,18 @@ def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tupl
     return turn, scale, whole[:3, 3] + middle - scale * turn @ middle
 
 
+def _generator(change: Array, size: float) -> Array:
+    """Return the generator (4, 4) of a similarity of shifts in m, and of turns and scale (7,) that move the size."""
+    x, y, z = change[:3]
+    a, b, c, s = change[3:] / size
+    return np.array([[s, -c, b, x], [c, s, -a, y], [-b, a, s, z], [0.0, 0.0, 0.0, 0.0]])
+
+
 def _exponential(generator: Array) -> Array:
     """Return the exponential of a small matrix: Taylor's series of what is halved until it is short, then squared."""
     halvings = max(0, int(np.ceil(np.log2(max(np.abs(generator).sum(), 1e-300)))) + 3)
     part = term = generator / 2**halvings
-    for order in range(2, 14):
+    for order in range(2, 12):
         term = term @ (generator / 2**halvings) / order
         part = part + term
     for _ in range(halvings):  # of exp - 1, so that what is small keeps its digits

@@ -8,7 +8,7 @@ variance t = 1 / (1 / s^2 - r), by a multiplier k:
     (N + r a a^T) x + a k = n + r a w,    a^T x - t k = w,
 
 the same equations as of the whole information, sound down to s = 0, where the distance is a constraint. Freedoms of
-the datum are tied down by a term in their own directions, which changes nothing else.
+the datum are tied down by a term in directions near their own, which changes nothing else.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpotrf, dpotrs
 
@@ -23,6 +24,7 @@ from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array, Index
 from truing.estimation.bundle.normal_equations import NormalEquations
+from truing.estimation.bundle.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -42,49 +44,53 @@ class Ties:
 
 @dataclass(frozen=True)
 class Blocks:
-    """A pose's equations: independent blocks (b, d, d) to eliminate and their rows (b d, w) by what is kept, the common
-    unknowns and the right side, w = k + c + 1; the whole (w, w) of these three, of which the upper triangle is filled;
-    places (b d,) and (k,) of both within the pose's unknowns, images before points; freedoms (k, f), and rows (q, k) of
-    distances."""
+    """A pose's equations: independent blocks (b, d, d) to eliminate, their rows (b d, k) by what is kept and their
+    sides (b d, c + 1), the common unknowns and the right side; of what is kept the matrix (k, k), of which the upper
+    triangle is filled, and the sides (k, c + 1); places (b d,) and (k,) of both within the pose's unknowns, images
+    before points; directions (k, f) near the freedoms, and rows (q, k) of distances."""
 
     own: Array
     own_rows: Array
-    whole: Array
+    own_sides: Array
+    kept: Array
+    kept_sides: Array
     own_places: Index
     kept_places: Index
     freedoms: Array
     rows: Array
 
 
-def blocks_of(equations: NormalEquations, layout: Layout, pose: int, free: Freedom, ties: Ties) -> Blocks:
+def blocks_of(
+    equations: NormalEquations, layout: Layout, pose: int, near: Freedom, ties: Ties, workspace: Workspace
+) -> Blocks:
     """Return the equations of a pose, in the order of what is eliminated and what is kept."""
     i = slice(layout.image_start[pose], layout.image_start[pose + 1])
     p = slice(layout.point_start[pose], layout.point_start[pose + 1])
-    images, points, rows = equations.images[i], equations.points[p], equations.image_rows[pose]
-    m, n = len(rows), 3 * len(points)
-    of_points = equations.point_rows[p].reshape(n, -1)
-    freedoms = np.concatenate([free.images.reshape(m, free.count), free.points.reshape(n, free.count)])
+    images, points, between = equations.images[i], equations.points[p], equations.between[pose]
+    m, n = between.shape
+    of_images, of_points = equations.image_sides[i].reshape(m, -1), equations.point_sides[p].reshape(n, -1)
+    freedoms = np.concatenate([near.images.reshape(m, near.count), near.points.reshape(n, near.count)])
     tied_rows = _rows(ties, m, n)
     if n <= m:
-        kept, own = np.arange(m, m + n), np.arange(m)
-        whole = np.zeros((rows.shape[1],) * 2)
-        _put_diagonal(whole, 0, points)
-        whole[:n, n:] = of_points
-        return Blocks(images, rows, whole, own, kept, freedoms[kept], tied_rows[:, kept])
+        places, own = np.arange(m, m + n), np.arange(m)
+        kept = workspace.take(("kept", pose), (n, n))
+        _put_diagonal(points, kept)
+        return Blocks(images, between, of_images, kept, of_points, own, places, freedoms[places], tied_rows[:, places])
     ends = np.zeros(len(points), bool)
     ends[ties.first] = ends[ties.second] = True
     tied, loose = np.repeat(ends, 3), np.repeat(~ends, 3)
-    kept, own = np.concatenate([np.arange(m), m + np.flatnonzero(tied)]), m + np.flatnonzero(loose)
-    k = len(kept)
-    whole = np.zeros((k + of_points.shape[1],) * 2)
-    _put_diagonal(whole, 0, images)
-    _put_diagonal(whole, m, points[ends])
-    whole[:m, m:k] = rows[:, :n][:, tied]
-    whole[:m, k:], whole[m:k, k:] = rows[:, n:], of_points[tied]
-    beside = np.zeros((len(own), len(whole)))
-    beside[:, :m] = rows[:, :n][:, loose].T
-    beside[:, k:] = of_points[loose]
-    return Blocks(points[~ends], beside, whole, own, kept, freedoms[kept], tied_rows[:, kept])
+    places, own = np.concatenate([np.arange(m), m + np.flatnonzero(tied)]), m + np.flatnonzero(loose)
+    k = len(places)
+    kept = workspace.take(("kept", pose), (k, k))
+    _put_diagonal(images, kept[:m, :m])
+    _put_diagonal(points[ends], kept[m:, m:])
+    kept[:m, m:] = between[:, tied]
+    beside = np.zeros((len(own), k))
+    beside[:, :m] = between[:, loose].T
+    sides = np.concatenate([of_images, of_points[tied]])
+    return Blocks(
+        points[~ends], beside, of_points[loose], kept, sides, own, places, freedoms[places], tied_rows[:, places]
+    )
 
 
 def _rows(ties: Ties, m: int, n: int) -> Array:
@@ -96,59 +102,63 @@ def _rows(ties: Ties, m: int, n: int) -> Array:
     return rows
 
 
-def _put_diagonal(whole: Array, start: int, blocks: Array) -> None:
-    """Put blocks (b, d, d) along the diagonal from start."""
+def _put_diagonal(blocks: Array, whole: Array) -> None:
+    """Fill a matrix (b d, b d) with blocks (b, d, d) along its diagonal, and nothing beside them."""
     b, d, _ = blocks.shape
-    places = start + np.arange(b * d).reshape(b, d)
-    whole[places[:, :, None], places[:, None, :]] = blocks
+    row, column = whole.strides
+    whole[:] = 0.0
+    as_strided(whole, (b, d, d), (d * (row + column), row, column))[:] = blocks
 
 
 class EliminatedPose:
     """A pose's unknowns as a function of the common ones: x = x0 - x1 c, and what is left for these."""
 
-    def __init__(self, blocks: Blocks, ties: Ties, damping: float) -> None:
-        """Eliminate, in place of the blocks' whole; damping adds this part of the diagonal.
+    def __init__(self, blocks: Blocks, ties: Ties, damping: float, reduced: Array) -> None:
+        """Eliminate, in place of the blocks' matrix of what is kept; damping adds this part of the diagonal; reduced
+        (b d, k) takes the reduced rows.
 
         Raises LinAlgError where a block has free directions.
         """
-        from truing.estimation.bundle.accumulation_kernel import forward
+        from truing.estimation.bundle.elimination_kernel import forward
 
-        self.blocks = blocks
-        k, whole = len(blocks.kept_places), blocks.whole
-        self.kept_diagonal = np.diagonal(whole)[:k].copy()
-        self.root, self.reduced = np.empty_like(blocks.own), np.empty_like(blocks.own_rows)
-        if not forward(blocks.own, blocks.own_rows, damping, self.root, self.reduced):
+        self.blocks, self.reduced = blocks, reduced
+        kept, k = blocks.kept, len(blocks.kept)
+        self.kept_diagonal = np.diagonal(kept).copy()
+        self.root, self.reduced_sides = np.empty_like(blocks.own), np.empty_like(blocks.own_sides)
+        eliminated = blocks.own, blocks.own_rows, blocks.own_sides
+        if not forward(*eliminated, damping, self.root, reduced, self.reduced_sides):
             raise np.linalg.LinAlgError("a block that is not positive definite")
-        whole[np.arange(k), np.arange(k)] *= 1 + damping
-        _add_products(whole, self.reduced, -1.0)
-        tie_rows = np.concatenate([blocks.rows, ties.by_common, ties.misclosure[:, None]], -1)
-        _add_products(whole, np.concatenate([tie_rows * np.sqrt(ties.weight)[:, None], _held(blocks, whole)]), 1.0)
+        kept.flat[:: k + 1] *= 1 + damping
+        _add_products(kept, reduced, -1.0)
+        weighed = ties.weight[:, None] * blocks.rows
+        _add_products(kept, np.concatenate([np.sqrt(ties.weight)[:, None] * blocks.rows, _held(blocks)]), 1.0)
+        tie_sides = np.concatenate([ties.by_common, ties.misclosure[:, None]], -1)
+        sides = blocks.kept_sides - reduced.T @ self.reduced_sides + weighed.T @ tie_sides
         # Column by column, as LAPACK has it, the upper triangle is the lower one.
-        factor, fault = dpotrf(whole[:k, :k].T, lower=1)
+        self.factor, fault = dpotrf(kept.T, lower=1, clean=0, overwrite_a=1)
         if fault:
             raise np.linalg.LinAlgError("what is kept is not positive definite")
-        self.factor = factor
-        tie_rows = tie_rows[np.isfinite(ties.variance)]
-        solved = dpotrs(factor, np.concatenate([whole[:k, k:], tie_rows[:, :k].T], -1), lower=1)[0]
-        width = len(whole) - k
+        by_multiplier = np.isfinite(ties.variance)
+        rows, pinned_sides = blocks.rows[by_multiplier], tie_sides[by_multiplier]
+        solved = dpotrs(self.factor, np.concatenate([sides, rows.T], -1), lower=1)[0]
+        width = sides.shape[1]
         self.by_rows = solved[:, width:]
-        self.pinned = np.diag(ties.variance[np.isfinite(ties.variance)]) + tie_rows[:, :k] @ self.by_rows
-        multipliers = np.linalg.solve(self.pinned, tie_rows[:, :k] @ solved[:, :width] - tie_rows[:, k:])
+        self.pinned = np.diag(ties.variance[by_multiplier]) + rows @ self.by_rows
+        multipliers = np.linalg.solve(self.pinned, rows @ solved[:, :width] - pinned_sides)
         self.kept = solved[:, :width] - self.by_rows @ multipliers
         self.multipliers = np.zeros((len(ties.variance), width))
-        self.multipliers[np.isfinite(ties.variance)] = multipliers
-        left = whole[k:-1, k:]
-        left[:, :-1] = np.triu(left[:, :-1]) + np.triu(left[:, :-1], 1).T
-        self.common = left - whole[:k, k:-1].T @ self.kept - tie_rows[:, k:-1].T @ multipliers
+        self.multipliers[by_multiplier] = multipliers
+        direct = ties.by_common.T @ (ties.weight[:, None] * tie_sides)
+        direct -= self.reduced_sides[:, :-1].T @ self.reduced_sides
+        self.common = direct - sides[:, :-1].T @ self.kept - pinned_sides[:, :-1].T @ multipliers
 
     def back(self, common: Array) -> tuple[Array, Array]:
         """Return the changes of the pose's unknowns, images before points, and the multipliers (q,)."""
         step = np.append(-common, 1.0)
         kept = self.kept @ step
-        k = len(kept)
         b, d, _ = self.blocks.own.shape
-        own = (self.reduced[:, k:] @ step - self.reduced[:, :k] @ kept).reshape(b, d)
-        x = np.empty(len(self.blocks.own_places) + k)
+        own = (self.reduced_sides @ step - self.reduced @ kept).reshape(b, d)
+        x = np.empty(len(self.blocks.own_places) + len(kept))
         x[self.blocks.kept_places] = kept
         x[self.blocks.own_places] = np.einsum("bji,bj->bi", self.root, own).ravel()
         return x, self.multipliers @ step
@@ -160,10 +170,7 @@ def _add_products(whole: Array, rows: Array, factor: float) -> None:
         dsyrk(factor, rows.T, 1.0, whole.T, lower=1, overwrite_c=1)
 
 
-def _held(blocks: Blocks, whole: Array) -> Array:
-    """Return rows (f, w) that tie down the freedoms, as firmly as what is kept is held on average."""
-    k, f = blocks.freedoms.shape
-    rows = np.zeros((f, len(whole)))
+def _held(blocks: Blocks) -> Array:
+    """Return rows (f, k) that tie down the freedoms, as firmly as what is kept is held on average."""
     norm = np.linalg.norm(blocks.freedoms, axis=0)
-    rows[:, :k] = np.sqrt(np.trace(whole[:k, :k]) / max(k, 1)) * (blocks.freedoms / norm).T
-    return rows
+    return np.sqrt(np.trace(blocks.kept) / max(len(blocks.kept), 1)) * (blocks.freedoms / norm).T

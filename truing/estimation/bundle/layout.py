@@ -17,9 +17,8 @@ from truing.estimation.bundle.network import Index, Network
 
 @dataclass(frozen=True)
 class Rows:
-    """Where the rows of images stand, all poses one after the other: start (S + 1,) and shape of each pose's, by its
-    points, the common unknowns and the right side; where each image's start (i,), the length of each (i,), and the
-    first column (p,) of each point."""
+    """Where the rows of images by points stand, all poses one after the other: start (S + 1,) and shape of each pose's;
+    where each image's start (i,), the length of each (i,), and the first column (p,) of each point."""
 
     start: Index
     shapes: tuple[tuple[int, int], ...]
@@ -91,7 +90,7 @@ def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
         interior=interior,
         bar=bar,
         common=common,
-        rows=_rows(image_start, point_start, len(common)),
+        rows=_rows(image_start, point_start),
     )
 
 
@@ -100,10 +99,10 @@ def _present(numbers: Index) -> Index:
     return np.flatnonzero(np.bincount(numbers))
 
 
-def _rows(image_start: Index, point_start: Index, common: int) -> Rows:
+def _rows(image_start: Index, point_start: Index) -> Rows:
     """Return where the rows of images stand."""
     images, points = np.diff(image_start), np.diff(point_start)
-    lengths = 3 * points + common + 1
+    lengths = 3 * points
     start = np.concatenate([[0], np.cumsum(6 * images * lengths)])
     pose = np.repeat(np.arange(len(images)), images)
     image = start[pose] + 6 * (np.arange(image_start[-1]) - image_start[pose]) * lengths[pose]

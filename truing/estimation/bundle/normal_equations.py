@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array, Index, Network, State
 from truing.estimation.bundle.projection import format_centres
+from truing.estimation.bundle.workspace import Workspace
 from truing.estimation.rotation import exp_so3
 
 
@@ -44,14 +45,15 @@ class Distances:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Blocks of images (i, 6, 6) and points (p, 3, 3); rows of the images per pose (6 i, 3 p + c + 1), by the points of
-    the pose, the common unknowns and the right side; rows of points (p, 3, c + 1) and of the common unknowns
-    (c, c + 1), by these and the right side; the weighted sum of squares without distances."""
+    """Blocks of images (i, 6, 6) and points (p, 3, 3), and between images and points per pose (6 i, 3 p); sides of
+    images (i, 6, c + 1), of points (p, 3, c + 1) and of the common unknowns (c, c + 1): the latter, then the right
+    side; the weighted sum of squares without distances."""
 
     images: Array
     points: Array
-    image_rows: tuple[Array, ...]
-    point_rows: Array
+    between: tuple[Array, ...]
+    image_sides: Array
+    point_sides: Array
     common: Array
     distances: Distances
     chi2: float
@@ -140,25 +142,28 @@ def _misclosure_of_known(observed: Observed, state: State) -> Array:
     return known.xyz_m[rows] - state.points[known.point[rows]]
 
 
-def normal_equations(observed: Observed, state: State) -> NormalEquations:
-    """Return the normal equations at a state; its sum of squares is infinite, and the rest void, where a point is not
-    before its camera."""
+def normal_equations(observed: Observed, state: State, workspace: Workspace) -> NormalEquations:
+    """Return the normal equations at a state; their sum of squares is infinite, and the rest void, where a point is not
+    before its camera. They hold until the next ones in the same workspace."""
     from truing.estimation.bundle.accumulation_kernel import accumulate
 
     layout, seen = observed.layout, _seen(observed, state)
     i, p, c, rows = len(layout.images), len(layout.points), len(layout.common), layout.rows
-    images, points, point_rows = np.empty((i, 6, 6)), np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1))
-    common, flat = np.zeros((c, c + 1)), np.zeros(rows.start[-1])
+    images, image_sides = np.empty((i, 6, 6)), np.zeros((i, 6, c + 1))
+    points, point_sides, common = np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1)), np.zeros((c, c + 1))
+    flat = workspace.take("between", (int(rows.start[-1]),))
+    flat[:] = 0.0
     chi2 = accumulate(
         *(observed.xy_px, observed.rays, layout.first_ray, layout.ray_point),
         *(*seen.cameras, layout.interior, *seen.places),
-        *(rows.column, rows.image, rows.length, images, points, point_rows, common, flat),
+        *(rows.column, rows.image, rows.length, images, image_sides, points, point_sides, common, flat),
     )
-    image_rows = tuple(
+    between = tuple(
         flat[a:b].reshape(shape) for a, b, shape in zip(rows.start[:-1], rows.start[1:], rows.shapes, strict=True)
     )
     total = chi2 + _of_priors(observed, state)
-    blocks = NormalEquations(images, points, image_rows, point_rows, common, distances_at(observed, state), total)
+    distances = distances_at(observed, state)
+    blocks = NormalEquations(images, points, between, image_sides, point_sides, common, distances, total)
     _add_priors(observed, state, blocks)
     return blocks
 
@@ -177,7 +182,7 @@ def _add_priors(observed: Observed, state: State, blocks: NormalEquations) -> No
         return
     np.add.at(blocks.points, layout.known_slot, observed.known)
     known = np.einsum("mij,mj->mi", observed.known, _misclosure_of_known(observed, state))
-    np.add.at(blocks.point_rows[..., -1], layout.known_slot, known)
+    np.add.at(blocks.point_sides[..., -1], layout.known_slot, known)
     free = np.flatnonzero(layout.bar >= 0)
     place = layout.bar[free]
     blocks.common[place, place] += observed.bars[free]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dpotri
 
 from truing.estimation.bundle.datum import Freedom, into_datum
@@ -29,30 +30,30 @@ class PoseCovariance:
 
 def given_common(layout: Layout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
     """Return the covariance of a pose given the common unknowns, in the datum of the conditions held."""
+    from truing.estimation.bundle.elimination_kernel import mirror
+
     blocks = one.blocks
     b, d, _ = blocks.own.shape
     k = len(blocks.kept_places)
-    half = dpotri(one.factor, lower=1)[0]
-    kept = half + half.T
-    kept[np.arange(k), np.arange(k)] /= 2
+    kept = dpotri(one.factor, lower=1)[0].T
+    mirror(kept)
     if len(one.pinned):
         kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
     kept_by_common = -one.kept[:, :-1]
     if d == 6:
         datum = _Datum.of(free, held)
         kept, kept_by_common = datum.points(kept), datum.followed(kept_by_common)
-    turned = one.root.transpose(0, 2, 1)
-    towards = (turned @ one.reduced[:, :k].reshape(b, d, k)).reshape(b * d, k)
-    own_by_common = one.reduced[:, k:-1] + one.reduced[:, :k] @ kept_by_common
-    own_by_common = -(turned @ own_by_common.reshape(b, d, -1)).reshape(b * d, -1)
-    cross = towards @ kept
-    np.negative(cross, out=cross)
+    turned = -one.root.transpose(0, 2, 1)
+    follow = (turned @ one.reduced.reshape(b, d, k)).reshape(b * d, k)
+    own_by_common = one.reduced_sides[:, :-1] + one.reduced @ kept_by_common
+    own_by_common = (turned @ own_by_common.reshape(b, d, -1)).reshape(b * d, -1)
+    cross = follow @ kept
     alone = turned @ one.root
     if d == 6:
-        images = alone - cross.reshape(b, 6, k) @ towards.reshape(b, 6, k).transpose(0, 2, 1)
+        images = cross.reshape(b, 6, k) @ follow.reshape(b, 6, k).transpose(0, 2, 1) - alone
         return PoseCovariance(kept, cross, images, kept_by_common, own_by_common)
-    own = -cross @ towards.T
-    own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] += alone
+    own = cross @ follow.T
+    own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
     by_common = np.empty((len(own) + k, own_by_common.shape[1]))
     by_common[blocks.kept_places], by_common[blocks.own_places] = kept_by_common, own_by_common
     return _in_datum(_ordered(layout, pose, one, kept, cross, own, by_common), free, _Datum.of(free, held))
@@ -93,10 +94,12 @@ class _Datum:
         return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
 
     def points(self, covariance: Array) -> Array:
-        """Return the covariance (3 p, 3 p) of points in the datum."""
+        """Return the covariance (3 p, 3 p) of points in the datum, in place of that before."""
         drawn = self.back @ covariance
         drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
-        found = covariance - np.hstack([self.freedoms, drawn.T]) @ np.vstack([drawn, self.freedoms.T])
+        # The transpose, which is the same, stands column by column.
+        taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
+        found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
         found[self.certain] = found[:, self.certain] = 0.0
         return found
 

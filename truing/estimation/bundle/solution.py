@@ -12,6 +12,7 @@ from truing.estimation.bundle.elimination import EliminatedPose, Ties, blocks_of
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array
 from truing.estimation.bundle.normal_equations import NormalEquations, Observed, Step
+from truing.estimation.bundle.workspace import Workspace
 
 # A distance's own information enters directly up to so many times that of its ends; the rest by a multiplier.
 _DIRECT = 100.0
@@ -20,13 +21,12 @@ _DIRECT = 100.0
 @dataclass(frozen=True)
 class Reduced:
     """The poses, eliminated, and the equations (c, c) and right side (c,) left for the common unknowns; the information
-    (c,) of these before, if all else were known; the poses' freedoms and the direct weights (q,) of distances."""
+    (c,) of these before, if all else were known, and the direct weights (q,) of distances."""
 
     poses: tuple[EliminatedPose | None, ...]
     common: Array
     side: Array
     alone: Array
-    free: tuple[Freedom, ...]
     weight: Array
 
 
@@ -65,9 +65,16 @@ def ties_of(observed: Observed, equations: NormalEquations, weight: Array, pose:
 
 
 def eliminate_poses(
-    observed: Observed, equations: NormalEquations, free: tuple[Freedom, ...], weight: Array, damping: float
+    observed: Observed,
+    equations: NormalEquations,
+    near: tuple[Freedom, ...],
+    weight: Array,
+    damping: float,
+    workspace: Workspace,
 ) -> Reduced:
-    """Return the normal equations with all poses eliminated; raises LinAlgError where they are singular."""
+    """Return the normal equations with all poses eliminated, which hold until the next ones in the same workspace;
+    near are the freedoms of a state that is not far from that of the equations. Raises LinAlgError where they are
+    singular."""
     layout = observed.layout
     common = equations.common.copy()
     each = np.arange(len(common))
@@ -78,11 +85,12 @@ def eliminate_poses(
             poses.append(None)
             continue
         ties = ties_of(observed, equations, weight, pose)
-        eliminated = EliminatedPose(blocks_of(equations, layout, pose, free[pose], ties), ties, damping)
+        blocks = blocks_of(equations, layout, pose, near[pose], ties, workspace)
+        eliminated = EliminatedPose(blocks, ties, damping, workspace.take(("reduced", pose), blocks.own_rows.shape))
         common += eliminated.common
         poses.append(eliminated)
     alone = np.diagonal(equations.common)
-    return Reduced(tuple(poses), common[:, :-1], common[:, -1], alone, free, weight)
+    return Reduced(tuple(poses), common[:, :-1], common[:, -1], alone, weight)
 
 
 def solve(layout: Layout, reduced: Reduced) -> Step:
