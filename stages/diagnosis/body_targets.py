@@ -17,8 +17,15 @@ from stages.point_arrays import (
     residual_points,
     survey_points,
 )
-from truing.estimation.diagnosis.whereabouts import changes_of_place, lonely_places, median_places, stray_places
+from truing.estimation.diagnosis.whereabouts import (
+    changes_of_place,
+    lonely_places,
+    looseness,
+    median_places,
+    stray_places,
+)
 from truing.estimation.rigid_poses.rigid import umeyama
+from truing.simulation.causes.markers import markers_of
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.unknowns import FREE_LENGTH_M
 
@@ -144,15 +151,35 @@ def _fitted(
     known = points.seen & fit.ok[:, None]
     places = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
-    seen = judged.kept & known & (trusted | ~lonely_places(places, known, order, sigma))
-    changes = changes_of_place(places, seen, order, sigma)
-    seen &= ~stray_places(places, seen, order, sigma, changes)
-    moved = tuple(TargetMoved(name, points.targets[k], points.poses[b], float(order[b])) for b, k in changes)
+    loose = looseness(shape, trusted)
+    seen = judged.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
+    changes = changes_of_place(places, seen, order, sigma, loose)
+    seen &= ~stray_places(places, seen, order, sigma, changes, loose)
+    moved = moved_for_certain(name, points, shape, order, changes)
     ok = fit.ok & (seen.sum(1) >= _FEWEST_TARGETS)
     swapped = tuple(swapped_targets(name, points.targets, points.poses, order, judged.exchanges))
     return BodyTargets(
         name, points.targets, shape, shape_cov, surveyed, points.points, cov, seen, R, t, ok, (*swapped, *moved)
     )
+
+
+def moved_for_certain(
+    body: str, points: PosePoints, shape: Array, order: Array, changes: list[tuple[int, int]]
+) -> tuple[TargetMoved, ...]:
+    """Return what certainly sits elsewhere from a pose on: a marker where all its corners do, else single targets."""
+    at = set(changes)
+    markers = markers_of([body] * len(points.targets), points.targets)
+    found = []
+    for (_, name), corners in markers.items():
+        for pose in sorted({b for b, k in changes if k == corners[0]}):
+            if all((pose, k) in at for k in corners):
+                at -= {(pose, k) for k in corners}
+                one = TargetMoved(body, name, points.poses[pose], float(order[pose]))
+                found.append(one.of_corners([points.targets[k] for k in corners], shape[list(corners)]))
+    single = [
+        TargetMoved(body, points.targets[k], points.poses[b], float(order[b])) for b, k in changes if (b, k) in at
+    ]
+    return (*found, *single)
 
 
 def _put_right(tables: Mapping[str, pa.Table], name: str, points: PosePoints, judged: Judged) -> tuple[Array, Mask]:

@@ -29,6 +29,7 @@ def _causes(model: BodyModel) -> tuple[Cause, ...]:
         _candidate(model, BodyDeformation(), "base whole approach"),
         _candidate(model, BodyDrift(), "base whole", "tau").refined(),
         TargetMoved("tool", "T2", 4, 4.0),
+        TargetMoved("tool", "M", 5, 5.0).of_corners(model.scene.targets.names[1:4], model.scene.shape[1:4]),
         _candidate(model, BodyDrift(), "base whole", "jump at 5"),
         _candidate(model, BodyDrift(), "tool pattern", "linear from"),
         _candidate(model, ThermalExpansion(), "body=tool"),

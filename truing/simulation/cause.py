@@ -119,14 +119,16 @@ class Profiles:
 
     Their parameters are the shifts x, y, z along column 1, then those along column 2. There are as many as targets
     times shapes, so that they are scored by their shapes; ``member(t, s)`` is the cause for the t-th of ``targets`` and
-    shape s.
+    shape s. With ``patterns`` each moves n targets together, and its parameters, q for every column, are those of the
+    pattern.
     """
 
     values: NDArray  # (S, B, m), without dimension: what a shift is multiplied with
-    targets: NDArray  # (T,) indices into the campaign's targets
+    targets: NDArray  # (T,) indices into the campaign's targets; (T, n) with patterns
     usable: NDArray  # (S, T) whether that target was seen often enough for that shape
     scale: float  # m, one sigma of a plausible shift
     member: Callable[[int, int], Cause]
+    patterns: NDArray | None = None  # (T, n, d, q), shifts over a plausible one
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,15 @@ def test_a_moved_target_is_not_alone_however_late_although_others_suspect_it() -
     assert_between(float((alone & wrong).sum() / wrong.sum()), 0.9, 1.0, what="share of gross errors told")
 
 
+def test_three_poses_before_a_target_was_moved_are_enough() -> None:
+    """The one in the middle has one neighbour on either side, and not two on one."""
+    values = np.random.default_rng(7).normal(0.0, NOISE_M, (7, 2, 3))
+    values[3:, 0] += [3e-3, 0.0, 4e-3]
+    values[5, 1] += 2e-3
+    alone = alone_in_time(values, np.arange(7.0), np.arange(7)[:, None] >= [3, 5])
+    assert np.argwhere(alone).tolist() == [[5, 1]]
+
+
 def test_what_deforms_from_pose_to_pose_is_not_alone() -> None:
     rng = np.random.default_rng(3)
     values = _noise(rng)

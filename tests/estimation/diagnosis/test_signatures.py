@@ -66,6 +66,19 @@ def test_a_target_that_was_moved_is_scored_as_its_dense_columns_are() -> None:
     assert_close(squares[7, point], explained @ explained, atol=1e-7)
 
 
+def test_points_that_hold_together_are_scored_as_their_dense_columns_are() -> None:
+    shapes, members = toy.onsets(), np.array([[0, 2, 5], [1, 3, 4]])
+    turns = np.linalg.qr(RNG.normal(size=(toy.POSES, toy.POINTS, 3, 3)))[0]
+    patterns, usable = RNG.normal(size=(2, 3, 3, 4)), np.ones((len(shapes), 2), bool)
+    own = profile_signatures(turned_points(CHANNELS, members, turns, patterns), shapes, usable)
+    squares = own.squares(own.points.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]]))[0]
+    columns = np.zeros((toy.POSES, toy.POINTS, 3, 4))
+    columns[:, members[1]] = shapes[7][:, :, None, None] * (turns[:, members[1]] @ patterns[1])
+    left = dense(columns.reshape(toy.POSES, -1, 4))
+    explained = left @ np.linalg.lstsq(left, FOUND.rest, rcond=None)[0]
+    assert_close(squares[7, 1], explained @ explained, atol=1e-7)
+
+
 def test_two_candidates_together_span_what_their_columns_span() -> None:
     design = toy.gain()["drive"]
     first, second = (signature(CHANNELS, {"drive": design[..., part]}) for part in (slice(0, 1), slice(1, 3)))

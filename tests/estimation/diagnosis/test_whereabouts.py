@@ -8,10 +8,12 @@ import pytest
 from truing.estimation.diagnosis.whereabouts import (
     changes_of_place,
     lonely_places,
+    looseness,
     median_places,
     spread_in_time,
     stray_places,
 )
+from truing.estimation.rigid_poses.rigid import umeyama
 
 SIGMA = 1e-5
 ORDER = np.arange(20.0)
@@ -82,3 +84,30 @@ def test_the_middle_of_what_was_never_seen_is_not_told(places: np.ndarray) -> No
     middle = median_places(places, known)
     assert np.isnan(middle[2]).all()
     assert np.abs(middle[[0, 1, 3]]).max() < SIGMA
+
+
+def test_a_place_is_as_loose_as_what_carries_it_leaves_it() -> None:
+    """Points that others are told to sit by scatter as far as the body turns: against many draws of noise."""
+    rng = np.random.default_rng(5)
+    shape = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.3, 0.1, 0.0], [0.01, 0.01, 0.0]])
+    trusted = np.array([[True, True, True, False, False], [True, True, True, True, False]])
+    loose = looseness(shape, trusted)
+    assert (loose[trusted] == 1.0).all()
+    for row, known in enumerate(trusted):
+        moved = rng.normal(size=(4000, 5, 3)) * 1e-6
+        fit = umeyama(shape, shape + moved, np.broadcast_to(known.astype(float), (4000, 5)))
+        places = np.einsum("bji,bkj->bki", fit.R, shape + moved - fit.t[:, None]) - shape
+        scatter = np.sqrt(np.mean(places**2, axis=(0, 2))) / 1e-6
+        assert scatter[~known] == pytest.approx(loose[row, ~known], rel=0.05)
+
+
+def test_what_is_known_loosely_is_neither_lonely_nor_moved_for_that(places: np.ndarray) -> None:
+    known, loose = np.ones((20, 4), bool), np.ones((20, 4))
+    places[:, 2] *= 12.0
+    loose[:, 2] = 12.0
+    assert lonely_places(places, known, ORDER, SIGMA)[:, 2].any()
+    assert not lonely_places(places, known, ORDER, SIGMA, loose).any()
+    places[9:, 2] += 60 * SIGMA
+    assert changes_of_place(places, known, ORDER, SIGMA, loose) == []
+    places[9:, 2] += 1200 * SIGMA
+    assert changes_of_place(places, known, ORDER, SIGMA, loose) == [(9, 2)]

@@ -175,6 +175,8 @@ def test_sizes_are_told_in_units_of_a_laboratory(told, words):
 
 def test_detectable_sizes_have_two_digits():
     assert plain_size("backlash_3", 0.0012345, "mm") == "1.2 um"
+    many = " ".join(f"T{target}_{axis}" for target in range(9) for axis in "xyz")
+    assert detectable_words(many, 2e-3, "mm") == "T0_x T0_y T0_z T1_x T1_y T1_z and 21 more of 2.0 um"
     assert detectable_words("gain_3", None, "1") == detectable_words("gain_3", float("nan"), "1") == ""
 
 

@@ -10,7 +10,9 @@ import pytest
 
 from schemas.campaign import read_campaign
 from stages.diagnosis.body_points import gather_bodies
+from stages.diagnosis.body_targets import moved_for_certain
 from stages.diagnosis.mechanism_points import Gathered
+from stages.point_arrays import PosePoints
 from tests.blind.generator.bodies import Body, Hidden, Layout, draw, without_survey, write
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
@@ -86,3 +88,15 @@ def test_a_body_with_too_few_targets_is_left_out_and_named(tmp_path: Path) -> No
 def test_no_body_at_all_is_said(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="three targets"):
         _gathered(tmp_path / "c", Layout(bodies=(Body("stick", 2),), poses=8))
+
+
+def test_a_marker_that_was_moved_far_is_one_thing_and_a_corner_alone_is_a_target() -> None:
+    names = ("M.0", "M.1", "M.2", "M.3", "7")
+    points = PosePoints((11, 12, 13), names, np.zeros((3, 5, 3)), np.zeros((3, 5, 3, 3)), np.ones((3, 5), bool))
+    shape, order = np.arange(15.0).reshape(5, 3), np.array([2.0, 0.0, 1.0])
+    both = [(1, k) for k in range(4)] + [(2, 3), (2, 4)]
+    marker, corner, target = moved_for_certain("plate", points, shape, order, both)
+    assert (marker.subject, marker.from_pose, marker.from_order) == ("marker M", 12, 0.0)
+    assert marker.corners == names[:4]
+    assert marker.places == tuple(range(12))
+    assert (corner.subject, target.subject, corner.from_pose) == ("target M.3", "target 7", 13)

@@ -56,11 +56,11 @@ def candidate_of(stand: Stand, channels: Channels, cause: Any, kind: str, prior:
 def _profiles(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Profiles]:
     found = []
     turns, scene = stand.model.turns(stand.fit.shared, stand.fit.local), stand.scene
-    points: dict[bytes, TurnedPoints] = {}  # mostly the same for all
+    points: dict[tuple[tuple[int, ...], bytes], TurnedPoints] = {}  # mostly the same for all
     for kind in kinds:
         for own in kind.profiles(scene):
-            key = own.targets.tobytes()
-            points[key] = points.get(key) or turned_points(channels, own.targets, turns)
+            key = own.targets.shape, own.targets.tobytes()
+            points[key] = points.get(key) or turned_points(channels, own.targets, turns, own.patterns)
             signatures = profile_signatures(points[key], own.values * own.scale, own.usable)
             if signatures.seen.any():
                 found.append(Profiles(own, kind.id, signatures))

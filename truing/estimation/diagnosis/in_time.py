@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-# Of so many poses before, or after, so many must agree.
+# Of so many poses before, or after, so many must agree; or the one next to it on either side.
 _NEIGHBOURS, _AGREE = 3, 2
 # Points agree within so many of the target's own spread from pose to pose; one that is suspect already, within fewer.
 _REACH, _SUSPECT_REACH = 12.0, 3.5
@@ -44,12 +44,14 @@ def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
     spread = max(float(np.median(steps)) / median / np.sqrt(2.0), least)
     reach = np.sqrt(2.0) * spread * np.where(doubted, _SUSPECT_REACH, _REACH)
     reach = np.maximum(reach, doubted * _ALIKE * _lengths(own))
-    agree = np.zeros((2, len(own)), int)
+    agree, between = np.zeros((2, len(own)), int), np.zeros(len(own), bool)
     for distance in range(1, _NEIGHBOURS + 1):
         near = _lengths(own[distance:] - own[:-distance])
         agree[0, distance:] += near <= reach[distance:]
         agree[1, :-distance] += near <= reach[:-distance]
-    return np.asarray((agree < _AGREE).all(0))
+        if distance == 1:
+            between |= agree.all(0)
+    return np.asarray((agree < _AGREE).all(0) & ~between)
 
 
 def _lengths(vectors: NDArray) -> NDArray:

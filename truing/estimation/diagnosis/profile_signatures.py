@@ -1,7 +1,8 @@
 """Signatures of one point at a time: every target with every shape over the poses (an onset, a smooth dependence).
 
 There are as many as targets times shapes, so they are scored together, each by a matrix of d rows per column of its
-shape (d: coordinates of a point), and none is built by itself before it is the best.
+shape (d: coordinates of a point), and none is built by itself before it is the best. A few points that hold together
+count as one, with as many rows as they have ways to move.
 """
 
 from __future__ import annotations
@@ -20,32 +21,42 @@ _INFORMATIVE = 0.3
 
 @dataclass(frozen=True)
 class TurnedPoints:
-    """The channel of points of T targets, along the axes of their bodies' surveys.
+    """The channel of points of T targets, along the axes of their bodies' surveys; or of n points each that hold
+    together, along the q ways in which these move (for a single one, its axes: n = 1, q = d).
 
-    ``turns`` (B, T, d, d) bring these axes to those of the channel, ``shared`` (B, T, d, G) is what of the channel the
-    shared unknowns explain, ``gram`` (B, T, d, d) are each point's products.
+    ``turns`` (B, T, n d, q) bring these ways to the axes of the channel, ``shared`` (B, T, q, G) is what of the channel
+    the shared unknowns explain, ``gram`` (B, T, q, q) are their products.
     """
 
-    targets: NDArray  # (T,)
+    targets: NDArray  # (T, n)
     turns: NDArray
     shared: NDArray
     gram: NDArray
 
     def along(self, parts: NDArray) -> NDArray:
-        """Return the parts (B, T, d, D) of residuals along these axes, from those along the channel (D, B, C)."""
-        own = parts.reshape(*parts.shape[:2], -1, self.turns.shape[-1])[:, :, self.targets]
+        """Return the parts (B, T, q, D) of residuals along these ways, from those along the channel (D, B, C)."""
+        (count, members), (height, _) = self.targets.shape, self.turns.shape[2:]
+        own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.targets]
+        own = own.reshape(*parts.shape[:2], count, height)
         return np.asarray(np.einsum("dbtx,btxy->btyd", own, self.turns, optimize=True))
 
 
-def turned_points(channels: Channels, targets: NDArray, turns: NDArray) -> TurnedPoints:
-    """Return the channel of points of targets (T,) along the axes that turns (B, K, d, d) of all targets say."""
+def turned_points(
+    channels: Channels, targets: NDArray, turns: NDArray, patterns: NDArray | None = None
+) -> TurnedPoints:
+    """Return the channel of points of targets (T,) along the axes that turns (B, K, d, d) of all targets say, or of
+    targets (T, n) that hold together, along patterns (T, n, d, q) in these axes."""
     place = channels.places[POINTS]
-    poses, count, size = turns.shape[:3]
-    own = turns[:, targets]
+    poses, size = len(turns), turns.shape[2]
+    members = targets.reshape(len(targets), -1)
+    own = turns[:, members] if patterns is None else turns[:, members] @ patterns
+    height = members.shape[1] * size
+    own = own.reshape(poses, len(members), height, -1)
     back = np.swapaxes(own, -1, -2)
-    shared = np.swapaxes(channels.shared[:, :, place], 1, 2).reshape(poses, count, size, -1)[:, targets]
-    blocks = channels.gram[:, place, place].reshape(poses, count, size, count, size)[:, targets, :, targets]
-    return TurnedPoints(targets, own, back @ shared, back @ blocks.transpose(1, 0, 2, 3) @ own)
+    rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
+    shared = np.swapaxes(channels.shared[:, :, place], 1, 2)[:, rows]
+    blocks = channels.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
+    return TurnedPoints(members, own, back @ shared, back @ blocks @ own)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.rotation import skew
+
 # So many points in a row that agree are a place of the target.
 RUN = 3
 # Two points of one place are nearer to each other than so many times the spread of a coordinate.
@@ -24,29 +26,46 @@ def median_places(places: NDArray, known: NDArray) -> NDArray:
     return np.where(ever[:, None], np.nanmedian(values, 0), np.nan)
 
 
-def lonely_places(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> NDArray:
+def looseness(shape: NDArray, trusted: NDArray) -> NDArray:
+    """Return how many times less surely the place of each point (B, K) is known on its body than its coordinates: the
+    body is where its trusted points (B, K) put it, which sit at shape (K, 3), m. 1 for these themselves.
+    """
+    middle = shape.mean(0)
+    radius = max(float(np.sqrt(np.mean(np.sum((shape - middle) ** 2, -1)))), 1e-300)
+    moves = np.concatenate([np.broadcast_to(np.eye(3), (len(shape), 3, 3)), -skew((shape - middle) / radius)], -1)
+    normal = np.einsum("bk,kip,kiq->bpq", trusted.astype(float), moves, moves)
+    variance = np.einsum("kip,bpq,kiq->bk", moves, np.linalg.pinv(normal, rcond=1e-12, hermitian=True), moves) / 3
+    return np.where(trusted, 1.0, np.sqrt(1.0 + variance))
+
+
+def lonely_places(
+    places: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
+) -> NDArray:
     """Return which known points (B, K) are in no run of three, one after the other in time, that agree.
 
-    places (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate. What "agree" means
-    is the same for all targets, so that one that is elsewhere in every pose agrees with none.
+    places (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate; loose (B, K): so
+    many times less surely a place is known. What "agree" means is the same for all targets, so that one that is
+    elsewhere in every pose agrees with none.
     """
-    limit = _SAME * spread_in_time(places, known, order, sigma)
+    limits = _SAME * spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
     lonely = known.copy()
     for target, rows in _in_time(known, order):
-        agree = _runs(places[rows, target], limit)
+        agree = _runs(places[rows, target], limits[rows, target])
         for step in range(RUN):
             lonely[rows[step : step + len(agree)][agree], target] = False
     return lonely
 
 
-def changes_of_place(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> list[tuple[int, int]]:
+def changes_of_place(
+    places: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
+) -> list[tuple[int, int]]:
     """Return (pose, target) from which on a target certainly sits elsewhere: runs of three on either side agree."""
-    spread = spread_in_time(places, known, order, sigma)
+    spreads = spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
     found = []
     for target, rows in _in_time(known, order):
-        values = places[rows, target]
+        values, spread = places[rows, target], spreads[rows, target]
         agree = _runs(values, _SAME * spread)
-        far = np.linalg.norm(np.diff(values, axis=0), axis=-1) > _CERTAIN * spread
+        far = np.linalg.norm(np.diff(values, axis=0), axis=-1) > _CERTAIN * np.maximum(spread[1:], spread[:-1])
         first = np.arange(RUN, len(rows) - RUN + 1)
         changed = first[far[first - 1] & agree[first - RUN] & agree[first]] if len(first) else first
         found += [(int(rows[at]), target) for at in changed]
@@ -54,10 +73,15 @@ def changes_of_place(places: NDArray, known: NDArray, order: NDArray, sigma: flo
 
 
 def stray_places(
-    places: NDArray, known: NDArray, order: NDArray, sigma: float, changes: list[tuple[int, int]]
+    places: NDArray,
+    known: NDArray,
+    order: NDArray,
+    sigma: float,
+    changes: list[tuple[int, int]],
+    loose: NDArray | float = 1.0,
 ) -> NDArray:
     """Return which known points (B, K) are certainly not where their target sat at the time, by the changes found."""
-    limit = _CERTAIN * spread_in_time(places, known, order, sigma)
+    limits = _CERTAIN * spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
     stray = np.zeros_like(known)
     for target, rows in _in_time(known, order):
         firsts = sorted(order[pose] for pose, changed in changes if changed == target)
@@ -65,7 +89,7 @@ def stray_places(
         for one in np.unique(piece):
             own = rows[piece == one]
             off = np.linalg.norm(places[own, target] - np.median(places[own, target], axis=0), axis=-1)
-            stray[own, target] = off > limit
+            stray[own, target] = off > limits[own, target]
     return stray
 
 
@@ -84,9 +108,10 @@ def _in_time(known: NDArray, order: NDArray) -> Iterator[tuple[int, NDArray]]:
         yield target, in_time[known[in_time, target]]
 
 
-def _runs(values: NDArray, limit: float) -> NDArray:
-    """Return at which of n values (n, 3) a run of three starts that agree to within a limit, (n - 2,)."""
+def _runs(values: NDArray, limits: NDArray) -> NDArray:
+    """Return at which of n values (n, 3) a run of three starts that agree to within their limits (n,), (n - 2,)."""
     if len(values) < RUN:
         return np.zeros(0, bool)
-    near = np.linalg.norm(np.diff(values, axis=0), axis=-1) <= limit
-    return np.asarray(near[:-1] & near[1:] & (np.linalg.norm(values[2:] - values[:-2], axis=-1) <= limit))
+    near = np.linalg.norm(np.diff(values, axis=0), axis=-1) <= np.maximum(limits[1:], limits[:-1])
+    ends = np.linalg.norm(values[2:] - values[:-2], axis=-1) <= np.maximum(limits[2:], limits[:-2])
+    return np.asarray(near[:-1] & near[1:] & ends)

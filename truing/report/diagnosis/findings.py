@@ -60,7 +60,14 @@ def explanation(facts: Facts) -> str:
 
 def detectable_words(parameter: str, size: float | None, unit: str) -> str:
     """Return a size that would have been seen, in words: ``gain_3 of 0.021 %``; empty where there is none."""
-    return "" if size is None or size != size else f"{parameter} of {plain_size(parameter, size, unit)}"
+    return "" if size is None or size != size else f"{few(parameter)} of {plain_size(parameter, size, unit)}"
+
+
+def few(parameters: str) -> str:
+    """Return a cause's parameters by name, the first of them where a body has as many as its targets coordinates."""
+    names = parameters.split()
+    more = len(names) > 2 * _NAMED
+    return f"{' '.join(names[:_NAMED])} and {len(names) - _NAMED} more" if more else parameters
 
 
 def subject_words(subject: str) -> str:

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.effect_units import plain_size, stem
-from truing.report.diagnosis.findings import CONTAINED, subject_words
+from truing.report.diagnosis.findings import CONTAINED, few, subject_words
 from truing.report.diagnosis.judged import Judged, cause_words
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, Section
@@ -19,7 +19,6 @@ _TITLE = "What could have stayed hidden"
 _COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"
 _NEVER, _HELD = "not at any plausible size", "part of what was found"
 _BEYOND = "only beyond plausible sizes"
-_NAMED = 6
 
 
 def hidden(rows: list[Judged], tables: Tables) -> Section:
@@ -102,18 +101,11 @@ def _from_to(own: pd.DataFrame) -> tuple[str, str]:
 
 def _all(table: pd.DataFrame) -> Listing:
     rows = tuple(
-        (cause_words(r.cause), subject_words(r.subject), _few(str(r.parameter)), r.told, f"{100 * r.power:.0f} %")
+        (cause_words(r.cause), subject_words(r.subject), few(str(r.parameter)), r.told, f"{100 * r.power:.0f} %")
         for r in table.itertuples()
     )
     heads = ("cause", "subject", "parameter", "found from", "with probability")
     return Listing(heads, rows, (), "Every cause and subject", True, "detectable.parquet")
-
-
-def _few(parameters: str) -> str:
-    """The parameters of a cause by name, the first of them where a body has as many as its targets have coordinates."""
-    names = parameters.split()
-    more = f" and {len(names) - _NAMED} more" if len(names) > 2 * _NAMED else ""
-    return f"{' '.join(names[:_NAMED])}{more}" if more else parameters
 
 
 def _in_words(rows: list[Judged]) -> Listing:

@@ -1,14 +1,17 @@
-"""Targets that are not where their label says: one that was moved from some pose on, two that were exchanged."""
+"""Targets that are not where their label says: one, or a marker, that was moved from some pose on; two exchanged."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Kind, Parameter, Profiles, Scene, Step, Told
+from truing.simulation.causes.markers import arms_of, markers_of, rigid_patterns
 from truing.simulation.chain import State
 from truing.simulation.legs import Change
 
@@ -19,16 +22,23 @@ FEWEST = 3
 _MOST_ONSETS = 200
 _PLAUSIBLE_M = 1e-4
 _MM = 1e-3
+_OF_MARKERS = ("corners", "places")
 
 
 @dataclass(frozen=True)
 class TargetMoved(Cause):
-    """A target sits elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``."""
+    """A target sits elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``.
+
+    A square marker is moved as a whole, shifted and turned: it has ``corners``, which are targets, and ``places`` where
+    these sit on the body, m, one after the other.
+    """
 
     body: str = ""
     target: str = ""
     from_pose: int | str = ""
     from_order: float = -np.inf
+    corners: tuple[str, ...] = ()
+    places: tuple[float, ...] = ()
 
     id = "target-moved"
     step = Step.STRUCTURE
@@ -39,54 +49,100 @@ class TargetMoved(Cause):
 
     @property
     def subject(self) -> str:
-        """Return the target."""
-        return f"target {self.target}"
+        """Return the target, or the marker."""
+        return f"{'marker' if self.corners else 'target'} {self.target}"
 
     @property
     def says(self) -> str:
         """Return what happened to the target."""
-        return f"target {self.target} on {self.body} sits elsewhere from pose {self.from_pose} on"
+        return f"{self.subject} on {self.body} sits elsewhere from pose {self.from_pose} on"
 
     @property
     def confirm(self) -> str:
         """Return what to do to confirm it."""
-        return (
-            f"Look whether target {self.target} on {self.body} is loose or was touched, and survey {self.body} again."
-        )
+        return f"Look whether {self.subject} on {self.body} is loose or was touched, and survey {self.body} again."
+
+    def settings(self) -> dict[str, Any]:
+        """Return its fields; a target has no corners."""
+        return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return none: they are told by profiles."""
         return ()
 
     def profiles(self, scene: Scene) -> Sequence[Profiles]:
-        """Return every target from every pose on that has three poses with it on either side, and since the survey."""
+        """Return every target, and every marker in place of its corners, from every pose on that has three poses with
+        it on either side, and since the survey."""
         if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST:
             return ()
         order = scene.covariates[ORDER]
         in_time = np.argsort(order, kind="stable")
         onsets = [0, *range(FEWEST, len(order) - FEWEST + 1, 1 + len(order) // _MOST_ONSETS)]
-        late = np.stack([order >= order[in_time[onset]] for onset in onsets])
+        late = np.stack([order >= order[in_time[onset]] for onset in onsets])[..., None].astype(float)
+        usable = _usable(onsets, in_time, scene)
+        own = scene.targets
+        found = markers_of(own.bodies, own.names) if scene.photographed else {}
+        markers, corners = list(found), list(found.values())
+        alone = np.setdiff1d(np.arange(len(scene.shape)), [k for of_one in corners for k in of_one])
+
+        def moved(body: str, name: str, onset: int) -> TargetMoved:
+            pose = int(in_time[onsets[onset]])
+            return TargetMoved(body, name, scene.poses[pose], float(order[pose]))
 
         def member(target: int, onset: int) -> Cause:
-            pose = int(in_time[onsets[onset]])
-            own = scene.targets
-            return TargetMoved(own.bodies[target], own.names[target], scene.poses[pose], float(order[pose]))
+            return moved(own.bodies[alone[target]], own.names[alone[target]], onset)
 
-        usable = _usable(onsets, in_time, scene)
-        return [Profiles(late[..., None].astype(float), np.arange(len(scene.shape)), usable, _PLAUSIBLE_M, member)]
+        def marker(number: int, onset: int) -> Cause:
+            which = list(corners[number])
+            return moved(*markers[number], onset).of_corners([own.names[k] for k in which], scene.shape[which])
+
+        single = Profiles(late, alone, usable[:, alone], _PLAUSIBLE_M, member)
+        if not found:
+            return [single]
+        together, patterns = rigid_patterns(corners, scene.shape)
+        seen = np.asarray(usable[:, together].all(-1))
+        return [*([single] if len(alone) else []), Profiles(late, together, seen, _PLAUSIBLE_M, marker, patterns)]
+
+    def of_corners(self, corners: Sequence[str], places: NDArray) -> TargetMoved:
+        """Return the marker of this name, whose corners sit at places (n, 3) on the body, m."""
+        return replace(self, corners=tuple(corners), places=tuple(float(x) for x in np.ravel(places)))
+
+    @property
+    def _arms(self) -> tuple[NDArray, float]:
+        return arms_of(np.reshape(self.places, (-1, 3)))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the shift dx, dy, dz in the frame of the body's survey."""
-        return tuple(Parameter(f"d{axis}", "mm", _PLAUSIBLE_M, _MM) for axis in "xyz")
+        """Return the shift dx, dy, dz in the frame of the body's survey, and how a marker turns about its middle."""
+        shift = tuple(Parameter(f"d{axis}", "mm", _PLAUSIBLE_M, _MM) for axis in "xyz")
+        if not self.corners:
+            return shift
+        return (*shift, *(Parameter(f"turn_{axis}", "rad", _PLAUSIBLE_M / self._arms[1]) for axis in "xyz"))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d moved / d shift: one, at the target, from the pose on."""
-        place = place_of(state, self.body, self.target)
-        if place is None:
-            return Change({}, 3)
-        moved = np.zeros((len(state.rho), len(state.shape), 3, 3))
-        moved[np.asarray(state.covariates[ORDER]) >= self.from_order, place] = np.eye(3)
-        return Change({"moved": moved}, 3)
+        """Return d moved / d shift: one, at the target, from the pose on; and at corners d moved / d turn."""
+        slope = np.eye(3)[None]
+        if self.corners:
+            turned = self._arms[0] @ np.swapaxes(exp_so3(values[3:]), -1, -2)
+            shift = np.broadcast_to(np.eye(3), (len(turned), 3, 3))
+            slope = np.concatenate([shift, -skew(turned) @ left_jacobian_so3(values[3:])], -1)
+        return Change({"moved": self._moved(state, slope)}, slope.shape[-1])
+
+    def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
+        """Return how far the targets are moved (B, K, 3); a marker turns by any angle."""
+        if not self.corners:
+            return super().shift(state, values)
+        arms = self._arms[0]
+        return {"moved": self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])}
+
+    def _moved(self, state: State, by: NDArray) -> NDArray:
+        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on."""
+        late = np.asarray(state.covariates[ORDER]) >= self.from_order
+        moved = np.zeros((len(state.rho), len(state.shape), *by.shape[1:]), by.dtype)
+        for name, own in zip(self.corners or (self.target,), by, strict=True):
+            place = place_of(state, self.body, name)
+            if place is not None:
+                moved[late, place] = own
+        return moved
 
     def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
         """Return the shift, and the pose from which on."""
