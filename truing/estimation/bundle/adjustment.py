@@ -31,6 +31,7 @@ from truing.estimation.bundle.normal_equations import (
 from truing.estimation.bundle.projection import project
 from truing.estimation.bundle.solution import Reduced, eliminate_poses, solve, tie_variances, tie_weights
 from truing.estimation.bundle.workspace import Workspace
+from truing.estimation.one_thread import on_one_thread
 
 _START_DAMPING = 1e-6
 _LEAST_DAMPING = 1e-11  # less is none
@@ -80,6 +81,7 @@ class Adjustment:
         return covariance(self.observed, state, self.held, reduced)
 
 
+@on_one_thread
 def adjust(
     network: Network,
     start: State,

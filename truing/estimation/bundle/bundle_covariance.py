@@ -23,6 +23,7 @@ from truing.estimation.bundle.pose_covariance import PoseCovariance, given_commo
 from truing.estimation.bundle.projection import linearise
 from truing.estimation.bundle.solution import Reduced, eliminate_poses, tie_variances, tie_weights
 from truing.estimation.bundle.workspace import Workspace
+from truing.estimation.one_thread import on_one_thread
 
 _SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding
 
@@ -182,6 +183,7 @@ class BundleCovariance:
         return self.distance_redundancy, bars, 1 - np.einsum("mij,mji->mi", known, observed.known)
 
 
+@on_one_thread
 def covariance(
     observed: Observed, state: State, held: tuple[Array, ...], reduced: Reduced | None = None
 ) -> BundleCovariance:

@@ -1,0 +1,36 @@
+"""One thread for every product of matrices.
+
+Matrices are small here. Threads that share one product wait for each other longer than they compute, on a busy machine
+tens of times as long, and change its last bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, wraps
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
+_Given = ParamSpec("_Given")
+_Found = TypeVar("_Found")
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return the libraries of linear algebra that are loaded."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def on_one_thread(function: Callable[_Given, _Found]) -> Callable[_Given, _Found]:
+    """Return a function whose products of matrices take one thread each, whatever the process allows others."""
+
+    @wraps(function)
+    def limited(*given: _Given.args, **named: _Given.kwargs) -> _Found:
+        with _libraries().limit(limits=1, user_api="blas"):
+            return function(*given, **named)
+
+    return limited
