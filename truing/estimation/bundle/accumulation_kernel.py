@@ -30,7 +30,8 @@ def direct(X: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
 @inner
 def image_point(interior: NDArray, radius: float, X: NDArray) -> tuple[float, float]:
     """Return image coordinates in px from the centre of the format."""
-    xi, eta = interior[0] * X[0] / X[2], interior[0] * X[1] / X[2]
+    per = interior[0] / X[2]
+    xi, eta = per * X[0], per * X[1]
     s, s0 = xi * xi + eta * eta, radius * radius
     p1, p2, p3 = s - s0, s * s - s0 * s0, s * s * s - s0 * s0 * s0
     radial = 1.0 + interior[3] * p1 + interior[4] * p2 + interior[5] * p3
@@ -55,19 +56,12 @@ def put(row: NDArray, column: int, root: tuple[float, float, float], x: float, y
 
 
 @inner
-def root_of(information: NDArray) -> tuple[float, float, float]:
-    """Return the upper root of an information (2, 2): xx, xy, yy."""
-    u = np.sqrt(information[0, 0])
-    v = information[0, 1] / u
-    return u, v, np.sqrt(information[1, 1] - v * v)
-
-
-@inner
 def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray, root: tuple[float, float, float]) -> None:
     """Fill derivatives (2, .) by the direction, in the place of the point, and by the interior, whitened."""
     c, b1, b2 = interior[0], interior[6], interior[7]
-    u, v = X[0] / X[2], X[1] / X[2]
-    xi, eta = c * u, c * v
+    per = 1.0 / X[2]
+    u, v = X[0] * per, X[1] * per
+    xi, eta, per = c * u, c * v, c * per
     s, s0 = xi * xi + eta * eta, radius * radius
     p1, p2, p3 = s - s0, s * s - s0 * s0, s * s * s - s0 * s0 * s0
     radial = 1.0 + interior[3] * p1 + interior[4] * p2 + interior[5] * p3
@@ -78,7 +72,6 @@ def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray, root:
     xx = root[0] * (radial + slope * xi * xi + 6.0 * b1 * xi + 2.0 * b2 * eta + interior[8]) + root[1] * yx
     xy = root[0] * (mixed + 2.0 * b1 * eta + 2.0 * b2 * xi + interior[9]) + root[1] * yy
     yx, yy = root[2] * yx, root[2] * yy
-    per = c / X[2]
     row[0, 0], row[0, 1], row[0, 2] = xx * per, xy * per, -(xx * u + xy * v) * per
     row[1, 0], row[1, 1], row[1, 2] = yx * per, yy * per, -(yx * u + yy * v) * per
     row[0, 6], row[1, 6] = xx * u + xy * v, yx * u + yy * v
@@ -156,7 +149,7 @@ def put_image(square: NDArray, block: NDArray, side: NDArray, place: NDArray, co
 @compiled(lane_arithmetic.__file__, __file__)
 def accumulate(
     xy: NDArray,
-    information: NDArray,
+    roots: NDArray,
     first_ray: NDArray,
     ray_point: NDArray,
     camera: NDArray,
@@ -179,9 +172,9 @@ def accumulate(
 ) -> float:
     """Fill the normal equations and return the weighted sum of squares, infinite where a point is behind its camera.
 
-    Rays (n) are in the order of their images, first_ray (i + 1); camera, R, centre of every image; place (C, 10) of
-    interior elements among the common unknowns; column (p,) of a point in its pose's rows, image_row (i,) where an
-    image's rows start in flat, stride (i,) their length.
+    Rays (n) are in the order of their images, first_ray (i + 1), roots (n, 3) those of their information; camera, R,
+    centre of every image; place (C, 10) of interior elements among the common unknowns; column (p,) of a point in its
+    pose's rows, image_row (i,) where an image's rows start in flat, stride (i,) their length.
     """
     most = 0
     for i in range(len(camera)):
@@ -197,7 +190,7 @@ def accumulate(
             direct(X, R[i], points[p], centre[i])
             if not X[2] > 0.0:
                 return np.inf
-            root = root_of(information[n])
+            root = roots[n, 0], roots[n, 1], roots[n, 2]
             linearised(row, interior[k], radius[k], X, root)
             turned(row, R[i], points[p], centre[i])
             x, y = image_point(interior[k], radius[k], X)
@@ -214,7 +207,7 @@ def accumulate(
 @compiled(lane_arithmetic.__file__, __file__)
 def weighted_squares(
     xy: NDArray,
-    information: NDArray,
+    roots: NDArray,
     first_ray: NDArray,
     ray_point: NDArray,
     camera: NDArray,
@@ -236,7 +229,8 @@ def weighted_squares(
                 return np.inf
             x, y = image_point(interior[k], radius[k], X)
             a, b = xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y
-            total += information[n, 0, 0] * a * a + 2.0 * information[n, 0, 1] * a * b + information[n, 1, 1] * b * b
+            u, v = roots[n, 0] * a + roots[n, 1] * b, roots[n, 2] * b
+            total += u * u + v * v
     return total
 
 

@@ -20,14 +20,16 @@ from truing.estimation.rotation import exp_so3
 
 @dataclass(frozen=True)
 class Observed:
-    """What is adjusted: image points (n, 2) in px and their information (n, 2, 2) in px^-2, the information of known
-    points (m, 3, 3) in m^-2 and of the lengths of bars (K,) in m^-2, zero for those that are no unknowns, and the
-    variance of distances (q,) in m^2; formats are the centre (C, 2) and the balancing radius (C,) of cameras in px."""
+    """What is adjusted: image points (n, 2) in px, their information (n, 2, 2) in px^-2 and its upper root (n, 3), by
+    xx, xy, yy; the information of known points (m, 3, 3) in m^-2 and of the lengths of bars (K,) in m^-2, zero for
+    those that are no unknowns, and the variance of distances (q,) in m^2; formats are the centre (C, 2) and the
+    balancing radius (C,) of cameras in px."""
 
     network: Network
     layout: Layout
     xy_px: Array
     rays: Array
+    roots: Array
     known: Array
     bars: Array
     distance_variance: Array
@@ -76,12 +78,15 @@ def observe(network: Network, layout: Layout, weights: Array, variance_factor: A
     (xx, xy), (_, yy) = network.rays.cov_px2[rows].transpose(1, 2, 0)
     per = weights[rows] / variance_factor[rows] / (xx * yy - xy * xy)
     rays = np.stack([yy * per, -xy * per, -xy * per, xx * per], -1).reshape(-1, 2, 2)
+    root = np.sqrt(yy * per)
+    roots = np.stack([root, -xy * per / root, np.sqrt(weights[rows] / variance_factor[rows] / yy)], -1)
     lengths = np.zeros(len(layout.bar))
     free = layout.bar >= 0
     lengths[free] = network.bars.sigma_m[free] ** -2
     known = np.asarray(np.linalg.inv(network.known.cov_m2[layout.known]), np.float64)
     variance = network.bars.repeat_sigma_m[layout.distances] ** 2
-    return Observed(network, layout, network.rays.xy_px[rows], rays, known, lengths, variance, format_centres(network))
+    xy = network.rays.xy_px[rows]
+    return Observed(network, layout, xy, rays, roots, known, lengths, variance, format_centres(network))
 
 
 def distances_at(observed: Observed, state: State) -> Distances:
@@ -98,7 +103,7 @@ def sum_of_squares(observed: Observed, state: State) -> float:
     from truing.estimation.bundle.accumulation_kernel import weighted_squares
 
     seen = _seen(observed, state)
-    rays = observed.xy_px, observed.rays, observed.layout.first_ray, observed.layout.ray_point
+    rays = observed.xy_px, observed.roots, observed.layout.first_ray, observed.layout.ray_point
     return float(weighted_squares(*rays, *seen.cameras, *seen.places)) + _of_priors(observed, state)
 
 
@@ -154,7 +159,7 @@ def normal_equations(observed: Observed, state: State, workspace: Workspace) -> 
     flat = workspace.take("between", (int(rows.start[-1]),))
     flat[:] = 0.0
     chi2 = accumulate(
-        *(observed.xy_px, observed.rays, layout.first_ray, layout.ray_point),
+        *(observed.xy_px, observed.roots, layout.first_ray, layout.ray_point),
         *(*seen.cameras, layout.interior, *seen.places),
         *(rows.column, rows.image, rows.length, images, image_sides, points, point_sides, common, flat),
     )
