@@ -15,7 +15,16 @@ OF_PHOTOGRAPHS: Checks = {
         "Does anything give each pose its scale: a bar, known points, markers of known size?",
         "Rays alone leave all lengths open together.",
         Rule(fails="any pose without"),
-        "Lay a scale bar into every pose, and say in scale_bars.csv how long it is.",
+        "Lay a scale bar into every pose, and say in scale_bars.csv how long it is. Where nothing checks the scale: a "
+        "second bar would, one that `serves` as check, or the stated size of targets.",
+    ),
+    "target-sizes": QualityCheck(
+        "How large are circles and markers on the scale that was found, over what is stated of them?",
+        "Where the scale comes from a survey or a single bar, this alone tells a length in another unit. Sizes are "
+        "those of `target_mm`, `marker_mm` and `image_targets.csv`; markers that give the scale do not count.",
+        Limits("measured over stated size, or stated over measured", warn=1.25, fail=3.0, unit="times"),
+        "Look at the units of the survey and of scale_bars.csv, and at what is stated of targets: the diameter of the "
+        "dot, the edge of the dark square.",
     ),
     "rays-per-point": QualityCheck(
         "Which share of a pose's object points is seen in fewer than three photographs?",

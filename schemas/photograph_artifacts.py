@@ -11,6 +11,8 @@ _IMAGE = ("pose", "image", "camera")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 _COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
 _FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
+# What bars are called that are none: distances of the survey, and diagonals of markers.
+FROM_SURVEY, FROM_MARKER = "survey, ", "marker, "
 _BAR = ("bar", "first", "second", "length_mm", "sigma_mm", "repeat_sigma_mm", "serves")
 
 PHOTOGRAPHS = (

@@ -49,7 +49,8 @@ class Choices:
 @dataclass(frozen=True)
 class AdjustedNetwork:
     """The network as adjusted: names, the last robust adjustment, what eccentricity took off each ray (N, 2) in px,
-    rows (M,) of image_points that became no ray with the reason (M,), and the start values of the named points."""
+    rows (M,) of image_points that became no ray with the reason (M,), the start values of the named points, and how
+    wide circles (P,) look over what is stated of them, NaN where either is not known."""
 
     named: NamedNetwork
     snooped: Snooped
@@ -57,6 +58,7 @@ class AdjustedNetwork:
     unmatched: Index
     unmatched_reason: Names
     start: Start
+    width_over_stated: Array
 
     @property
     def adjustment(self) -> Adjustment:
@@ -82,14 +84,15 @@ def adjust_network(
     if len(whole.points) > len(named.points):
         agrees = np.concatenate([snooped.used, np.ones(whole.network.rays.count - len(snooped.used), bool)])
         snooped = _robustly(whole.network, state, choices, agrees)
-    off = np.zeros((whole.network.rays.count, 2))
+    off, radii = np.zeros((whole.network.rays.count, 2)), choices.radii(whole.points)
+    seen_radii = np.full(len(radii), np.nan)
     if choices.eccentricity:
-        off = eccentricities(whole, table, snooped.adjustment.state, snooped.used, choices.radii(whole.points))
+        off, seen_radii = eccentricities(whole, table, snooped.adjustment.state, snooped.used, radii)
     if off.any():
         progress(3, 4, "centres of circles")
         whole = replace(whole, network=without_eccentricity(whole.network, off))
         snooped = _robustly(whole.network, snooped.adjustment.state, choices, snooped.used)
-    return AdjustedNetwork(whole, snooped, off, unmatched, reason, start)
+    return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii)
 
 
 def check_known(named: NamedNetwork, state: State) -> None:

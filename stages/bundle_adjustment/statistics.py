@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from schemas.artifacts import ARTIFACTS
+from schemas.photograph_artifacts import FROM_MARKER
 from stages.bundle_adjustment.adjusting import AdjustedNetwork
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
 from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
@@ -40,6 +41,7 @@ def statistics_table(found: AdjustedNetwork) -> pa.Table:
         *_coverage(found),
         *_regions(found),
         *_origins(found),
+        *_sizes(found),
     ]
     rows = [
         dict(zip(("figure", "subject", "value", "unit"), figure, strict=True))
@@ -96,3 +98,16 @@ def _origins(found: AdjustedNetwork) -> list[Figure]:
     """What gave each pose its scale; 1 behind each."""
     poses = found.named.poses
     return [(f"scale from {scale}", f"pose {poses[p]}", 1.0, "1") for p, scale in enumerate(found.start.scale)]
+
+
+def _sizes(found: AdjustedNetwork) -> list[Figure]:
+    """How large targets are over what is stated of them, in the middle: circles, and markers where these do not give
+    the scale."""
+    markers, points = found.named.markers, found.adjustment.state.points[found.named.markers.corners]
+    stated = markers.size_m > 0.0
+    edges = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=-1).mean(axis=1)
+    sizes = {"circles": found.width_over_stated}
+    if not any(bar.startswith(FROM_MARKER) for bar in found.named.bars) and "markers" not in found.start.scale:
+        sizes["markers"] = edges[stated] / markers.size_m[stated]
+    known = {kind: own[np.isfinite(own)] for kind, own in sizes.items()}
+    return [("size over stated", kind, float(np.median(own)), "1") for kind, own in known.items() if len(own)]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from stages.point_arrays import number_column
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather
@@ -112,7 +113,7 @@ def _markers(
         if size and {f"{stem}.{corner}" for corner in range(4)} <= seen:
             found += [
                 _bar(
-                    f"marker, {stem}.{a} to {stem}.{b}",
+                    f"{FROM_MARKER}{stem}.{a} to {stem}.{b}",
                     (f"{stem}.{a}", f"{stem}.{b}"),
                     2**0.5 * size,
                     2**0.5 * (noise_mm or 0.0),
@@ -170,7 +171,7 @@ def _row(name: NDArray[np.object_], xyz: Array, variance: Array, first: int, sec
     apart = xyz[second] - xyz[first]
     length = float(np.linalg.norm(apart))
     sigma = float(np.sqrt((variance[first] + variance[second]) @ (apart / length) ** 2))
-    return _bar(f"survey, {name[first]} to {name[second]}", (name[first], name[second]), length, sigma)
+    return _bar(f"{FROM_SURVEY}{name[first]} to {name[second]}", (name[first], name[second]), length, sigma)
 
 
 def _bar(bar: str, ends: tuple[str, str], length_mm: float, sigma_mm: float) -> dict[str, object]:

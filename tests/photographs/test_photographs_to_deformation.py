@@ -60,6 +60,12 @@ def test_codes_are_those_in_sight(line: StageLine, truth: Mapping[str, object]) 
     assert off.max() < 1.0
 
 
+def test_circles_are_as_wide_as_they_are_stated_to_be(line: StageLine) -> None:
+    (row,) = [row for row in line.tables["qa"].to_pylist() if row["check"] == "target-sizes"]
+    assert row["subject"] == "circles"
+    assert row["value"] < 1.02
+
+
 def test_object_points_scatter_as_their_covariance_says(line: StageLine, truth: Mapping[str, object]) -> None:
     observed = line.tables["observations"].to_pandas()
     names = {name: k for k, name in enumerate(truth["points"])}  # type: ignore[call-overload]

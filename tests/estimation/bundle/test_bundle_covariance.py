@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.estimation.bundle.dense_reference import dense_covariance, inner_constraints, unknowns
 from tests.estimation.bundle.drawn_networks import disturbed, draw, noisy, uneven
 from truing.estimation.bundle.adjustment import adjust
-from truing.estimation.bundle.network import KnownPoints
+from truing.estimation.bundle.network import Bars, KnownPoints
 
 
 @pytest.mark.parametrize(
@@ -53,6 +53,25 @@ def test_every_part_is_that_of_the_unreduced_equations(images, points, bars, rep
     assert sigma[at:common].max() < 1e-3
     for name, (ours, reference) in parts.items():
         np.testing.assert_allclose(ours, reference, rtol=1e-6, atol=1e-7 * np.abs(reference).max(), err_msg=name)
+
+
+def test_a_pose_of_which_every_point_is_the_end_of_a_distance_has_its_covariance():
+    rng = np.random.default_rng(4)
+    network, truth = draw(rng, 1, 4, 12, free=("c",))
+    first, second = np.arange(0, 12, 2), np.arange(1, 12, 2)
+    length = np.linalg.norm(truth.points[second] - truth.points[first], axis=-1)
+    bars = Bars(np.arange(6), first, second, np.zeros(6), length, np.full(6, 1e-5))
+    network, truth = replace(network, bars=bars), replace(truth, bar_length_m=length)
+    first = adjust(noisy(rng, network), disturbed(rng, truth))
+    found = adjust(first.network, first.state)
+    dense = dense_covariance(found, inner_constraints(found, scale=False))
+    at, common, _ = unknowns(found)
+    parts = (
+        (found.covariance.points(0), dense[at:common, at:common]),
+        (found.covariance.common, dense[common:, common:]),
+    )
+    for ours, reference in parts:
+        np.testing.assert_allclose(ours, reference, rtol=1e-6, atol=1e-7 * np.abs(reference).max())
 
 
 def test_without_a_common_unknown_images_have_their_covariance_all_the_same():

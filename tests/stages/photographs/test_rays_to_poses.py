@@ -274,6 +274,22 @@ def test_the_page_shows_every_camera_and_lists_every_ray_that_was_left_out(adjus
     assert all(row[-1] for row in left.rows)
 
 
+def test_the_page_says_what_gives_the_scale_and_lists_distances_of_a_survey_once(adjusted: Any) -> None:
+    from truing.report.photographs.section import photographs
+
+    _, _, tables = adjusted
+    frames = {name: table.to_pandas() for name, table in tables.items() if isinstance(table, pa.Table)}
+    section = photographs(frames)
+    assert section is not None
+    assert section.lead.endswith("from scale bars S, T, checked by each other and the survey.")
+    own = frames["scale_bar_lengths"]
+    distances = own.assign(bar="survey, " + own["bar"], deviation_mm=own["pose"] * own["deviation_sigma_mm"])
+    section = photographs(frames | {"scale_bar_lengths": distances})
+    assert section is not None
+    (listing,) = [one for one in section.listings if one.caption.startswith("Distances of the survey")]
+    assert [row[:2] for row in listing.rows] == [("S", "3"), ("T", "3")]
+
+
 def test_a_campaign_without_photographs_has_no_such_section() -> None:
     from truing.report.photographs.section import photographs
 

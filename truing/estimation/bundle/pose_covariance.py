@@ -46,7 +46,8 @@ def given_common(layout: Layout, pose: int, one: EliminatedPose, free: Freedom, 
     turned = -one.root.transpose(0, 2, 1)
     follow = (turned @ one.reduced.reshape(b, d, k)).reshape(b * d, k)
     own_by_common = one.reduced_sides[:, :-1] + one.reduced @ kept_by_common
-    own_by_common = (turned @ own_by_common.reshape(b, d, -1)).reshape(b * d, -1)
+    c = own_by_common.shape[1]
+    own_by_common = (turned @ own_by_common.reshape(b, d, c)).reshape(b * d, c)
     cross = follow @ kept
     alone = turned @ one.root
     if d == 6:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.photographs.network_figure import network_picture
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _OPEN = 12
 _HELD = "image_residuals.parquet"
+_LENGTHS = "scale_bar_lengths.parquet"
 
 
 def photographs(tables: Tables) -> Section | None:
@@ -75,7 +77,10 @@ def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, t
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
     kept = residuals[~residuals["rejected"]]
-    return said + f"{float(np.median(kept['sigma_x_px'])):.3f} px. {len(residuals) - used:,} rays were left out."
+    said += f"{float(np.median(kept['sigma_x_px'])):.3f} px. {len(residuals) - used:,} rays were left out."
+    checks = filled(tables, "qa")
+    scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
+    return " ".join([said, *scale])
 
 
 def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
@@ -112,25 +117,36 @@ def _strongest(tables: Tables) -> dict[str, str]:
 
 
 def _bars(tables: Tables) -> Iterator[Listing]:
+    """Scale bars in every pose; of distances of the survey and diagonals of markers the pose in which each is furthest
+    off."""
     table = filled(tables, "scale_bar_lengths")
     if table is None:
         return
-    rows = tuple(
-        (
-            str(r.pose),
-            r.bar,
-            r.serves,
-            with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
-            with_uncertainty(r.adjusted_mm, r.adjusted_sigma_mm, "mm"),
-            # A bar that gives the scale alone differs by what numbers are rounded to.
-            printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm"))
-            if r.deviation_sigma_mm > 1e-9 * r.length_mm
-            else "0",
-        )
-        for r in table.itertuples()
-    )
+    bars = table[~table["bar"].str.startswith((FROM_SURVEY, FROM_MARKER))]
     heads = ("pose", "bar", "serves as", "calibrated", "adjusted", "difference")
-    yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by="scale_bar_lengths.parquet")
+    if len(bars):
+        rows = tuple((str(r.pose), r.bar, r.serves, *_length(r)) for r in bars.itertuples())
+        yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by=_LENGTHS)
+    for start, what in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers")):
+        own = table[table["bar"].str.startswith(start)]
+        if not len(own):
+            continue
+        off = (own["deviation_mm"] / own["deviation_sigma_mm"]).abs().fillna(0.0)
+        worst = own.loc[off.groupby(own["bar"], sort=False).idxmax()]
+        each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
+        caption = f"{what} that give the scale ({len(each)}), each in the pose where it is furthest off"
+        yield Listing(("distance", "pose", *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
+
+
+def _length(r: Any) -> tuple[str, str, str]:
+    """A length as calibrated and as adjusted, and how far they differ."""
+    # A bar that gives the scale alone differs by what numbers are rounded to.
+    told = r.deviation_sigma_mm > 1e-9 * r.length_mm
+    return (
+        with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
+        with_uncertainty(r.adjusted_mm, r.adjusted_sigma_mm, "mm"),
+        printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm")) if told else "0",
+    )
 
 
 def _noise(tables: Tables) -> Iterator[Listing]:

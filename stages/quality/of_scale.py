@@ -1,0 +1,145 @@
+"""What gives photographs their scale, what checks it, and what bars and reference lengths say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
+from stages.point_arrays import number_column, text_column
+from stages.quality.bundle_figures import Figures, rows_of
+from stages.quality.check import FAIL, PASS, Check, listed, without
+from stages.quality.limits import CampaignLimits
+from truing.estimation.bundle.length_errors import LengthErrors, length_errors
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_SIZES = "size over stated"
+_NO_BAR = (FROM_SURVEY, FROM_MARKER)
+
+
+def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iterator[Check]:
+    """Whether each pose has a scale, from what, and what checks it; surveyed: the shape of bodies is known."""
+    free = list(figures.told("scale from none"))
+    if free:
+        said = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
+        yield Check("scale", "", float(len(free)), 0.0, "1", FAIL, said)
+        return
+    columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
+    serving = dict(zip(*columns, strict=True)) if columns else {}
+    known = {what: len(figures.told(f"scale from {what}")) for what in ("scale bars", "known points", "markers")}
+    checks = _checked_by(serving, figures, surveyed)
+    said = f"{sum(known.values())} poses have a scale, from {' and '.join(_sources(serving, known))}"
+    if checks:
+        said += f", checked by {' and '.join(checks)}."
+    else:
+        said += " alone. Nothing checks it: were it in another unit, or wrong by a factor, all lengths would be, and "
+        said += "nothing would tell."
+    yield Check("scale", "", 0.0, 0.0, "1", PASS, said)
+
+
+def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
+    """What gives the scale, in words; what each bar serves as, and in how many poses each sort of thing is known."""
+    bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
+    found = [f"scale bar{'s' if len(bars) > 1 else ''} {listed(bars)}"] if bars else []
+    for start, words in ((FROM_SURVEY, "distances of the survey"), (FROM_MARKER, "diagonals of markers")):
+        count = sum(bar.startswith(start) for bar in serving)
+        found += [f"{count} {words}"] if count else []
+    found += ["known points"] if known["known points"] else []
+    return found + (["the size of markers"] if known["markers"] else [])
+
+
+def _checked_by(serving: dict[str, str], figures: Figures, surveyed: bool) -> list[str]:
+    """What would tell a scale that is wrong; a survey does not where it gives the scale itself: all of it is wrong."""
+    checks = [bar for bar, serves in serving.items() if serves == "check"]
+    bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
+    found = [f"reference length{'s' if len(checks) > 1 else ''} {listed(checks)}"] if checks else []
+    found += ["each other"] if len(bars) > 1 else []
+    found += ["the survey"] if surveyed and not any(bar.startswith(FROM_SURVEY) for bar in serving) else []
+    return found + [f"the width of {kind}" for kind in figures.told(_SIZES)]
+
+
+def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
+    """How large targets are on the scale that was found, where it is told how large they are."""
+    sizes = figures.told(_SIZES)
+    if not sizes:
+        why = "no target's size is stated and seen, but for those that give the scale"
+        yield without("sizes of targets", "target-sizes", "", why)
+    for kind, ratio in sizes.items():
+        said = f"{kind}: they are {ratio:.3g} times as wide as stated (target_mm, marker_mm, image_targets.csv)."
+        yield limits.of("target-sizes").row(kind, max(ratio, 1.0 / ratio), "times", said)
+
+
+def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Check]:
+    """Each scale bar as adjusted, distances of a survey and sizes of markers together; errors of reference lengths."""
+    if lengths is None or not lengths.num_rows:
+        yield without("scale bars", "bar-lengths", "", "no pose shows both ends of any bar")
+        yield without("length errors", "length-errors", "", "no reference length checks the scale")
+        return
+    names = text_column(lengths, "bar").astype(str)
+    ends = text_column(lengths, "first").astype(str)
+    subjects = np.array([_subject(name, first) for name, first in zip(names, ends, strict=True)], dtype=object)
+    for subject in dict.fromkeys(subjects):
+        yield _bar(subject, lengths.filter(subjects == subject), limits)
+    checking = rows_of(lengths, "serves", "check")
+    if not checking.num_rows:
+        yield without("length errors", "length-errors", "", "no reference length checks the scale")
+        return
+    found, length = _errors(checking), number_column(checking, "length_mm")
+    error = 1e3 * found.error_m
+    relative = 1e6 * error / length
+    worst = int(np.argmax(np.abs(relative)))
+    said = f"{len(error)} reference lengths from {length.min():.0f} to {length.max():.0f} mm: errors of "
+    said += f"{np.sqrt(np.mean(error**2)) * 1e3:.1f} um (rms), {relative[worst]:+.1f} um/m at most ("
+    said += f"{checking.column('bar').to_pylist()[worst]} in pose {checking.column('pose').to_pylist()[worst]})."
+    said += f" In common they have {1e6 * found.scale:+.1f} ± {1e6 * found.sigma_scale:.1f} um/m."
+    said += f" For an acceptance test the guideline asks for more: {'; '.join(found.lacks)}." if found.lacks else ""
+    yield limits.of("length-errors").row("", float(np.abs(relative[worst])), "um/m", said)
+
+
+def _errors(checking: pa.Table) -> LengthErrors:
+    """Errors of reference lengths; what poses have in common in them is left to the scale that is told beside."""
+    measured, calibrated = number_column(checking, "adjusted_mm"), number_column(checking, "length_mm")
+    sigma = 1e-3 * number_column(checking, "adjusted_sigma_mm")
+    _, line = np.unique(text_column(checking, "bar").astype(str), return_inverse=True)
+    return length_errors(
+        1e-3 * measured,
+        np.diag(sigma**2),
+        1e-3 * calibrated,
+        1e-3 * number_column(checking, "sigma_mm"),
+        line=line,
+    )
+
+
+def _subject(bar: str, first: str) -> str:
+    """What a length is told under: each bar by itself, distances of the survey by body, markers together."""
+    if bar.startswith(FROM_SURVEY):
+        return f"survey of {first.rpartition('/')[0]}".removesuffix(" of ")
+    return "markers" if bar.startswith(FROM_MARKER) else f"bar {bar}"
+
+
+def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
+    deviation, sigma = number_column(rows, "deviation_mm"), number_column(rows, "deviation_sigma_mm")
+    told = sigma > 1e-6 * number_column(rows, "length_mm") * 1e-3
+    if not told.any():
+        why = "it gives the scale alone, so that its adjusted length is the calibrated one"
+        return without("deviation of the bar", "bar-lengths", subject, why)
+    over = np.where(told, np.abs(deviation) / np.where(told, sigma, 1.0), 0.0)
+    worst = int(np.argmax(over))
+    limit, name = limits.of("bar-lengths"), rows.column("bar").to_pylist()[worst]
+    off = f"{1e3 * deviation[worst]:+.1f} ± {1e3 * sigma[worst]:.1f} um from its"
+    length, pose = number_column(rows, "length_mm")[worst], rows.column("pose").to_pylist()[worst]
+    if subject.startswith("bar "):
+        said = (
+            f"Bar {name} ({rows.column('serves').to_pylist()[0]}) is {off} calibrated {length:.3f} mm in pose {pose}, "
+        )
+        said += f"the furthest of {len(over)} poses."
+    else:
+        far = int(sum(limit.verdict(float(one)) != PASS for one in over))
+        count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
+        said = f"{subject}: {count} distances in {poses} poses, {far} of {len(over)} beyond the limit; the furthest, "
+        said += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."
+    return limit.row(subject, float(over[worst]), "sigma", said)

@@ -1,0 +1,85 @@
+"""What gives photographs their scale and what checks it is said; distances of a survey are told by body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from stages.quality.bundle_figures import Figures
+from stages.quality.check import Check
+from stages.quality.limits import CampaignLimits
+from stages.quality.of_scale import bar_lengths, scale, target_sizes
+
+LIMITS = CampaignLimits("photogrammetry")
+SURVEY = [("survey, a/1 to a/2", "a/1"), ("survey, a/3 to a/4", "a/3"), ("survey, b/1 to b/2", "b/1")]
+
+
+def figures(*rows: tuple[str, str, float]) -> Figures:
+    names = ("figure", "subject", "value")
+    return Figures(pa.table({name: [row[k] for row in rows] for k, name in enumerate(names)}))
+
+
+def lengths(bars: list[tuple[str, str]], serves: str = "scale", off_um: float = 0.0) -> pa.Table:
+    """Bars in two poses, a sigma of 10 um; the last is off in the second."""
+    rows: list[dict[str, Any]] = [
+        {"pose": pose, "bar": bar, "first": first, "serves": serves, "length_mm": 500.0, "sigma_mm": 0.01}
+        | {"adjusted_mm": 500.0, "adjusted_sigma_mm": 0.01, "deviation_mm": 0.0, "deviation_sigma_mm": 0.01}
+        for pose in (1, 2)
+        for bar, first in bars
+    ]
+    rows[-1]["deviation_mm"] = 1e-3 * off_um
+    return pa.Table.from_pylist(rows)
+
+
+def said(*bars: pa.Table, surveyed: bool = False, known: tuple[tuple[str, str, float], ...] = ()) -> Check:
+    told = figures(("scale from scale bars", "pose 1", 1.0), ("scale from scale bars", "pose 2", 1.0), *known)
+    (check,) = scale(told, pa.concat_tables(bars), surveyed=surveyed)
+    return check
+
+
+def test_a_scale_that_nothing_checks_is_told_as_such() -> None:
+    for bars, what in ((SURVEY, "3 distances of the survey"), ([("S", "s/1")], "scale bar S")):
+        message = said(lengths(bars), surveyed=bars is SURVEY).message
+        assert message.startswith(f"2 poses have a scale, from {what} alone. Nothing checks it")
+
+
+@pytest.mark.parametrize(
+    ("check", "words"),
+    [
+        (said(lengths([("S", "s"), ("T", "t")])), "from scale bars S, T, checked by each other."),
+        (said(lengths([("S", "s")]), surveyed=True), "from scale bar S, checked by the survey."),
+        (
+            said(lengths([("S", "s")]), lengths([("C", "c")], "check")),
+            "from scale bar S, checked by reference length C.",
+        ),
+        (
+            said(lengths(SURVEY), surveyed=True, known=(("size over stated", "circles", 1.01),)),
+            "from 3 distances of the survey, checked by the width of circles.",
+        ),
+    ],
+)
+def test_what_checks_it_is_named(check: Check, words: str) -> None:
+    assert check.message.endswith(words)
+    assert check.verdict == "pass"
+
+
+def test_sizes_tell_another_unit() -> None:
+    assert [check.verdict for check in target_sizes(figures(), LIMITS)] == ["not evaluated"]
+    told = figures(("size over stated", "circles", 1.04), ("size over stated", "markers", 1 / 25.4))
+    circles, markers = target_sizes(told, LIMITS)
+    assert (circles.verdict, markers.verdict) == ("pass", "fail")
+    assert markers.value == pytest.approx(25.4)
+    assert "0.0394 times as wide as stated" in markers.message
+
+
+def test_distances_of_the_survey_are_one_row_a_body() -> None:
+    table = pa.concat_tables(
+        [lengths([("S", "s/1")]), lengths(SURVEY, off_um=-70.0), lengths([("marker, m.0 to m.2", "m.0")])]
+    )
+    rows = {check.subject: check for check in bar_lengths(table, LIMITS) if check.check == "bar-lengths"}
+    assert list(rows) == ["bar S", "survey of a", "survey of b", "markers"]
+    assert [check.verdict for check in rows.values()] == ["pass", "pass", "warn", "pass"]
+    assert rows["survey of a"].message.startswith("survey of a: 2 distances in 2 poses, 0 of 4 beyond the limit")
+    assert "1 of 2 beyond the limit; the furthest, b/1 to b/2, is -70.0 ± 10.0 um" in rows["survey of b"].message
