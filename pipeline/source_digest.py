@@ -7,12 +7,15 @@ import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 from pipeline.remembered import RememberedDigests
 
 ROOMS = ("schemas", "truing", "stages")  # what a stage can be made of
 _TELLING = re.compile(rf"\b(?:{'|'.join(ROOMS)})\b|\bfrom[\s\\]*\.".encode())
+# Where a statement of a file begins; in a text of several lines too, where what follows is then no Python.
+_STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 
 
@@ -85,7 +88,19 @@ class SourceTree:
 @cache
 def _imports_of(source: bytes, package: str) -> list[str]:
     """Project modules that a source executes; kept for all runs of this process, each of which remembers for itself."""
-    return sorted(set(_executed_imports(ast.parse(source), package, _telling_lines(source))))
+    try:
+        parts = [(part, ast.parse(part)) for part in _telling_statements(source)]
+    except SyntaxError:
+        parts = [(source, ast.parse(source))]
+    return sorted({name for part, tree in parts for name in _executed_imports(tree, package, _telling_lines(part))})
+
+
+def _telling_statements(source: bytes) -> Iterator[bytes]:
+    """The statements, not indented, in which a room is named or a relative import begins: few of a file's."""
+    ends = [*(match.start() for match in _STATEMENT.finditer(source)), len(source)]
+    for start, end in pairwise(ends):
+        if _TELLING.search(source, start, end):
+            yield source[start:end]
 
 
 def _telling_lines(source: bytes) -> list[int]:
