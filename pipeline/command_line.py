@@ -308,6 +308,10 @@ def plan(
     camera: Annotated[
         str | None, typer.Option("--camera", metavar="NAME", help="Which, where the campaign has several.")
     ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option("--run", metavar="RUN", help="Take the camera as this run adjusted it, and its noise."),
+    ] = None,
     normals: Annotated[
         Path | None,
         typer.Option(
@@ -321,8 +325,9 @@ def plan(
 ) -> None:
     """Choose where to stand with a camera, and tell how well the targets will be known from there.
 
-    Needs no photograph yet: targets.csv, a camera and the noise of an image point in campaign.toml are enough; scale
-    bars count where targets are their ends. Leaves the stations, predicted standard deviations (FILE-targets,
+    Needs no photograph yet: targets.csv, a camera and the noise of an image point in campaign.toml are enough; without
+    a camera there, that of the campaign's own run counts, or of its photographs. Scale bars count where targets are
+    their ends. Leaves the stations, predicted standard deviations (FILE-targets,
     FILE-bodies), what fewer or more photographs would do (FILE-curve) and a page (FILE.html).
 
     Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
@@ -335,7 +340,7 @@ def plan(
         near, far = _pair("--distance", distance) if distance else (None, None)
         bounds = _pair("--elevation", elevation)
         wish = PlanWish(stations, wanted, near, far, bounds, directions, incidence, least)
-        return plan_campaign(campaign, wish, PlanFiles(camera, normals, out))
+        return plan_campaign(campaign, wish, PlanFiles(camera, run, normals, out))
 
     _end(choose)
 

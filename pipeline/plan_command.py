@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.campaign_folder import CampaignFolder, open_campaign, run_folder_of
 from pipeline.given_table import ENDINGS, read_given, table_bytes
+from pipeline.plan_cameras import known_cameras
 from pipeline.problems import ExitCode
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
@@ -16,16 +17,18 @@ from schemas.faults import CampaignFaults, Fault
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.photograph_plan import PhotographPlan, PlanWish
+    from stages.photograph_plan import PhotographPlan, PlanWish, Targets
 
 _DEFAULT_FILE = "plan.csv"
 
 
 @dataclass(frozen=True)
 class PlanFiles:
-    """What the call names: the camera of several, a table of normals, the file to write; each may be absent."""
+    """What the call names: the camera of several, the run that adjusted it, a table of normals, the file to write; each
+    may be absent."""
 
     camera: str | None = None
+    run: Path | None = None
     normals: Path | None = None
     out: Path | None = None
 
@@ -40,7 +43,11 @@ def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     settings = campaign.validated()
     _check(settings.campaign.kind, wish, files)
     normals = None if files.normals is None else read_given(files.normals, "a table of normals")
-    planned, targets, left_out = planned_network(settings, _tables(campaign), normals, files.camera)
+    known = _tables(campaign)
+    cameras = known_cameras(campaign, known.pop("cameras_given", None), files.run)
+    known |= {} if cameras.table is None else {"cameras_given": cameras.table}
+    planned, targets, left_out = planned_network(settings, known, normals, files.camera, cameras.noise_px)
+    left_out = (*left_out, *_not_modelled(targets))
     try:
         with voice.during("plan") as progress:
             found = plan_photographs(
@@ -48,12 +55,30 @@ def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
             )
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"targets that can be photographed: {why}")]) from None
+    left_out = (*([_of_camera(cameras.said, found)] if cameras.said else []), *left_out)
     for line in (*sentences(found), *left_out):
         voice.say(line)
     file = run_folder_of(campaign, None, several=False) / _DEFAULT_FILE if files.out is None else files.out
     written = _leave(campaign.name, found, tables(found), left_out, file)
     voice.say(f"tables and page: {', '.join(map(str, written))}")
     return ExitCode.DONE
+
+
+def _of_camera(said: str, plan: PhotographPlan) -> str:
+    distance, noise = plan.planned.interior[0], plan.planned.sigma_px
+    return f"{said} Its principal distance is {distance:.1f} px, the noise of an image coordinate {noise:.3g} px."
+
+
+def _not_modelled(targets: Targets) -> list[str]:
+    """What the plan takes to be seen that may not be."""
+    from numpy import isnan
+
+    turned = int((~isnan(targets.layout.normals).any(axis=1)).sum())
+    said = "Nothing is taken to stand in the way of a ray, neither other things nor the object itself"
+    if turned == len(targets.name):
+        return [f"{said}, but for what faces away."]
+    count = f"{turned} of {len(targets.name)} targets have" if turned else "no target has"
+    return [f"{said}; {count} a normal, without which it counts as seen from behind, too (--normals)."]
 
 
 def _check(kind: str, wish: PlanWish, files: PlanFiles) -> None:

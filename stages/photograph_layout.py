@@ -21,19 +21,27 @@ if TYPE_CHECKING:
 
 _FILE = "campaign.toml"
 _XYZ = ("x_mm", "y_mm", "z_mm")
+_WHENCE = (
+    "a camera: [[cameras]] in campaign.toml, the run of earlier photographs (--run), or photographs with EXIF data"
+)
 _NORMAL = ("normal_x", "normal_y", "normal_z")
 _NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism tells
 
 
 def planned_network(
-    settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None, camera: str | None
+    settings: Any,
+    tables: Mapping[str, pa.Table],
+    normals: pa.Table | None,
+    camera: str | None,
+    noise_px: Mapping[str, float],
 ) -> tuple[PlannedNetwork, Targets, tuple[str, ...]]:
     """The network, its targets, and what of the campaign could not be part of it; raises CampaignFaults.
 
-    tables: survey, and where there are any cameras_given, scale_bars, image_targets.
+    tables: survey, and where there are any cameras_given, scale_bars, image_targets; noise_px: that of an image
+    coordinate by camera, where the campaign states none.
     """
-    noise = settings.noise.image_px
     chosen, interior = _camera(tables.get("cameras_given"), camera)
+    noise = settings.noise.image_px or noise_px.get(getattr(chosen, "name", ""), 0.0)
     faults = [] if noise else [Fault(_FILE, "the standard deviation of an image coordinate", column="noise.image_px")]
     faults += [] if isinstance(chosen, Camera) else [chosen]
     if faults or not isinstance(chosen, Camera):
@@ -48,7 +56,7 @@ def _camera(given: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault,
     rows = [] if given is None else given.to_pylist()
     names = list(dict.fromkeys(row["camera"] for row in rows))
     if wanted not in names and (wanted is not None or len(names) != 1):
-        many = f"the name of one: {', '.join(names)}" if names else "a camera: [[cameras]] in campaign.toml"
+        many = f"the name of one: {', '.join(names)}" if names else _WHENCE
         return Fault("--camera" if names else _FILE, many, value=wanted), np.empty(0)
     own = [row for row in rows if row["camera"] == (wanted or names[0])]
     first = own[0]

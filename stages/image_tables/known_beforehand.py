@@ -100,7 +100,7 @@ def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTa
         if given.name in rows:
             log.add(Fault("campaign.toml", "each camera once", column="cameras.name", value=given.name))
         rows[given.name] = _settings_row(given)
-    return SmallTable(_long(rows), left_out) if rows else None
+    return SmallTable(cameras_table(rows), left_out) if rows else None
 
 
 def _settings_row(given: GivenCamera) -> dict[str, Any]:
@@ -119,7 +119,8 @@ def _free(words: str | None, file: str, log: FaultLog) -> tuple[str, ...]:
     return tuple(name for name in names if name in PARAMETERS)
 
 
-def _long(rows: dict[str, dict[str, Any]]) -> pa.Table:
+def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
+    """The table cameras_given, a row per parameter, from one of each camera as the table cameras has it."""
     import pyarrow as pa
 
     long = []

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from pipeline.campaign_folder import open_campaign
 from pipeline.command_line import app
+from pipeline.plan_cameras import known_cameras
+
+SAMPLE = Path(__file__).parents[2] / "sample_data" / "telescope-images"
 
 CAMPAIGN = """
 [campaign]
@@ -119,3 +127,74 @@ def test_normals_that_are_none_are_faults(place, text, expected):
     (place / "normals.csv").write_text(text, encoding="utf-8")
     found = plan(place, *FEW, "--normals", str(place / "normals.csv"))
     assert (found.exit_code, expected in found.output) == (2, True)
+
+
+UNNAMED = CAMPAIGN.partition("[[cameras]]")[0].replace("image_px = 0.05", "point_mm = 0.01")
+
+
+def left_by_a_run(folder, c_px):
+    """The camera as a run adjusted it, and rays with their sigmas, one of them rejected."""
+    from schemas.artifacts import ARTIFACTS
+    from truing.estimation.bundle.camera import PARAMETERS
+
+    folder.mkdir(parents=True)
+    form = {"width_px": 4000, "height_px": 3000, "balancing_radius_px": 1600.0, "sigma": 0.1, "pixel_um": None}
+    camera = [
+        {
+            "camera": "cam",
+            "parameter": name,
+            "unit": "px",
+            "value": c_px if name == "c" else 0.0,
+            "free": name == "c",
+            **form,
+        }
+        for name in PARAMETERS
+    ]
+    ray = {"pose": 1, "image": "a", "camera": "cam", "point": "1", "kind": "circle", "rejected": False}
+    zeros = ("x_px", "y_px", "vx_px", "vy_px", "redundancy_x", "redundancy_y", "test_value")
+    ray |= dict.fromkeys((*zeros, "eccentricity_x_px", "eccentricity_y_px"), 0.0)
+    rays = [
+        ray | {"sigma_x_px": 0.04, "sigma_y_px": 0.04},
+        ray | {"rejected": True, "sigma_x_px": 9.0, "sigma_y_px": 9.0},
+    ]
+    for name, rows in (("cameras", camera), ("image_residuals", rays)):
+        artifact = ARTIFACTS[name]
+        pq.write_table(pa.Table.from_pylist(rows, schema=artifact.arrow_schema()), folder / artifact.file)
+
+
+def test_a_camera_that_a_run_adjusted_is_taken_with_its_noise(place, monkeypatch):
+    (place / "campaign.toml").write_text(UNNAMED, encoding="utf-8")
+    monkeypatch.chdir(place)
+    options = (*FEW, "--stations", "5", "--out", "plan.csv")
+    found = plan(place, *options)
+    assert (found.exit_code, "(--run)" in found.output) == (2, True)
+    left_by_a_run(place / "runs" / "frame", 4000.0)
+    found = plan(place, *options)
+    assert found.exit_code == 0, found.output
+    assert "With camera cam as adjusted in runs/frame. Its principal distance is 4000.0 px" in found.output
+    assert "coordinate 0.04 px" in found.output
+    (place / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
+    assert "as adjusted" not in plan(place, *options).output
+    left_by_a_run(place / "other", 5000.0)
+    found = plan(place, "--run", str(place / "other"), *options)
+    assert "distance is 5000.0 px, the noise of an image coordinate 0.05 px" in found.output
+    found = plan(place, "--run", str(place / "none"), *options)
+    assert (found.exit_code, "a run that adjusted photographs" in found.output) == (2, True)
+
+
+def test_what_the_plan_takes_to_be_seen_is_said(place):
+    options = (*FEW, "--stations", "4", "--out", str(place / "plan.csv"))
+    assert "no target has a normal" in plan(place, *options).output
+    rows = "".join(f"table,{i},0,0,1\n" for i in range(5))
+    (place / "normals.csv").write_text(f"body,target,normal_x,normal_y,normal_z\n{rows}", encoding="utf-8")
+    said = plan(place, *options, "--normals", str(place / "normals.csv")).output
+    assert "neither other things nor the object itself; 5 of 10 targets have a normal" in said
+
+
+def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = known_cameras(open_campaign(SAMPLE), None, None)
+    assert "as the photographs' files tell" in found.said
+    (c,) = [row for row in found.table.to_pylist() if row["parameter"] == "c"]
+    assert (c["camera"], c["width_px"], c["free"]) == ("camera", 1600, True)
+    assert c["value"] == pytest.approx(2250.0, rel=1e-4)
