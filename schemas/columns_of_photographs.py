@@ -86,6 +86,9 @@ NETWORK = (
         real(f"effect_r{a}_rad", "rad", f"rotation about {a} by one standard deviation of that parameter")
         for a in _AXES
     ),
+    real("effect_um", "um", "change of the shift by one standard deviation of that parameter"),
+    Column("measured_number", "text", "a number measured in the pose: `platform px` .. `leg6 rz`, `shift 1` .. by leg"),
+    real("joint_covariance", "SI", "covariance of the two numbers; of poses as in cov_0_0 .. cov_5_5"),
     *(real(f"v{a}_px", "px", f"residual along {a}: measured minus adjusted", nullable=True) for a in "xy"),
     *(
         real(f"sigma_{a}_px", "px", f"one standard deviation of {a} that the adjustment took", minimum=0.0)

@@ -87,6 +87,33 @@ PHOTOGRAPHS = (
         key=("pose", "body", "parameter"),
     ),
     parquet(
+        "pose_covariances",
+        "covariances between the default poses of different bodies, as their parent sees them in the same pose; the "
+        "errors common to all poses are in them",
+        ("pose", "measured_number", "other_number", "joint_covariance"),
+        key=("pose", "measured_number", "other_number"),
+    ),
+    parquet(
+        "shift_covariances",
+        "covariances of the shifts of attachments with the default poses of bodies and with one another in the same "
+        "pose; the errors common to all poses are in them, those of the survey are not",
+        ("pose", "measured_number", "other_number", "joint_covariance"),
+        key=("pose", "measured_number", "other_number"),
+    ),
+    parquet(
+        "survey_covariances",
+        "what the errors of the survey bring to the default poses of bodies, and through the platform's frame to the "
+        "shifts of attachments, in all poses alike",
+        ("measured_number", "other_number", "joint_covariance"),
+        key=("measured_number", "other_number"),
+    ),
+    parquet(
+        "shift_sensitivities",
+        "what the errors common to all poses do to the shift of each attachment",
+        ("pose", "leg", "parameter", "effect_um"),
+        key=("pose", "leg", "parameter"),
+    ),
+    parquet(
         "cameras",
         "the cameras as adjusted",
         ("camera", "parameter", "unit", "value", "sigma", "free", *_FORMAT),

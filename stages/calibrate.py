@@ -50,6 +50,8 @@ DECLARATION = Stage(
         "given_compliance?",
         "diagnosis?",
         "reading_errors?",
+        *("pose_sensitivities?", "pose_covariances?", "camera_correlations?"),
+        *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
     ),
     leaves=(
         *(f"{name}?" for name in OF_MECHANISM),

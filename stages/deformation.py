@@ -35,6 +35,7 @@ DECLARATION = Stage(
         "deformation?",
         "deformation_models?",
         "deformation_errors",
+        *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
         "target_deformation?",
         "compliance?",
         "axis_curves?",

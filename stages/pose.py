@@ -24,7 +24,7 @@ DECLARATION = Stage(
         *("object_points?", "point_correlations?", "point_sensitivities?"),
     ),
     leaves=(
-        *("poses?", "residuals?", "pose_sensitivities?"),
+        *("poses?", "residuals?", "pose_sensitivities?", "pose_covariances?"),
         *("displacement?", "reading_residuals?", "run_terms?", "exclusion_effects?"),
     ),
     settings=(
@@ -51,7 +51,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.rigid_poses.correlated_poses import with_correlations
     from stages.rigid_poses.point_errors import point_errors
     from stages.rigid_poses.scan_poses import with_scans
-    from stages.rigid_poses.tables import poses_table, residuals_table, sensitivities_table
+    from stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
     fitted = alone = _bodies(observations, tables.get("survey"), poses, settings, progress)
@@ -59,7 +59,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     errors = point_errors(observations, *network)
     if errors is not None:
         rows = [observation_rows(observations, body.name, poses, body.points.targets) for body in fitted]
-        fitted = with_correlations(fitted, rows, errors, settings.reference_body)
+        fitted = with_correlations(fitted, rows, errors)
     bodies = with_scans(fitted, scans, poses)
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
@@ -67,6 +67,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         "residuals": residuals_table(bodies, identifier),
         **_exclusion_effects(alone, tables.get("survey"), settings),
     }
+    if errors is not None:
+        between = covariances_table(fitted, settings.reference_body, identifier)
+        artifacts |= {"pose_covariances": between} if between.num_rows else {}
     if errors is not None and errors.parameters:
         of_common = (settings.reference_body, errors.parameters, identifier)
         artifacts["pose_sensitivities"] = sensitivities_table(fitted, *of_common)

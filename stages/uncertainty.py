@@ -39,6 +39,7 @@ DECLARATION = Stage(
         "model_choice?",
         "sensor_matrix?",
         *("pose_sensitivities?", "camera_correlations?", "scale_bar_lengths?"),
+        *("pose_covariances?", "shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
     ),
     leaves=("uncertainty", "uncertainty_budget"),
     settings=(

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from stages.calibration.data import Measured
 from stages.calibration.fits import Calibration
-from stages.calibration.question import observation_covariance
+from stages.calibration.question import common_effects, own_covariance
+from stages.calibration.targets import with_common
 from stages.responses.tables import Rows
 from truing.estimation.held_out import held_out_misfit
 from truing.estimation.rotation import log_so3
@@ -48,7 +49,7 @@ class PoseErrors:
 
 def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: float, fitted: NDArray) -> PoseErrors:
     """Return the errors at all measured poses; fitted (B,): poses that took part, whose error the parameters share."""
-    change = calibration.parameters.change(calibration.machine)
+    change, count = calibration.parameters.change(calibration.machine), len(calibration.values)
     return _errors(
         calibration.case.structure,
         calibration.machine,
@@ -56,13 +57,15 @@ def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: flo
         measured,
         reading_sigma,
         np.where(fitted[:, None, None], -calibration.declared, calibration.covariance),
+        np.where(fitted[:, None, None], 0.0, calibration.joint[:count, count:]),
     )
 
 
 def nominal_errors(structure: Structure, machine: Machine, measured: Measured) -> PoseErrors:
     """Return the errors of a machine that nobody has calibrated."""
     none = ParameterSet(()).change(machine)
-    return _errors(structure, machine, none, measured, 0.0, np.zeros((len(measured.rho), 0, 0)))
+    poses, common = len(measured.rho), common_effects(measured).shape[-1]
+    return _errors(structure, machine, none, measured, 0.0, np.zeros((poses, 0, 0)), np.zeros((poses, 0, common)))
 
 
 def _errors(
@@ -72,20 +75,25 @@ def _errors(
     measured: Measured,
     reading_sigma: float,
     parameters: NDArray,
+    with_common: NDArray,
 ) -> PoseErrors:
+    """Errors with parameters (B, P, P), whose errors go with those of cameras and bars (B, P, K), as poses' do."""
     found = reached_poses(structure, machine, measured.rho, change)
     turned = log_so3(measured.platform.R @ np.swapaxes(found.R, -1, -2))
     error = np.concatenate([measured.platform.p - found.p, turned], -1)
+    shared = found.by_parameter @ with_common @ np.swapaxes(common_effects(measured), -1, -2)
     noise = measured.platform.covariance + found.covariance(reading_sigma, parameters)
+    noise = noise + shared + np.swapaxes(shared, -1, -2)
     return PoseErrors(np.where(found.converged[:, None], error, np.nan), noise)
 
 
 def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -> NDArray:
     """Return per pose (B,) the chi-square of the closing at poses that took no part in the calibration."""
-    problem = calibration.problem_at(measured)
-    at = problem.constrain(calibration.values, np.zeros((len(measured.rho), problem.deviations)))
-    noise = observation_covariance(measured, reading_sigma)
-    return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, calibration.declared)
+    problem = with_common(calibration.problem_at(measured), measured)
+    values = np.concatenate([calibration.values, calibration.common]) if problem.common else calibration.values
+    at = problem.constrain(values, np.zeros((len(measured.rho), problem.deviations)))
+    noise, known = own_covariance(measured, reading_sigma), calibration.joint[: len(values), : len(values)]
+    return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, known)
 
 
 def accuracy_rows(artifact: str, told: Sequence[tuple[tuple[str, str], PoseErrors]], measured: Measured) -> Rows:

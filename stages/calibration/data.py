@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.calibration.network import NetworkErrors, network_errors
 from stages.diagnosis.mechanism_points import facing, nominal_legs
 from stages.point_arrays import number_column, pose_ids, positions, survey_points
 from truing.estimation.rotation import exp_so3
@@ -61,7 +62,8 @@ class Shifts:
 class Measured:
     """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets.
 
-    Platform and legs are seen from the base, the base from the measurement: its error is common to all of them.
+    Platform and legs are seen from the base, the base from the measurement: its error is common to all of them. Where
+    their points come out of photographs, ``network`` says what they have in common, and that takes its place.
     """
 
     poses: tuple[int | str, ...]
@@ -71,6 +73,7 @@ class Measured:
     rho: NDArray
     legs: Mapping[int, BodyPoses]  # by leg, counted from 0
     shifts: Shifts | None = None
+    network: NetworkErrors | None = None
 
     def chosen(self, rows: NDArray) -> Measured:
         """Return some of the poses, by mask (B,)."""
@@ -82,6 +85,7 @@ class Measured:
             self.rho[rows],
             {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
             self.shifts and self.shifts.chosen(rows),
+            self.network and self.network.chosen(rows),
         )
 
 
@@ -131,7 +135,9 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     surveyed = _surveyed_attachments(tables, settings)
     shifts = None if surveyed is None else _shifts(tables.get("deformation"), poses, count)
     roles = _roles(tables["configurations"], poses)
-    measured = Measured(poses, roles, base, platform, rho, carrying, shifts).chosen(usable)
+    seen = {"platform": platform} | {f"leg{leg + 1}": found for leg, found in carrying.items()}
+    network = network_errors(tables, poses, {name: found.covariance for name, found in seen.items()}, count)
+    measured = Measured(poses, roles, base, platform, rho, carrying, shifts, network).chosen(usable)
     if not usable.any():
         raise ValueError("no pose has both readings and a pose of the platform in the base")
     return Gathered(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,10 @@ from stages.calibration.data import Gathered, Measured
 from stages.calibration.question import (
     Case,
     Question,
+    common_effects,
     free,
     observation_covariance,
+    own_covariance,
     problem_of,
     question,
     survey_rows,
@@ -39,7 +41,9 @@ _TOLD = np.sqrt(0.5)
 class Calibration:
     """One calibration: parameters identified with covariance (P, P), in SI, and how it ended.
 
-    declared (P, P): the covariance at the declared noise, where that of the fit is enlarged for more; tolerance (P,):
+    declared (P, P): the covariance at the declared noise, where that of the fit is enlarged for more; common (K,): the
+    errors common to all poses, as estimated, and joint (P + K, P + K) the covariance, at the declared noise, of the
+    errors of parameters and of these; tolerance (P,):
     one sigma of what was known before, NaN where nothing was; identifiable (P,): what the data tell better; kept (B,):
     poses that took part, of those that it was asked to fit; chi_square with its freedom: of the closing.
     """
@@ -51,6 +55,8 @@ class Calibration:
     values: NDArray
     covariance: NDArray
     declared: NDArray
+    common: NDArray
+    joint: NDArray
     tolerance: NDArray
     identifiable: NDArray
     kept: NDArray
@@ -97,18 +103,22 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
     # All models are weighed on the same data: poses and readings, and what the targets said of the deformation.
     evidence, count = _log_evidence(fit, asked.prior), asked.count
     if (more := with_targets(asked, gathered, used, case.deformation != "none")) is not None:
-        fit = answer(more, fit.values, robust=False)
+        fit = answer(more, fit.values[:count], robust=False)
     found = _enlarged(gathered, fit, asked)
     tolerance = (more or asked).tolerance
     known = np.where(np.isfinite(tolerance), tolerance, widest(asked.problem.parameters))
+    last = len(fit.values) - asked.common
+    places = np.r_[:count, last : len(fit.values)]
     return Calibration(
         case,
         MAXIMUM_LIKELIHOOD,
-        asked.problem,
-        asked.problem.start,
+        replace(asked.problem, common=None),
+        asked.problem.start[:count],
         fit.values[:count],
         found,
         fit.covariance[:count, :count],
+        fit.values[last:],
+        fit.covariance[np.ix_(places, places)],
         tolerance,
         np.sqrt(np.diag(found)) < _TOLD * known,
         kept,
@@ -169,9 +179,10 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
     # What did not end at a minimum, or left nothing over to judge the scatter by, has no uncertainty to be told.
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
-    declared = _propagated(
-        solution.covariance[0], at, observation_covariance(fitted.chosen(kept), gathered.reading_sigma)
-    )
+    used = fitted.chosen(kept)
+    declared = _propagated(solution.covariance[0], at, own_covariance(used, gathered.reading_sigma))
+    moved = _moved(solution.covariance[0], at, common_effects(used))
+    declared = declared + moved @ moved.T
     tolerance = tolerances(gathered, case, problem.parameters)
     return Calibration(
         case,
@@ -181,6 +192,8 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
         values,
         covariance,
         declared if ended == "ok" else covariance,
+        np.zeros(moved.shape[1]),
+        np.block([[declared, moved], [moved.T, np.eye(moved.shape[1])]]),
         tolerance,
         np.isfinite(np.diag(covariance)),
         kept,
@@ -196,6 +209,13 @@ def _propagated(inverse: NDArray, at: Constrained, noise: NDArray) -> NDArray:
     spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
     told = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
     return inverse @ told @ inverse
+
+
+def _moved(inverse: NDArray, at: Constrained, effects: NDArray) -> NDArray:
+    """Return how an unweighted fit (P, K) goes astray against errors that all poses have in common, effects (B, 6, K)
+    on those of the platform."""
+    spread = at.by_deviation[..., :6] @ effects
+    return np.asarray(inverse @ np.einsum("bmp,bmk->pk", at.by_values, spread))
 
 
 def _implicit_set(gathered: Gathered, fitted: Measured, case: Case) -> ParameterSet:

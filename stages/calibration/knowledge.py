@@ -82,13 +82,20 @@ def _of_chosen(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Obs
     seen = linear(gathered, asked, values, fitted).jacobian
     bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
     scales, units = _scales(gathered.tolerance, chosen.parameters), chosen.parameters.units
-    jacobian = _without(seen, asked.count) * units
+    jacobian = _without(_with_common_known(seen, asked), asked.count) * units
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
 def _whole_question(gathered: Gathered, measured: Measured, case: Case) -> Question:
     asked = question(gathered, measured, case)
     return with_targets(asked, gathered, measured, case.deformation != "none") or asked
+
+
+def _with_common_known(jacobian: NDArray, asked: Question) -> NDArray:
+    """Return the derivatives with what is known beforehand of errors common to all poses below."""
+    known = np.zeros((asked.common, jacobian.shape[1]))
+    known[:, jacobian.shape[1] - asked.common :] = np.eye(asked.common)
+    return np.concatenate([jacobian, known])
 
 
 def _without(jacobian: NDArray, count: int) -> NDArray:

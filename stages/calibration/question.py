@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration.data import Deformation, Gathered, Measured, SurveyedAttachments
-from stages.calibration.targets import noise_of_all, prior_of_all, with_bodies, with_shifts
+from stages.calibration.targets import noise_of_all, prior_of_all, with_bodies, with_common, with_shifts
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.parameters import Parameter, ParameterSet, full_set
@@ -64,8 +64,14 @@ class Question:
 
     @property
     def count(self) -> int:
-        """Return how many numbers are the machine's; those after them place legs in their survey frames."""
+        """Return how many numbers are the machine's; those after them place legs in their survey frames, and are errors
+        common to all poses."""
         return len(self.problem.parameters)
+
+    @property
+    def common(self) -> int:
+        """Return how many errors common to all poses are the last of the numbers."""
+        return len(self.problem.common.entries) if self.problem.common else 0
 
 
 def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
@@ -73,7 +79,8 @@ def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
     parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in gathered.tolerance), gathered)
     problem, tolerance = problem_of(case, parameters, measured), tolerances(gathered, case, parameters)
     prior = _prior(gathered.surveyed, parameters, problem.start, tolerance)
-    return Question(problem, observation_covariance(measured, gathered.reading_sigma), tolerance, prior)
+    problem = with_common(problem, measured)
+    return Question(problem, own_covariance(measured, gathered.reading_sigma), tolerance, prior_of_all(problem, prior))
 
 
 def nothing_open(gathered: Gathered, case: Case) -> bool:
@@ -90,12 +97,18 @@ def with_targets(asked: Question, gathered: Gathered, measured: Measured, deform
     problem = with_shifts(problem, gathered, measured) if deforming else problem
     if problem is asked.problem:
         return None
-    tolerance, prior = asked.tolerance, asked.prior
+    problem = with_common(problem, measured)
+    tolerance, prior = asked.tolerance, _of_machine(asked)
     if problem.shifts is not None:
         bent = np.array([is_deformation(entry) for entry in asked.problem.parameters.entries])
         tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
     noise = noise_of_all(problem, measured, asked.noise)
     return Question(problem, noise, tolerance, prior_of_all(problem, prior))
+
+
+def _of_machine(asked: Question) -> Prior:
+    """Return what is known beforehand of the machine's numbers alone; nothing else is correlated with them there."""
+    return Prior(asked.prior.mean[: asked.count], asked.prior.information[: asked.count, : asked.count])
 
 
 def is_deformation(entry: Parameter) -> bool:
@@ -124,6 +137,21 @@ def observation_covariance(measured: Measured, reading_sigma: float) -> NDArray:
     whole[:, :6, :6] = measured.platform.covariance
     whole[:, 6:, 6:] = np.eye(legs) * reading_sigma**2
     return whole
+
+
+def own_covariance(measured: Measured, reading_sigma: float) -> NDArray:
+    """Return that covariance without the errors that all poses have in common, which are numbers of the problem."""
+    whole = observation_covariance(measured, reading_sigma)
+    effects = common_effects(measured)
+    whole[:, :6, :6] -= effects @ np.swapaxes(effects, -1, -2)
+    return whole
+
+
+def common_effects(measured: Measured) -> NDArray:
+    """Return what the errors common to all poses do to those of the platform, (B, 6, K)."""
+    if measured.network is None:
+        return np.zeros((len(measured.rho), 6, 0))
+    return measured.network.effects[:, :6]
 
 
 def free(parameters: ParameterSet, gathered: Gathered) -> ParameterSet:

@@ -39,7 +39,7 @@ def screened(gathered: Gathered, fitted: Measured, case: Case) -> Screened:
     fit = answer(asked, robust=True)
     measured, legs = _without_bad_legs(asked.problem, fit.values, fitted)
     if (more := with_targets(asked, gathered, measured, case.deformation != "none")) is not None:
-        fit = answer(more, fit.values, robust=True)
+        fit = answer(more, fit.values[: asked.count], robust=True)
     kept = fit.weight > 0
     kept = kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept)
     bad = [str(pose) for pose, agrees in zip(fitted.poses, kept, strict=True) if not agrees]

@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration.data import BodyPoses, Gathered, Measured
+from stages.responses.correlated_shifts import shift_number
+from stages.rigid_poses.tables import pose_numbers
 from truing.estimation.covariance import shared_parent_covariance
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.simulation.attachment_shifts import AttachmentShifts
 from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.common_errors import CommonErrors
 from truing.simulation.leg_bodies import LegBodies, LegPoses, seated
 from truing.simulation.unknowns import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
@@ -38,15 +41,44 @@ def with_shifts(problem: CalibrationProblem, gathered: Gathered, measured: Measu
     return replace(problem, shifts=found) if len(seen) else problem
 
 
+def with_common(problem: CalibrationProblem, measured: Measured) -> CalibrationProblem:
+    """Return the problem with the errors that all poses have in common among its numbers, where there are any."""
+    found = None if measured.network is None else _in_common(problem, measured)[1]
+    return problem if found is None or not found.any() else replace(problem, common=CommonErrors(found))
+
+
+def _in_common(problem: CalibrationProblem, measured: Measured) -> tuple[NDArray, NDArray]:
+    """Return what a network of rays tells of the deviations: covariance (B, N, N), NaN where it tells nothing, and
+    effects (B, N, K) of errors common to all poses."""
+    legs, poses = measured.rho.shape[1], len(measured.rho)
+    names, told = [*pose_numbers("platform"), *[""] * legs], [np.ones((poses, 6 + legs), bool)]
+    if problem.leg_bodies is not None:
+        for leg in problem.leg_bodies.leg:
+            names += [*pose_numbers(f"leg{leg + 1}")]
+            told.append(np.repeat(measured.legs[int(leg)].found[:, None], 6, 1))
+    if problem.shifts is not None and measured.shifts is not None:
+        names += [shift_number(int(leg) + 1) for leg in problem.shifts.leg]
+        told.append(np.isfinite(measured.shifts.sigma[:, problem.shifts.leg]))
+    assert measured.network is not None
+    return measured.network.of(names, np.concatenate(told, 1))
+
+
 def noise_of_all(problem: CalibrationProblem, measured: Measured, noise: NDArray) -> NDArray:
-    """Return the covariance (B, N, N) of all deviations; ``noise`` (B, n, n) is that of platform and readings."""
+    """Return the covariance (B, N, N) of all deviations; ``noise`` (B, n, n) is that of platform and readings.
+
+    Errors common to all poses are no part of it: they are numbers of the problem.
+    """
     whole = np.zeros((len(noise), problem.deviations, problem.deviations))
     whole[:, : noise.shape[-1], : noise.shape[-1]] = noise
     if problem.leg_bodies is not None:
         _fill_legs(whole, problem.leg_bodies, measured, noise.shape[-1])
     if problem.shifts is not None:
         _fill_shifts(whole, problem, problem.shifts, measured)
-    return whole
+    if measured.network is None:
+        return whole
+    together, effects = _in_common(problem, measured)
+    own = together - effects @ np.swapaxes(effects, -1, -2)
+    return np.where(np.isfinite(own), own, whole)
 
 
 def _fill_legs(whole: NDArray, bodies: LegBodies, measured: Measured, first: int) -> None:
@@ -94,10 +126,11 @@ def _leg_noise(found: BodyPoses) -> NDArray:
 
 
 def prior_of_all(problem: CalibrationProblem, prior: Prior) -> Prior:
-    """Return the prior with that of where legs' survey frames sit on them, which nobody knows beforehand."""
-    own = problem.entries[len(prior.mean) :]
+    """Return the prior of the machine's numbers with that of where legs' survey frames sit on them, which nobody knows
+    beforehand, and of errors common to all poses, which are of one standard deviation."""
+    size, common = len(prior.mean), len(problem.common.entries) if problem.common else 0
+    own = problem.entries[size : len(problem.entries) - common]
     free = np.array([FREE_LENGTH_M if entry.name.startswith("c") else FREE_DIRECTION for entry in own])
-    size = len(prior.mean)
-    information = np.diag(np.concatenate([np.zeros(size), free**-2.0]))
+    information = np.diag(np.concatenate([np.zeros(size), free**-2.0, np.ones(common)]))
     information[:size, :size] = prior.information
     return Prior(np.concatenate([prior.mean, problem.start[size:]]), information)

@@ -20,7 +20,7 @@ from stages.point_arrays import (
     survey_points,
     used_targets,
 )
-from stages.responses.correlated_shifts import correlated_shifts
+from stages.responses.correlated_shifts import CorrelatedShifts, correlated_shifts, handed_on
 from stages.responses.tables import FALSE_ALARM, Rows, entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, fit_response, keep_consistent
 from truing.estimation.response_structure import (
@@ -46,7 +46,7 @@ class Shifts:
     shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y, which gross errors show;
     noise (B, L, L) of the measurement, own (B, L) variance of what the attachment's own targets bring to it, survey
     (L, L) of the survey, and of cameras and bars, which all poses share; attachments (L, 3);
-    modulo_plane: the frame was fitted to the attachments themselves; correlated: points have errors in common.
+    modulo_plane: the frame was fitted to the attachments themselves; together: where points have errors in common.
     """
 
     shift: Array
@@ -56,7 +56,7 @@ class Shifts:
     survey: Array
     attachments: Array
     modulo_plane: bool
-    correlated: bool
+    together: CorrelatedShifts | None
 
 
 def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[float]) -> Outcome:
@@ -80,6 +80,8 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
         "deformation_models": _model_rows(fits, told).table(),
         "deformation_errors": _error_rows(fits, gains, held, shifts, kept[fitted], bool(told["matrix"].all())).table(),
     }
+    if shifts.together is not None:
+        artifacts |= handed_on(shifts.together, poses, np.isfinite(shifts.shift), identifier)
     return Outcome(artifacts, *_words(shifts, rejected, fits))
 
 
@@ -152,7 +154,7 @@ def _shifts(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], n_legs
         shared,
         typical @ survey.points,
         bool((used & (survey.leg > 0)).any()),
-        together is not None,
+        together,
     )
 
 
@@ -208,7 +210,7 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
         delta_bz_um=shifts.shift[b, leg] * 1e6,
         sigma_um=sigma[b, leg] * 1e6,
         own_sigma_um=np.sqrt(shifts.own[b, leg]) * 1e6,
-        **({"scatter_sigma_um": np.sqrt(scatter[b, leg]) * 1e6} if shifts.correlated else {}),
+        **({"scatter_sigma_um": np.sqrt(scatter[b, leg]) * 1e6} if shifts.together else {}),
         p_value=p[b, leg],
         significant=significant[b, leg],
         rejected=rejected[b, leg],

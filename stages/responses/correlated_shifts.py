@@ -1,26 +1,26 @@
-"""Shifts of attachments whose points have errors in common: what every point of a pose does to each of them."""
+"""Shifts whose points have errors in common: what every point of a pose does to each of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import (
-    SurveyPoints,
-    default_motions,
-    observation_rows,
-    pose_points,
-    survey_points,
-    used_targets,
+from stages.responses.joint_frames import (
+    errors_in_common,
+    follows_frame,
+    framed_bodies,
+    joint_frame,
+    relative_gain,
+    residual_gain,
+    survey_gain,
 )
-from stages.rigid_poses.point_errors import PointErrors, common_correlation, point_errors
-from truing.estimation.covariance import apply_rotation
-from truing.estimation.rigid_poses.correlated import PointsOfBodies, joint_motions
-from truing.estimation.rotation import skew
+from stages.responses.tables import Rows
+from stages.rigid_poses.point_errors import common_correlation
+from stages.rigid_poses.tables import pose_numbers
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,32 +30,27 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _PLATFORM = "platform"
-_FEWEST = 3
 
 
 @dataclass(frozen=True)
 class CorrelatedShifts:
     """Covariances of shifts in m^2: noise (B, L, L) of what differs from pose to pose, frame included; shared (L, L) of
     what all poses share, the survey and the mean effect of cameras and bars; there (B,), where bodies had a joint fit.
+
+    whole (B, L, L): all that points bring to the shifts of a pose; with_poses (B, L, Q) its covariance with the numbers
+    of the poses of bodies; effects (B, L, K), m, of one standard deviation of each parameter common to all poses;
+    of_frames (Q + L, Q + L): what the survey brings to these numbers and, through the frame alone, to the shifts.
     """
 
     noise: Array
     shared: Array
     there: Mask
-
-
-@dataclass(frozen=True)
-class _Body:
-    """One surveyed body over all poses: motion R (B, 3, 3), t (B, 3), points (B, T, 3) as measured, used (B, T) for its
-    frame, row (B, T) of the observations, -1 where not seen."""
-
-    name: str
-    survey: SurveyPoints
-    R: Array
-    t: Array
-    points: Array
-    used: Mask
-    row: Index
+    whole: Array
+    numbers: tuple[str, ...]
+    with_poses: Array
+    parameters: tuple[str, ...]
+    effects: Array
+    of_frames: Array
 
 
 def correlated_shifts(
@@ -66,84 +61,110 @@ def correlated_shifts(
     A shift is linear in the errors of all points of its pose: its own, and through the frame those of every point that
     the joint fit of the bodies weighed, each with all others of the pose.
     """
-    network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
-    errors = point_errors(tables["observations"], *network)
+    errors = errors_in_common(tables)
     if errors is None:
         return None
-    names = tuple(dict.fromkeys(tables["survey"].column("body").to_pylist()))
-    bodies = [_body(tables, name, poses) for name in names]
-    legs, first = per_leg.shape[1], np.cumsum([0, *(len(body.survey.targets) for body in bodies)])
-    noise, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)
+    bodies = framed_bodies(tables, poses)
+    platform = next((b for b, body in enumerate(bodies) if body.name == _PLATFORM), None)
+    if platform is None:
+        return None
+    names = [body.name for body in bodies if body.name not in {other.parent for other in bodies}]
+    legs, first = per_leg.shape[1], np.cumsum([0, *(len(body.targets) for body in bodies)])
+    whole, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)
+    with_poses = np.full((len(poses), legs, len(names), 6), np.nan)
     by_survey = np.zeros((len(poses), legs, first[-1], 3))
-    by_common = np.zeros((len(poses), legs, len(errors.parameters)))
+    of_frames = np.full((len(poses), len(names), 6, 3 * first[-1]), np.nan)
+    of_shifts = np.full((len(poses), legs, 3 * first[-1]), np.nan)
+    effects = np.zeros((len(poses), legs, len(errors.parameters)))
     for p in range(len(poses)):
-        found = _gain(p, bodies, errors, per_leg[p])
-        if found is None:
+        frame = joint_frame(p, bodies, errors)
+        if frame is None or platform not in frame.bodies:
             continue
-        body, target, gain = found
-        rows = np.array([bodies[b].row[p, t] for b, t in zip(body, target, strict=True)])
-        noise[p] = gain @ errors.covariance(rows) @ gain.T
-        by_common[p] = gain @ errors.effects(rows)
-        turn = np.array([own.R[p] for own in bodies])[body]
-        by_survey[p][:, first[body] + target] = np.einsum("lni,nij->lnj", gain.reshape(legs, -1, 3), turn)
+        turns = np.array([body.R[p] for body in bodies])
+        along = per_leg[p][:, :, None] * turns[platform][:, 2]
+        found = residual_gain(p, bodies, frame, platform, along)
+        rows = found.rows(p, bodies)
+        by_points = found.gain @ errors.covariance(rows)
+        whole[p], effects[p] = by_points @ found.gain.T, found.gain @ errors.effects(rows)
+        seen, by_frame = relative_gain(p, bodies, frame, frame.gain)
+        at = [names.index(name) for name in seen]
+        with_poses[p][:, at] = (by_points[:, : by_frame.shape[1]] @ by_frame.T).reshape(legs, -1, 6)
+        moved = survey_gain(p, bodies, frame).reshape(len(frame.gain), -1)
+        of_frames[p, at] = relative_gain(p, bodies, frame, moved)[1].reshape(len(at), 6, -1)
+        of_shifts[p] = -follows_frame(p, bodies[platform], along) @ moved[6 * frame.bodies.index(platform) :][:6]
+        turned = np.einsum("lni,nij->lnj", found.gain.reshape(legs, -1, 3), turns[found.body])
+        by_survey[p][:, first[found.body] + found.target] = turned
         there[p] = True
     if not there.any():
         return None
-    cov = np.concatenate([own.survey.cov for own in bodies])
-    usual = by_survey[there].mean(axis=0)
+    usual, cov = by_survey[there].mean(axis=0), np.concatenate([body.cov_source for body in bodies])
     of_survey = np.einsum("lni,nij,mnj->lm", usual, cov, usual)
-    correlation = common_correlation(tables.get("camera_correlations"), errors.parameters)
-    alike = by_common[there].mean(axis=0)
-    varied = by_common[there] - alike
-    noise[there] += _sandwich(varied, correlation) - _sandwich(by_common[there], correlation)
-    return CorrelatedShifts(noise, of_survey + _sandwich(alike, correlation), there)
+    own, alike = apart(whole, effects, there, common_correlation(tables.get("camera_correlations"), errors.parameters))
+    numbers = tuple(str(number) for name in names for number in pose_numbers(name))
+    told = with_poses.reshape(len(poses), legs, -1)
+    frames = _mean([of_frames.reshape(len(poses), len(numbers), -1), of_shifts], cov)
+    return CorrelatedShifts(own, of_survey + alike, there, whole, numbers, told, errors.parameters, effects, frames)
+
+
+def _mean(by_survey: Sequence[Array], cov: Array) -> Array:
+    """The covariance of what follows the survey's errors by (B, Q, 3T), NaN where a pose has none, in the mean of the
+    poses; cov (T, 3, 3)."""
+    found = np.concatenate(by_survey, axis=1)
+    there = np.isfinite(found)
+    mean = np.where(there, found, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    mean = mean.reshape(len(mean), -1, 3)
+    return np.asarray(np.einsum("pni,nij,qnj->pq", mean, cov, mean, optimize=True))
+
+
+def apart(whole: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
+    """What of the covariances (B, L, L) differs from pose to pose, and (L, L) what all poses share, of errors that are
+    common to all poses and do effects (B, L, K): the part of these that is the same everywhere."""
+    alike = effects[there].mean(axis=0)
+    own = whole.copy()
+    own[there] += _sandwich(effects[there] - alike, correlation) - _sandwich(effects[there], correlation)
+    return own, _sandwich(alike, correlation)
 
 
 def _sandwich(J: Array, C: Array) -> Array:
     return J @ C @ np.swapaxes(J, -1, -2)
 
 
-def _body(tables: Mapping[str, pa.Table], name: str, poses: tuple[int | str, ...]) -> _Body:
-    survey = survey_points(tables["survey"], name)
-    observed = pose_points(tables["observations"], name, poses, survey.targets)
-    R, t = default_motions(tables["poses"], name, poses)
-    used = used_targets(tables["residuals"], name, poses, survey.targets) & observed.seen
-    row = observation_rows(tables["observations"], name, poses, survey.targets)
-    return _Body(name, survey, R, t, observed.points, used, row)
+def shift_number(leg: int) -> str:
+    """What the shift of an attachment, legs from 1, is called in tables of joint covariances."""
+    return f"shift {leg}"
 
 
-def _gain(p: int, bodies: list[_Body], errors: PointErrors, per_leg: Array) -> tuple[Index, Index, Array] | None:
-    """Body and target (N,) by number of the points that move the shifts of a pose, and by how much (L, 3N); None where
-    the platform had no joint fit."""
-    fitted = [b for b, own in enumerate(bodies) if np.isfinite(own.t[p]).all() and own.used[p].sum() >= _FEWEST]
-    base = next((b for b in fitted if bodies[b].name == _PLATFORM), None)
-    if base is None:
-        return None
-    platform = bodies[base]
-    judged = np.flatnonzero(per_leg.any(axis=0) & ~platform.used[p])
-    targets = [np.flatnonzero(bodies[b].used[p]) for b in fitted]
-    place = np.repeat(np.arange(len(fitted)), [len(own) for own in targets])
-    body, target = np.array(fitted)[place], np.concatenate(targets)
-    points = PointsOfBodies(
-        np.concatenate([bodies[b].survey.points[own] for b, own in zip(fitted, targets, strict=True)]),
-        np.concatenate([bodies[b].points[p, own] for b, own in zip(fitted, targets, strict=True)]),
-        place,
-        np.concatenate([bodies[b].survey.cov[own] for b, own in zip(fitted, targets, strict=True)]),
-        errors.covariance(np.concatenate([bodies[b].row[p, own] for b, own in zip(fitted, targets, strict=True)])),
+def handed_on(
+    shifts: CorrelatedShifts, poses: tuple[int | str, ...], seen: Mask, identifier: str
+) -> dict[str, pa.Table]:
+    """The artifacts with what the shifts seen (B, L) have in common with poses, with each other, and with all poses."""
+    covariances, sensitivities = Rows("shift_covariances"), Rows("shift_sensitivities")
+    told = seen & shifts.there[:, None]
+    b, leg, number = np.nonzero(told[:, :, None] & np.isfinite(shifts.with_poses))
+    _add(covariances, poses, b, leg, [shifts.numbers[i] for i in number], shifts.with_poses[b, leg, number])
+    b, leg, other = np.nonzero(told[:, :, None] & told[:, None] & np.tri(told.shape[1], dtype=bool))
+    _add(covariances, poses, b, leg, _names(other), shifts.whole[b, leg, other])
+    b, leg, parameter = np.nonzero(np.broadcast_to(told[..., None], shifts.effects.shape))
+    sensitivities.add(
+        pose=[poses[i] for i in b],
+        leg=leg + 1,
+        parameter=[shifts.parameters[i] for i in parameter],
+        effect_um=shifts.effects[b, leg, parameter] * 1e6,
     )
-    R, t = (np.array([getattr(bodies[b], name)[p] for b in fitted]) for name in "Rt")
-    motions = joint_motions(points, R, t)
-    if not motions.converged:
-        return None
-    body = np.concatenate([body, np.full(len(judged), base)])
-    target = np.concatenate([target, judged])
-    along = per_leg[:, :, None] * platform.R[p][:, 2]  # z of the platform in the axes of the measurement
-    arm = apply_rotation(platform.R[p], platform.survey.points)
-    own = 6 * fitted.index(base)
-    lever = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], axis=2)
-    frame = np.einsum("lti,tij->lj", along, lever) @ motions.gain[own : own + 6]
-    gain = np.zeros((len(per_leg), len(body), 3))
-    gain[:, : len(place)] = -frame.reshape(len(per_leg), -1, 3)
-    mine = np.flatnonzero(body == base)
-    gain[:, mine] += along[:, target[mine]]
-    return body, target, gain.reshape(len(per_leg), -1)
+    names = [*shifts.numbers, *_names(np.arange(told.shape[1]))]
+    one, other = np.nonzero(np.tri(len(names), dtype=bool))
+    frames = Rows("survey_covariances")
+    frames.add(
+        measured_number=[names[i] for i in one],
+        other_number=[names[i] for i in other],
+        joint_covariance=shifts.of_frames[one, other],
+    )
+    return {rows.artifact: rows.table(identifier) for rows in (covariances, sensitivities, frames)}
+
+
+def _add(rows: Rows, poses: tuple[int | str, ...], b: Index, leg: Index, other: Sequence[object], value: Array) -> None:
+    rows.add(pose=[poses[i] for i in b], measured_number=_names(leg), other_number=list(other), joint_covariance=value)
+
+
+def _names(leg: Index) -> list[str]:
+    return [shift_number(int(i) + 1) for i in leg]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,8 +30,9 @@ class BodyPoses:
     residual (B, T, 3) in m, body frame, NaN where there is none; used, rejected and seen (B, T); reason (B, T) of str,
     empty where a point was used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in
     m, zero where not known, and cov_source (T, 3, 3): what the fits are relative to; frame (T,): makes the body's
-    frame; kept (B, T): by a person. Where points have errors in common: cross (B, 6, 6), covariance of the default pose
-    and that of the reference body; effects (B, 6, K) of one standard deviation of each parameter common to all poses.
+    frame; kept (B, T): by a person. Where points have errors in common: cross (B, 6, 6) by method and other body,
+    covariance with that body's pose by the same method (by its default, where it lacks this one); effects (B, 6, K) of
+    one standard deviation of each parameter common to all poses on the default pose.
     """
 
     name: str
@@ -48,7 +49,7 @@ class BodyPoses:
     cov_source: Array
     frame: Mask
     kept: Mask
-    cross: Array | None = None
+    cross: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     effects: Array | None = None
 
     @property

@@ -39,9 +39,7 @@ class _Pose:
         return replace(self, body=self.body[keep], target=self.target[keep], row=self.row[keep])
 
 
-def with_correlations(
-    bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors, reference: str | None
-) -> list[BodyPoses]:
+def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors) -> list[BodyPoses]:
     """The bodies with their default fits by generalised least squares; rows: per body (B, T) the rows of observations.
 
     What the robust fit kept is fitted; of that, what the correlations show to be off is rejected too.
@@ -50,7 +48,7 @@ def with_correlations(
     first = [_motions(pose, bodies, errors) for pose in poses]
     limit = _limits(poses, first, bodies, errors)
     solved = [_cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, first, strict=True)]
-    return _replaced(bodies, solved, errors, reference)
+    return _replaced(bodies, solved, errors)
 
 
 def _pose(p: int, bodies: Sequence[BodyPoses], rows: Sequence[Index]) -> _Pose | None:
@@ -113,10 +111,8 @@ def _replaced(
     bodies: Sequence[BodyPoses],
     solved: Sequence[tuple[_Pose, JointMotions]],
     errors: PointErrors,
-    reference: str | None,
 ) -> list[BodyPoses]:
     new = [_Filled.of(body, len(errors.parameters)) for body in bodies]
-    base = next((b for b, body in enumerate(bodies) if body.name == reference), None)
     for pose, motions in solved:
         if not motions.converged:
             continue
@@ -125,9 +121,8 @@ def _replaced(
         for k, b in enumerate(pose.bodies):
             own = slice(6 * k, 6 * k + 6)
             new[b].take(pose, k, motions, joint[own, own], effects[k])
-            if base in pose.bodies:
-                other = 6 * pose.bodies.index(base)
-                new[b].cross[pose.number] = joint[own, other : other + 6]
+            for j, other in enumerate(pose.bodies):
+                new[b].with_other(bodies[other].name)[pose.number] = joint[own, 6 * j : 6 * j + 6]
     return [filled.body_poses(body) for filled, body in zip(new, bodies, strict=True)]
 
 
@@ -157,7 +152,7 @@ class _Filled:
     n_used: NDArray[np.int64]
     used: Mask
     dropped: Mask
-    cross: Array
+    cross: dict[str, Array]
     effects: Array
 
     @classmethod
@@ -170,9 +165,13 @@ class _Filled:
             fit.n_used.copy(),
             body.used.copy(),
             np.zeros_like(body.used),
-            np.full((count, 6, 6), np.nan),
+            {},
             np.full((count, 6, parameters), np.nan),
         )
+
+    def with_other(self, body: str) -> Array:
+        """The covariances (B, 6, 6) with the poses of another body, to be filled."""
+        return self.cross.setdefault(body, np.full((len(self.t), 6, 6), np.nan))
 
     def take(self, pose: _Pose, k: int, motions: JointMotions, covariance: Array, effects: Array) -> None:
         """What the joint fit made of this body, the k-th of a pose."""
@@ -201,6 +200,6 @@ class _Filled:
             rejected=body.rejected | self.dropped,
             rejections=rejections,
             reason=reason,
-            cross=self.cross,
+            cross={(body.default, other): cross for other, cross in self.cross.items()},
             effects=self.effects,
         )

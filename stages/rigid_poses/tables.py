@@ -57,7 +57,7 @@ def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None) -> dict[
     if base is None:
         R, p, covariance, status = fit.R, fit.t, fit.covariance, fit.status.astype(object)
     else:
-        R, p, covariance, status = seen_from(base, fit, method, body.cross if method == body.default else None)
+        R, p, covariance, status = seen_from(base, fit, method, body.cross.get((method, base.name)))
     count = len(R)
     vector = np.full((count, 3), np.nan)
     ok = np.isfinite(R).all(axis=(1, 2))
@@ -104,6 +104,43 @@ def _effect_columns(body: BodyPoses, base: BodyPoses | None, parameters: Sequenc
         **{f"effect_{a}_mm": 1e3 * values[:, k] for k, a in enumerate("xyz")},
         **{f"effect_r{a}_rad": values[:, 3 + k] for k, a in enumerate("xyz")},
     }
+
+
+def covariances_table(bodies: Sequence[BodyPoses], reference: str | None, identifier: str) -> pa.Table:
+    """Covariances between the default poses of different bodies, as the reference sees them, where points have errors
+    in common."""
+    base = next((body for body in bodies if body.name == reference), None)
+    others = [body for body in bodies if body is not base]
+    parts = [_between(body, other, base) for n, body in enumerate(others) for other in others[n + 1 :]]
+    return _table("pose_covariances", [part for part in parts if part], identifier)
+
+
+def _between(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[str, Any]:
+    """Rows for one pair of bodies, of the poses in which they, and the reference, were fitted together."""
+    known = body.cross.get((body.default, other.name))
+    if known is None:
+        return {}
+    covariance = known
+    if base is not None:
+        by_base, by_other = (one.cross.get((one.default, two.name)) for one, two in ((body, base), (base, other)))
+        if by_base is None or by_other is None:
+            return {}
+        own, far = (relative_slope(base.fit.R, base.fit.t, one.fit.R, one.fit.t) for one in (body, other))
+        whole = np.block([[base.fit.covariance, by_other], [by_base, known]])
+        covariance = own @ whole @ np.swapaxes(far, 1, 2)
+    told = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
+    pose, i, j = (grid.ravel() for grid in np.meshgrid(told, np.arange(6), np.arange(6), indexing="ij"))
+    return {
+        "pose": np.array(body.points.poses, dtype=object)[pose],
+        "measured_number": pose_numbers(body.name)[i],
+        "other_number": pose_numbers(other.name)[j],
+        "joint_covariance": covariance[pose, i, j],
+    }
+
+
+def pose_numbers(body: str) -> NDArray[np.object_]:
+    """What the six numbers of a body's pose, (p, theta), are called in tables of joint covariances."""
+    return np.array([f"{body} {name}" for name in ("px", "py", "pz", "rx", "ry", "rz")], dtype=object)
 
 
 def _residual_columns(body: BodyPoses) -> dict[str, Any]:

@@ -31,6 +31,7 @@ TARGETS = Source("targets and their survey, through the poses", "B")
 READINGS = Source("readings of the actuators", "B")
 SURVEYED = Source("survey of the attachments", "B")
 WIDE = Source("numbers of which nothing is declared", "B")
+COMMON = Source("cameras, scale bars and frames of the survey, common to all poses", "B")
 _TOLERANCES = {"a": "lower joints", "b": "upper joints", "u": "directions of the actuators", "l": "lengths of the legs"}
 _TOLERANCES |= {"rho0": "reference readings"}
 _CLOSES = 1e-3  # relative: a fit from where the first one ended ends there again, within its own tolerance
@@ -172,7 +173,7 @@ def _kinds(asked: Question) -> dict[Source, list[int]]:
     """Which values each kind of knowledge is of: tolerances by kind, deformation as seen, and what is merely wide."""
     places: dict[Source, list[int]] = {}
     for i in range(len(asked.problem.start)):
-        source = WIDE
+        source = WIDE if i < len(asked.problem.start) - asked.common else COMMON
         if i < asked.count and np.isfinite(asked.tolerance[i]):
             entry = asked.problem.parameters.entries[i]
             source = _tolerance(entry)

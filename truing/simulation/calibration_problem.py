@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.attachment_shifts import AttachmentShifts, ShiftClosing
+from truing.simulation.common_errors import CommonErrors
 from truing.simulation.leg_bodies import Carried, LegBodies
 from truing.simulation.leg_joints import joints_of
 from truing.simulation.legs import Change
@@ -45,6 +46,7 @@ class CalibrationProblem:
     rho: NDArray
     leg_bodies: LegBodies | None = None
     shifts: AttachmentShifts | None = None
+    common: CommonErrors | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where the legs' own poses mean nothing to the model."""
@@ -54,14 +56,17 @@ class CalibrationProblem:
 
     @property
     def entries(self) -> tuple[Parameter, ...]:
-        """Return all that is identified: the machine's parameters, then what places each leg in its survey frame."""
-        return self.parameters.entries + (self.leg_bodies.entries if self.leg_bodies else ())
+        """Return all that is identified: the machine's parameters, what places each leg in its survey frame, and the
+        errors common to all poses."""
+        seats = self.leg_bodies.entries if self.leg_bodies else ()
+        return self.parameters.entries + seats + (self.common.entries if self.common else ())
 
     @property
     def start(self) -> NDArray:
         """Return the nominal values (P,), SI."""
         own = [self.leg_bodies.start] if self.leg_bodies else []
-        return np.concatenate([self.parameters.values(self.nominal), *own])
+        none = [np.zeros(len(self.common.entries))] if self.common else []
+        return np.concatenate([self.parameters.values(self.nominal), *own, *none])
 
     @property
     def deviations(self) -> int:
@@ -85,6 +90,14 @@ class CalibrationProblem:
 
         Rotations deviate by exp(theta) R.
         """
+        if self.common is None:
+            return self._constrain(values, deviation)
+        first = len(self.entries) - len(self.common.entries)
+        found = self._constrain(values[..., :first], self.common.corrected(deviation, values[..., first:]))
+        by_values = np.concatenate([found.by_values, self.common.slopes(found.by_deviation)], -1)
+        return Constrained(found.value, found.by_deviation, by_values)
+
+    def _constrain(self, values: NDArray, deviation: NDArray) -> Constrained:
         machine, readings = self.machine(values), 6 + self.rho.shape[-1]
         p, R = self.p + deviation[..., :3], exp_so3(deviation[..., 3:6]) @ self.R
         rho = self.readings(machine) + deviation[..., 6:readings]

@@ -7,55 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
 
 from pipeline.in_memory import call_stage
-from tests.blind.generator.schedule import random_moves
 from tests.photographs.hidden import UnstableCamera
-from tests.photographs.ray_folder import write_rays
-from tests.photographs.rays import Photographed, Shooting, draw_rays
+from tests.photographs.machine import LINE, photograph, stated_covariance
+from tests.photographs.rays import Photographed
 from tests.stages.line import run_line, settings_of
 
 Array = NDArray[np.float64]
 Tables = dict[str, pa.Table]
-
-LINE = ("images", "bundle", "ingest", "qa", "pose", "uncertainty")
-
-
-def photograph(folder: Path, *effects: Any, poses: int = 3) -> Photographed:
-    moves = random_moves(poses, 0, np.random.default_rng(3))
-    photographed = draw_rays(Shooting(), moves, [], effects, np.random.default_rng(1))
-    write_rays(photographed, folder, seed=1)
-    return photographed
-
-
-@pytest.fixture(scope="module")
-def adjusted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photographed, Path, Tables]:
-    folder = tmp_path_factory.mktemp("rays") / "machine"
-    photographed = photograph(folder)
-    return photographed, folder, run_line(folder, *LINE)[0]
-
-
-def _covariance(tables: Tables, pose: int) -> tuple[list[str], Array, Array]:
-    """Names, coordinates (n, 3) and covariance (3n, 3n) in mm of a pose's points, as the artifacts tell them."""
-    points = tables["object_points"].to_pandas().query("pose == @pose")
-    sigma = points[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy()
-    names = points["point"].tolist()
-    correlation = np.zeros((len(names), 3, len(names), 3))
-    for k, row in enumerate(points.itertuples()):
-        own = [[1, row.corr_xy, row.corr_xz], [row.corr_xy, 1, row.corr_yz], [row.corr_xz, row.corr_yz, 1]]
-        correlation[k, :, k] = own
-    pairs = tables["point_correlations"].to_pandas().query("pose == @pose")
-    place = {name: k for k, name in enumerate(names)}
-    i, j = pairs["point"].map(place).to_numpy(), pairs["other_point"].map(place).to_numpy()
-    blocks = pairs[[f"corr_{a}_{b}" for a in "xyz" for b in "xyz"]].to_numpy().reshape(-1, 3, 3)
-    correlation[i, :, j], correlation[j, :, i] = blocks, blocks.transpose(0, 2, 1)
-    size = sigma.ravel()
-    cov = correlation.reshape(len(size), len(size)) * size[:, None] * size
-    return names, points[["x_mm", "y_mm", "z_mm"]].to_numpy(), cov
 
 
 def _truth(photographed: Photographed, pose: int, names: list[str]) -> Array:
@@ -77,7 +40,7 @@ def _brought_over(found: Array, truth: Array) -> tuple[Array, Array]:
 def test_points_are_as_far_from_the_truth_as_their_whole_covariance_says(adjusted: Any) -> None:
     photographed, _, tables = adjusted
     for pose in photographed.campaign.schedule.pose:
-        names, found, cov = _covariance(tables, pose)
+        names, found, cov = stated_covariance(tables, pose)
         moved, J = _brought_over(found, _truth(photographed, pose, names))
         free = np.linalg.svd(J)[0][:, 6:]  # what rigid motions leave
         error = free.T @ (found - moved).ravel()
@@ -102,35 +65,15 @@ def test_without_the_correlations_heights_would_be_stated_far_too_well(adjusted:
     assert np.sqrt(both[0] / both[1]).min() > 2.0
 
 
-def test_shifts_scatter_as_the_whole_covariance_of_points_says(adjusted: Any) -> None:
+def test_shifts_scatter_as_the_whole_covariance_of_points_says(drawn: Tables) -> None:
     """One pose again and again, each time with errors of its points drawn from their whole covariance."""
-    _, folder, tables = adjusted
-    drawn, settings = _drawn_again(tables, pose=1, times=150), settings_of(folder)
-    drawn |= call_stage("pose", drawn, settings).artifacts  # type: ignore[operator]
-    shifts = call_stage("deformation", drawn, settings).artifacts["deformation"]
-    assert isinstance(shifts, pa.Table)
-    found = shifts.to_pandas()
+    found = drawn["deformation"].to_pandas()
     off = found["delta_bz_um"] - found.groupby("leg")["delta_bz_um"].transform("mean")
     squares = ((off / found["scatter_sigma_um"]) ** 2).groupby(found["pose"]).mean()  # legs have errors in common
     assert len(squares) == 150
     assert abs(squares.mean() - 1.0) < 4.0 * squares.std() / np.sqrt(150) < 0.3
     survey = found["sigma_um"] ** 2 - found["scatter_sigma_um"] ** 2
     assert survey.groupby(found["leg"]).std().max() < 1e-6 * survey.min()
-
-
-def _drawn_again(tables: Tables, pose: int, times: int) -> Tables:
-    """What one pose has of tables, as poses 1, 2, ...; points moved by draws from their covariance."""
-    names, _, cov = _covariance(tables, pose)
-    errors = np.random.default_rng(5).multivariate_normal(np.zeros(len(cov)), cov, times, method="eigh")
-    again: Tables = {"survey": tables["survey"]}
-    for name in ("configurations", "observations", "object_points", "point_correlations"):
-        one = tables[name].to_pandas().query("pose == @pose")
-        frame = pd.concat([one.assign(pose=number + 1) for number in range(times)])
-        if name == "observations":
-            place = [names.index(point) for point in one["point"]]
-            frame[["x_mm", "y_mm", "z_mm"]] += errors.reshape(times, -1, 3)[:, place].reshape(-1, 3)
-        again[name] = pa.Table.from_pandas(frame, tables[name].schema, preserve_index=False)
-    return again
 
 
 def _offsets(photographed: Photographed, survey: pa.Table, table: pa.Table) -> float:
@@ -309,7 +252,7 @@ def test_known_points_give_the_frame_and_the_scale(tmp_path: Path) -> None:
     with (folder / "campaign.toml").open("a", encoding="utf-8") as file:
         file.write('\n[photographs]\ndatum = "known"\n')
     tables = run_line(folder, "images", "bundle")[0]
-    found, place, cov = _covariance(tables, 1)
+    found, place, cov = stated_covariance(tables, 1)
     error = (place - _truth(photographed, 1, found)).ravel()
     chi2 = error @ np.linalg.solve(cov, error)
     assert abs(chi2 / len(error) - 1.0) < 4.0 * np.sqrt(2.0 / len(error))
@@ -326,7 +269,7 @@ def test_without_bars_distances_of_the_survey_give_the_scale(tmp_path: Path) -> 
     ends = [*lengths["first"], *lengths["second"]]
     assert len(set(ends)) == len(ends) > 6
     assert all(end.startswith("base/") for end in ends)
-    names, found, cov = _covariance(tables, 1)
+    names, found, cov = stated_covariance(tables, 1)
     truth = _truth(photographed, 1, names)
     moved, _ = _brought_over(found, truth)
     x = (moved - moved.mean(0)).ravel()

@@ -136,10 +136,16 @@ def _tests(factor: tuple[NDArray, bool], J: NDArray, weighted: NDArray, gain: ND
 def survey_part(
     source: NDArray, cov_source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: NDArray
 ) -> NDArray:
-    """Return what the survey's errors leave in the motions (6B, 6B), their frames being those that the survey defines.
+    """Return what the survey's errors leave in the motions (6B, 6B); cov_source (N, 3, 3), the rest as `by_survey`."""
+    moved = by_survey(source, body, frame, gain, R)
+    return symmetric(np.einsum("pni,nij,qnj->pq", moved, cov_source, moved, optimize=True))
 
-    As `survey_frame_covariance`: source (N, 3) with cov_source (N, 3, 3) of all surveyed points of all bodies, frame
-    (N,) those that make the frames; gain (6B, 3N), zero where a point was not used.
+
+def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: NDArray) -> NDArray:
+    """Return how the motions follow the survey's errors, (6B, N, 3), their frames being those that the survey defines.
+
+    As `survey_frame_covariance`: source (N, 3) of all surveyed points of all bodies, body (N,) by number, frame (N,)
+    those that make the frames; gain (6B, 3N), zero where a point was not used.
     """
     own = np.zeros((len(R), 6, len(source), 3))
     for number, turn in enumerate(R):
@@ -150,5 +156,4 @@ def survey_part(
         both[:3, :3] = both[3:, 3:] = turn
         own[number][:, rows] = np.swapaxes(both @ within, 0, 1)
     used = gain.reshape(6 * len(R), len(source), 3)
-    by_survey = own.reshape(6 * len(R), len(source), 3) - np.einsum("pni,nij->pnj", used, R[body])
-    return symmetric(np.einsum("pni,nij,qnj->pq", by_survey, cov_source, by_survey, optimize=True))
+    return np.asarray(own.reshape(6 * len(R), len(source), 3) - np.einsum("pni,nij->pnj", used, R[body]))

@@ -1,0 +1,209 @@
+"""Frames of bodies whose points have errors in common: what every point of a pose does to frames and residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import (
+    default_motions,
+    observation_rows,
+    pose_points,
+    residual_points,
+    survey_points,
+    text_column,
+    used_targets,
+)
+from stages.rigid_poses.point_errors import PointErrors, point_errors
+from truing.estimation.covariance import apply_rotation, relative_slope
+from truing.estimation.rigid_poses.correlated import PointsOfBodies, by_survey, joint_motions
+from truing.estimation.rotation import skew
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+NETWORK = ("point_correlations", "point_sensitivities", "object_points")
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class FramedBody:
+    """One body over all poses, and the parent that it is seen from: targets (T names), source (T, 3) and cov_source
+    (T, 3, 3) that its poses are relative to, frame (T,) those that make the frame of that; motion R (B, 3, 3), t
+    (B, 3), points (B, T, 3) as measured, used (B, T) for its frame, row (B, T) of the observations, -1 where not seen.
+    In m, NaN where a pose has none."""
+
+    name: str
+    parent: str
+    targets: tuple[str, ...]
+    source: Array
+    cov_source: Array
+    frame: Mask
+    R: Array
+    t: Array
+    points: Array
+    used: Mask
+    row: Index
+
+
+@dataclass(frozen=True)
+class JointFrame:
+    """The bodies, by number, that were fitted together in a pose, and the points (N,), by body and target, that were
+    weighed: gain (6b, 3N) of their errors on the motions (t, theta), body by body."""
+
+    bodies: tuple[int, ...]
+    body: Index
+    target: Index
+    gain: Array
+
+
+@dataclass(frozen=True)
+class PointGain:
+    """How numbers (Q) of a pose follow the errors of points (n,), by body and target: gain (Q, 3n)."""
+
+    body: Index
+    target: Index
+    gain: Array
+
+    def rows(self, p: int, bodies: Sequence[FramedBody]) -> Index:
+        """The rows (n,) of the observations of a pose."""
+        return np.array([bodies[b].row[p, t] for b, t in zip(self.body, self.target, strict=True)], np.int64)
+
+
+def errors_in_common(tables: Mapping[str, pa.Table]) -> PointErrors | None:
+    """The errors of the observations; None where points are independent."""
+    return point_errors(tables["observations"], *(tables.get(name) for name in NETWORK))
+
+
+def framed_bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> list[FramedBody]:
+    """Every body that has poses, against its survey, or against the shape that its residuals were counted from."""
+    table = tables["poses"]
+    parents = dict(zip(text_column(table, "body"), text_column(table, "parent"), strict=True))
+    observed = dict.fromkeys(text_column(tables["observations"], "body"))
+    return [_framed(tables, name, parents[name], poses) for name in observed if name in parents]
+
+
+def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple[int | str, ...]) -> FramedBody:
+    surveyed = survey_points(tables["survey"], name) if "survey" in tables else None
+    found = pose_points(tables["observations"], name, poses, (surveyed and surveyed.targets) or None)
+    R, t = default_motions(tables["poses"], name, poses)
+    used = used_targets(tables["residuals"], name, poses, found.targets) & found.seen
+    frame: Mask = np.ones(len(found.targets), bool)
+    if surveyed is not None and surveyed.targets:
+        source, cov, away = surveyed.points, surveyed.cov, surveyed.leg == 0
+        frame = found.seen.any(axis=0) & (away if away.sum() >= _FEWEST else frame)
+    else:
+        source, cov = _shape(tables["residuals"], name, poses, found.targets, (R, t, found.points, used))
+    row = observation_rows(tables["observations"], name, poses, found.targets)
+    return FramedBody(name, parent, found.targets, source, cov, frame, R, t, found.points, used, row)
+
+
+def _shape(
+    residuals: pa.Table,
+    name: str,
+    poses: tuple[int | str, ...],
+    targets: tuple[str, ...],
+    measured: tuple[Array, Array, Array, Mask],
+) -> tuple[Array, Array]:
+    """Where targets (T, 3) are in their body: as measured, less the residual; zero for those that no pose used."""
+    R, t, points, used = measured
+    local = np.einsum("bji,btj->bti", R, points - t[:, None]) - residual_points(residuals, name, poses, targets)
+    told = used & np.isfinite(local).all(axis=-1)
+    total = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0)
+    return total / np.maximum(told.sum(axis=0), 1)[:, None], np.zeros((len(targets), 3, 3))
+
+
+def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> JointFrame | None:
+    """The joint fit of the bodies of a pose once more; None where there was none."""
+    fitted = [b for b, own in enumerate(bodies) if np.isfinite(own.t[p]).all() and own.used[p].sum() >= _FEWEST]
+    if not fitted:
+        return None
+    each = [(bodies[b], np.flatnonzero(bodies[b].used[p])) for b in fitted]
+    place = np.repeat(np.arange(len(fitted)), [len(own) for _, own in each])
+    points = PointsOfBodies(
+        np.concatenate([body.source[own] for body, own in each]),
+        np.concatenate([body.points[p, own] for body, own in each]),
+        place,
+        np.concatenate([body.cov_source[own] for body, own in each]),
+        errors.covariance(np.concatenate([body.row[p, own] for body, own in each])),
+    )
+    R, t = (np.array([getattr(body, name)[p] for body, _ in each]) for name in "Rt")
+    motions = joint_motions(points, R, t)
+    if not motions.converged:
+        return None
+    return JointFrame(tuple(fitted), np.array(fitted)[place], np.concatenate([own for _, own in each]), motions.gain)
+
+
+def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> PointGain:
+    """How sums of a body's residuals, weight (Q, T, 3) in the axes of the measurement, follow the errors of points.
+
+    A residual follows the error of its own point, and those of all points that made its frame.
+    """
+    own = bodies[body]
+    judged = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
+    by_frame = follows_frame(p, own, weight) @ _rows(frame.gain, frame, body)
+    weighed = len(frame.body)
+    gain = np.zeros((len(weight), weighed + len(judged), 3))
+    gain[:, :weighed] = -by_frame.reshape(len(weight), -1, 3)
+    at_body = np.concatenate([frame.body, np.full(len(judged), body)])
+    target = np.concatenate([frame.target, judged])
+    mine = np.flatnonzero(at_body == body)
+    gain[:, mine] += weight[:, target[mine]]
+    return PointGain(at_body, target, gain.reshape(len(weight), -1))
+
+
+def follows_frame(p: int, body: FramedBody, weight: Array) -> Array:
+    """How sums of what lies at a body's targets, weight (Q, T, 3), follow its motion (t, theta), (Q, 6)."""
+    arm = apply_rotation(body.R[p], body.source)
+    lever = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], axis=2)
+    return np.einsum("qti,tij->qj", weight, lever)
+
+
+def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:
+    """How the motions (t, theta) of the bodies of a pose follow the errors of the survey of all targets of all bodies,
+    (6b, T, 3), as `by_survey` counts them."""
+    first = np.cumsum([0, *(len(body.targets) for body in bodies)])
+    gain = np.zeros((len(frame.gain), first[-1], 3))
+    gain[:, first[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)
+    moved = np.zeros_like(gain)
+    each = [(k, first[b] + np.arange(len(bodies[b].targets))) for k, b in enumerate(frame.bodies)]
+    rows = np.concatenate([own for _, own in each])
+    body = np.concatenate([np.full(len(own), k) for k, own in each])
+    source, makes = (np.concatenate([getattr(bodies[b], name) for b in frame.bodies]) for name in ("source", "frame"))
+    R = np.array([bodies[b].R[p] for b in frame.bodies])
+    moved[:, rows] = by_survey(source, body, makes, gain[:, rows].reshape(len(gain), -1), R)
+    return moved
+
+
+def relative_gain(
+    p: int, bodies: Sequence[FramedBody], frame: JointFrame, gain: Array
+) -> tuple[tuple[str, ...], Array]:
+    """The bodies of a pose but those that others are seen from, and how their poses (6 each), as their parents see
+    them, follow what the motions of the bodies follow by gain (6b, n): (6c, n)."""
+    place = {bodies[b].name: b for b in frame.bodies}
+    parents = {bodies[b].parent for b in frame.bodies}
+    names, rows = [], []
+    for name, b in place.items():
+        above = place.get(bodies[b].parent)
+        if name in parents or (above is None and bodies[b].parent in [other.name for other in bodies]):
+            continue
+        own = _rows(gain, frame, b)
+        if above is not None:
+            slope = relative_slope(bodies[above].R[p], bodies[above].t[p], bodies[b].R[p], bodies[b].t[p])
+            own = slope @ np.concatenate([_rows(gain, frame, above), own])
+        names.append(name)
+        rows.append(own)
+    return tuple(names), np.concatenate(rows) if rows else np.zeros((0, gain.shape[1]))
+
+
+def _rows(gain: Array, frame: JointFrame, body: int) -> Array:
+    first = 6 * frame.bodies.index(body)
+    return gain[first : first + 6]
