@@ -89,17 +89,16 @@ def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
     for r in cameras.itertuples():
         sigma = float(r.sigma) if r.free and np.isfinite(r.sigma) else None
         unit = "" if r.unit == "1" else r.unit
-        how = "estimated" if r.free else "held"
+        held = "" if r.free else ", held"
         rows.append(
             (
                 r.camera,
                 r.parameter,
-                with_uncertainty(float(r.value), sigma, unit),
-                how,
+                with_uncertainty(float(r.value), sigma, unit) + held,
                 strongest.get(f"{r.camera} {r.parameter}", ""),
             )
         )
-    heads = ("camera", "parameter", "value", "", "strongest correlation")
+    heads = ("camera", "parameter", "value", "most correlated")
     return Listing(heads, tuple(rows), caption="Cameras: interior orientation as adjusted", held_by="cameras.parquet")
 
 
@@ -161,23 +160,25 @@ def _noise(tables: Tables) -> Iterator[Listing]:
         if figure == "noise over stated"
     )
     if rows:
-        heads = ("camera and kind of target", "noise over stated", "redundancy")
+        heads = ("camera, kind", "noise over stated", "redundancy")
         yield Listing(heads, rows, caption="Noise of the image coordinates, as the residuals tell it")
 
 
 def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
+    """The rays that were left out, a table for each reason: beside every ray it would be wider than a page."""
     left = residuals[residuals["rejected"]]
-    if not len(left):
-        return
-    left = left.assign(size=np.hypot(left["vx_px"], left["vy_px"])).sort_values("size", ascending=False, kind="stable")
-    rows = tuple(_ray(r) for r in left.itertuples())
-    heads = ("pose", "image", "point", "kind", "at x, y (px)", "off by (px)", "why")
-    yield Listing(heads, rows, caption=f"Rays left out ({len(rows)})", folded=len(rows) > _OPEN, held_by=_HELD)
+    left = left.assign(size=np.hypot(left["vx_px"], left["vy_px"]), reason=left["reason"].map(cell))
+    left = left.sort_values("size", ascending=False, kind="stable")
+    heads = ("pose", "image", "point", "at x, y (px)", "off by (px)")
+    for reason, count_of in left["reason"].value_counts().items():
+        rows = tuple(_ray(r) for r in left[left["reason"] == reason].itertuples())
+        caption = f"Rays left out ({count_of:,}): {reason}"
+        yield Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by=_HELD)
 
 
 def _ray(r: Any) -> tuple[str, ...]:
     off = f"{r.vx_px:+.2f}, {r.vy_px:+.2f}" if np.isfinite(r.vx_px) else "–"
-    return str(r.pose), r.image, r.point, r.kind, f"{r.x_px:.1f}, {r.y_px:.1f}", off, cell(r.reason)
+    return str(r.pose), r.image, r.point or f"a {r.kind}", f"{r.x_px:.1f}, {r.y_px:.1f}", off
 
 
 def _points(points: pd.DataFrame) -> Listing:
@@ -191,7 +192,11 @@ def _points(points: pd.DataFrame) -> Listing:
         )
         for r in points.itertuples()
     )
-    heads = ("pose", "point", "x, y, z (mm)", "rays", "largest angle (deg)")
+    heads = ("pose", "point", "x, y, z (mm)", "rays", "angle (deg)")
     return Listing(
-        heads, rows, caption=f"All {len(rows):,} object points", folded=True, held_by="object_points.parquet"
+        heads,
+        rows,
+        caption=f"All {len(rows):,} object points, with the widest angle between their rays",
+        folded=True,
+        held_by="object_points.parquet",
     )
