@@ -120,6 +120,8 @@ def _polynomial(theta: NDArray, first: NDArray, second: NDArray) -> NDArray:
 
 def _by_series(x: NDArray, series: tuple[float, ...], closed: Callable[[NDArray], NDArray]) -> NDArray:
     small = x.real < _SERIES_BELOW
+    if small.all():
+        return _horner(series, x)
     return np.where(small, _horner(series, np.where(small, x, 0.0)), closed(np.sqrt(np.where(small, 1.0, x))))
 
 
