@@ -172,6 +172,8 @@ def _summary(group: RawGroup, guess: Guess) -> str:
     if guess.table == "images":
         return f"{group.count} photographs"
     many = f"{group.count} files, " if group.count > 1 else ""
+    if guess.known:
+        return _shown(f"{many}{guess.notes[0]}")
     what = guess.table or "not recognised"
     return _shown(f"{many}{what}; columns {_listed(guess.columns)}")
 

@@ -24,7 +24,12 @@ def network_tables(guesses: Sequence[tuple[Group, Guess]]) -> list[tuple[Group, 
     ]
     has_rays = any(guess.table == "image_points" for _, guess in every)
     return [
-        (group, replace(guess, table=None, notes=(_INSTEAD,)) if has_rays and _is_adjusted(group, guess) else guess)
+        (
+            group,
+            replace(guess, table=None, notes=(_INSTEAD,), known=True)
+            if has_rays and _is_adjusted(group, guess)
+            else guess,
+        )
         for group, guess in every
     ]
 

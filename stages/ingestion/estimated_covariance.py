@@ -16,12 +16,19 @@ MOST_POINTS = 1500  # whose covariance is found as a whole
 
 @dataclass
 class EstimatedCovariance:
-    """The estimate, and what is to be said of it."""
+    """The estimate, and what is to be said of it. A file that is read twice is adjusted once."""
 
     said: list[str] = field(default_factory=list)
+    found: dict[bytes, Array | None] = field(default_factory=dict)
 
     def __call__(self, network: ColmapNetwork) -> Array | None:
         """The covariances (P, 3, 3) of a model's points, in its own unit; None where they cannot be known."""
+        key = network.points.tobytes() + network.ray_px.tobytes()
+        if key not in self.found:
+            self.found[key] = self._estimated(network)
+        return self.found[key]
+
+    def _estimated(self, network: ColmapNetwork) -> Array | None:
         count = len(network.points)
         if count > MOST_POINTS:
             self.said.append(f"no standard deviations of {count:,} points without any: more than {MOST_POINTS:,}")

@@ -46,3 +46,19 @@ def test_points_are_read_only_where_their_rays_are_not(tmp_path):
     files = proposed(tmp_path)
     assert set(files) == {"image_points"}
     assert "the rays beside it give these points" in (tmp_path / "campaign.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("ending", ["txt", "bin"])
+def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
+    """What newer programs write beside cameras and images: lines of numbers, three of which look like coordinates."""
+    frame = "1 1 0.96 0.2 0.1 0.1 0.3 -0.2 4.9 1 CAMERA 1 {}"
+    frames = "# Frame list with one line of data per frame:\n" + "\n".join(frame.format(n) for n in range(1, 9)) + "\n"
+    texts = {"rigs": "# Rig calib list with one line of data per calib:\n1 1 CAMERA 1\n", "frames": frames}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.{ending}").write_bytes(text.encode() if ending == "txt" else b"\1\0\0\0\0\0\0\0\1")
+    (tmp_path / "images.bin").write_bytes(binary()["images"])
+    (tmp_path / "points3D.bin").write_bytes(binary()["points3D"])
+    assert set(proposed(tmp_path)) == {"image_points"}
+    said = capsys.readouterr().out
+    assert f"frames.{ending}: no table" in said
+    assert "points3D.bin: not read: the rays beside it" in said

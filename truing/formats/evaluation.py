@@ -38,6 +38,7 @@ Mask = NDArray[np.bool_]
 
 
 _EXACT = 2**53  # whole numbers that are read as float64 are themselves up to here
+_ANYTHING = ".+"  # what `select` asks of a column that is to hold something
 
 
 @dataclass(frozen=True)
@@ -346,7 +347,7 @@ class _Work:
         for name, pattern, texts in columns:
             fits = [re.fullmatch(pattern, text or "") is not None for text in texts.dictionary.to_pylist()]
             gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
-            self._leave_out(gone, f"{name} is not like {pattern}")
+            self._leave_out(gone, f"no {name}" if pattern == _ANYTHING else f"{name} is not like {pattern}")
             keep &= ~gone
         return keep
 

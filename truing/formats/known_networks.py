@@ -12,6 +12,8 @@ _RAYS = ("image", "camera", "point", "x_px", "y_px")
 _CAMERA = ("camera", "width_px", "height_px", "focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _POINT = ("target", "x", "y", "z")
 _ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
+OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
+_RIGS = ("# Rig calib list", "# Frame list")
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
 
@@ -56,6 +58,11 @@ def by_look(lines: Sequence[str]) -> KnownNetwork | None:
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
         return by_format_named("gsi")
     return None
+
+
+def tells_of_rigs(name: str, head: str = "") -> bool:
+    """Whether a file is one of those of a COLMAP model that hold no table, by its name or its first line."""
+    return name.lower().startswith(("rigs.bin", "frames.bin")) or head.startswith(_RIGS)
 
 
 def by_format_named(file_format: str) -> KnownNetwork | None:

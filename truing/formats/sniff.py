@@ -12,7 +12,7 @@ from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
-from truing.formats.known_networks import KnownNetwork, by_format, by_look
+from truing.formats.known_networks import OF_RIGS, KnownNetwork, by_format, by_look, tells_of_rigs
 from truing.formats.load_columns import load_columns
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
@@ -71,13 +71,14 @@ _UNIT = re.compile(r"^(.*?)[\s_]*[\s_\[(/]\s*(mm|cm|um|µm|m|in|deg|rad|s|ms|°C
 @dataclass(frozen=True)
 class Guess:
     """What a file seems to hold: keys for [files.<table>], its columns, the table, what to look at again, and the
-    other tables that are read from it with the same keys."""
+    other tables that are read from it with the same keys. known: no table of it is wanted; the first note says why."""
 
     mapping: dict[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
     table: str | None = None
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    known: bool = False
 
 
 def sniff_file(path: Path) -> Guess:
@@ -85,7 +86,11 @@ def sniff_file(path: Path) -> Guess:
     raw = RawFile(path.name, path)
     file_format = format_of(raw, FileMapping(path=path.name))
     if raw.suffix == ".eor":
-        return Guess(notes=("AICON's orientations of images: read along with the image coordinates beside it",))
+        return Guess(
+            notes=("AICON's orientations of images: read along with the image coordinates beside it",), known=True
+        )
+    if tells_of_rigs(path.name):
+        return Guess(notes=(OF_RIGS,), known=True)
     try:
         if file_format in ("delimited", "xyz", "aicon", "metashape xml"):
             return _sniff_text(path)
@@ -134,6 +139,8 @@ def _sniff_text(path: Path) -> Guess:
     if "\0" in text:
         return Guess(notes=("it holds no text that can be read",))
     lines = [line for line in text.splitlines() if line.strip()]
+    if lines and tells_of_rigs("", lines[0]):
+        return Guess(notes=(OF_RIGS,), known=True)
     if (network := by_look(lines)) is not None:
         return _network(network)
     if (known := metashape(lines)) is not None:
