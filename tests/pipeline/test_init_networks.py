@@ -27,7 +27,7 @@ def proposed(folder):
         ("aicon", 1, {"image_points": "stand.phc", "cameras": "stand.ior", "scale_bars": "stand.scale"}),
         ("colmap", 0, {"image_points": "images.txt", "cameras": "cameras.txt"}),
         ("photomodeler", 0, {"image_points": "export.txt", "cameras": "export.txt"}),
-        ("metashape", 1, {"image_points": "markers.xml"}),
+        ("metashape", 1, {"image_points": "markers.xml", "cameras": "markers.xml"}),
     ],
 )
 def test_every_table_of_a_program_is_proposed(tmp_path, page, number, tables):

@@ -50,7 +50,9 @@ def by_look(lines: Sequence[str]) -> KnownNetwork | None:
             return _colmap(model, named=True)
     if head.startswith("<?xml") and re.search(r"<(chunk|document|marker)\b", head):
         note = f"Metashape: projections of markers, whose sigma is [noise] image_px; {_ONE_POSE}"
-        return KnownNetwork(("image_points",), {"format": "metashape", "constants": {"pose": 1}}, _RAYS, note)
+        calibrated = any("<calibration" in line for line in lines)
+        tables = ("image_points", "cameras") if calibrated else ("image_points",)
+        return KnownNetwork(tables, {"format": "metashape", "constants": {"pose": 1}}, _RAYS, note)
     if _is_photomodeler(lines):
         note = f"PhotoModeler: marks with sigmas, cameras, points; {_ONE_POSE}"
         mapping = {"format": "photomodeler", "constants": {"pose": 1}}
