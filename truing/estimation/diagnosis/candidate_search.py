@@ -87,27 +87,31 @@ class Search:
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
-    def _banks(self) -> list[tuple[NDArray, NDArray, list[int]]]:
-        """Return, for candidates on the same channels: where these stand, all unit designs, and which candidates."""
-        by_index: dict[bytes, list[int]] = {}
+    def _banks(self) -> list[tuple[NDArray, list[tuple[NDArray, list[int]]]]]:
+        """Return where candidates on the same channels stand, and, for those of them of one rank r, all unit designs
+        (r * n, B * C), first directions first, and which candidates (n,)."""
+        by_index: dict[bytes, dict[int, list[int]]] = {}
         for number, candidate in enumerate(self._seen):
-            by_index.setdefault(candidate.signature.index.tobytes(), []).append(number)
+            own = candidate.signature
+            by_index.setdefault(own.index.tobytes(), {}).setdefault(own.rank, []).append(number)
         return [
-            (
-                self._seen[numbers[0]].signature.index,
-                np.hstack([self._seen[n].signature.unit_design.astype(np.float32) for n in numbers]),
-                numbers,
-            )
-            for numbers in by_index.values()
+            (self._seen[next(iter(ranks.values()))[0]].signature.index, [self._bank(n) for n in ranks.values()])
+            for ranks in by_index.values()
         ]
+
+    def _bank(self, numbers: list[int]) -> tuple[NDArray, list[int]]:
+        designs = np.stack([self._seen[n].signature.unit_design.T.astype(np.float32) for n in numbers], 1)
+        return designs.reshape(-1, designs.shape[-1]), numbers
 
     def squares(self, along: NDArray) -> NDArray:
         """Return by how much each candidate that can be seen lowers the sum of squares, (D, candidates)."""
         found = np.empty((len(along), len(self._seen)))
-        for index, designs, numbers in self._banks:
-            scores = along[:, :, index].reshape(len(along), -1) @ designs
-            starts = np.cumsum([0, *(self._seen[n].signature.rank for n in numbers[:-1])])
-            found[:, numbers] = np.add.reduceat(scores**2, starts, axis=1)
+        for index, banks in self._banks:
+            own = _picked(along, index).reshape(len(along), -1)
+            for designs, numbers in banks:
+                scores = own @ designs.T
+                np.square(scores, out=scores)
+                found[:, numbers] = scores.reshape(len(along), -1, len(numbers)).sum(1)
         return found
 
     def maxima(self, along: NDArray) -> NDArray:
@@ -160,7 +164,8 @@ class Search:
         return Judge(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
 
     def _drawn(self, count: int, height: int) -> NDArray:
-        rows = self.rng.standard_normal((count, height), np.float32) * self.channels.whitened.present
+        rows = self.rng.standard_normal((count, height), np.float32)
+        rows *= self.channels.whitened.present
         levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.points, self.noise.readings))
         return self.by_kind(self.maxima(self.channels.along(rows)), (levels[0], levels[1]))
 
@@ -199,6 +204,12 @@ class Search:
     def _flipped_level(self) -> float:
         tested = self.channels.whitened.present & (self.channels.whitened.leverage < 0.999)
         return float(np.mean(self._standard[tested] ** 2))
+
+
+def _picked(along: NDArray, index: NDArray) -> NDArray:
+    """Return the parts (D, B, n) along the channels (n,) that an index names: a copy unless they are neighbours."""
+    first, last = int(index[0]), int(index[-1])
+    return along[:, :, first : last + 1] if np.all(np.diff(index) == 1) else along[:, :, index]
 
 
 def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:

@@ -55,8 +55,8 @@ class Channels:
         poses, height, _ = columns.shape
         own = rows[:, : poses * height].reshape(len(rows), poses, height)
         part = np.matmul(own.transpose(1, 0, 2), columns)
-        explained = (rows @ basis) @ shared
-        return part.transpose(1, 0, 2) - explained.reshape(len(rows), poses, -1)
+        explained = ((rows @ basis) @ shared).reshape(len(rows), poses, -1)
+        return np.subtract(part.transpose(1, 0, 2), explained, out=explained)
 
     def _of_precision(self, kind: Any) -> tuple[NDArray, NDArray, NDArray]:
         """Return columns, what is shared of them and its basis: draws need half the digits, and half the time."""

@@ -6,7 +6,7 @@ It is a linear smoother, so how much each neighbour enters a height is known, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +46,39 @@ class Patches:
     def smooth(self, least: float) -> NDArray:
         """Whether each anchor (A,) lies on a surface that a paraboloid describes, to a variance that matters, m^2."""
         return self.variance <= _ROUGH * max(float(np.median(self.variance)), least)
+
+    def at(self, rows: NDArray) -> Patches:
+        """The patches of some rows."""
+        return Patches(*(getattr(self, own.name)[rows] for own in fields(self)))
+
+    def followed_by(self, others: Patches) -> Patches:
+        """These patches and others."""
+        pairs = ((getattr(self, own.name), getattr(others, own.name)) for own in fields(self))
+        return Patches(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass
+class Surface:
+    """A cloud (M, 3) with its tree, and the paraboloids that were fitted to it so far, each once; m."""
+
+    points: NDArray
+    tree: cKDTree
+    _fitted: Patches | None = field(default=None, init=False, repr=False)
+    _row: NDArray = field(init=False, repr=False)  # (M,) of each point among what was fitted, -1 where it was not
+
+    def __post_init__(self) -> None:
+        self._row = np.full(len(self.points), -1)
+
+    def patches(self, anchors: NDArray) -> Patches:
+        """The paraboloids at the anchors (A,), different indices of points."""
+        missing = anchors[self._row[anchors] < 0]
+        if self._fitted is None:
+            self._fitted = fit_patches(self.points, self.tree, missing)
+            self._row[missing] = np.arange(len(missing))
+        elif len(missing):
+            self._row[missing] = len(self._fitted.variance) + np.arange(len(missing))
+            self._fitted = self._fitted.followed_by(fit_patches(self.points, self.tree, missing))
+        return self._fitted.at(self._row[anchors])
 
 
 @dataclass(frozen=True)

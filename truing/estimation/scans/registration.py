@@ -10,18 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.rotation import skew
 from truing.estimation.scans.coarse_registration import coarse_poses, same_pose
-from truing.estimation.scans.local_surface import NEIGHBOURS, fit_patches
+from truing.estimation.scans.local_surface import NEIGHBOURS, Surface
 from truing.estimation.scans.scan_fit import Scene, SurfaceFit, fit_surface
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 # Points of the scan that enter: beyond them the reference's noise, not the scan's, is what limits a pose.
 MAX_POINTS = 200_000
@@ -140,14 +136,14 @@ def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[Scene,
 
     scan_centre, surface_centre = scan.mean(0), surface.mean(0)
     inside, outside = surface - surface_centre, scan - scan_centre
-    tree = cKDTree(inside)
-    found, radius = _scatter(inside, tree)
-    noise = (sigma, sigma) if sigma else (found, _scatter(outside, cKDTree(outside))[0])
+    known = Surface(inside, cKDTree(inside))
+    found, radius = _scatter(known)
+    noise = (sigma, sigma) if sigma else (found, _scatter(Surface(outside, cKDTree(outside)))[0])
     kept = int(len(inside) * min(1.0, (radius / (_LEAST_RADIUS * noise[0])) ** 2))
     if kept < len(inside):
         inside = inside[_sample(len(inside), max(kept, _TRIAL_POINTS))]
-        tree = cKDTree(inside)
-    return Scene(inside, tree, outside, *noise), scan_centre, surface_centre
+        known = Surface(inside, cKDTree(inside))
+    return Scene(known, outside, *noise), scan_centre, surface_centre
 
 
 def _sample(n_points: int, n: int) -> NDArray:
@@ -159,10 +155,10 @@ def _radius(centred: NDArray) -> float:
     return float(np.median(np.linalg.norm(centred, axis=1)))
 
 
-def _scatter(points: NDArray, tree: cKDTree) -> tuple[float, float]:
+def _scatter(surface: Surface) -> tuple[float, float]:
     """Return the standard deviation of points about their own surface, never below rounding, and a patch radius; m."""
-    patches = fit_patches(points, tree, _sample(len(points), _FAR_POINTS))
-    rounding = 1e-12 * float(np.abs(points).max())
+    patches = surface.patches(_sample(len(surface.points), _FAR_POINTS))
+    rounding = 1e-12 * float(np.abs(surface.points).max())
     return max(float(np.sqrt(patches.noise_variance)), rounding), float(np.median(patches.radius))
 
 

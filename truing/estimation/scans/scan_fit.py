@@ -8,16 +8,12 @@ neighbouring heights, which share neighbours, count for what they tell and no mo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, skew
-from truing.estimation.scans.local_surface import Heights, Patches, fit_patches, heights_over, workers_for
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
+from truing.estimation.scans.local_surface import Heights, Patches, Surface, heights_over, workers_for
 
 _GATE = 4.5
 # Settled once a step is below this share of its own standard deviation.
@@ -37,13 +33,17 @@ _CLEARLY = 2.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Reference (M, 3) with its tree, scan (N, 3), both about their centroids; m. Noise along the normals in m."""
+    """Surface of the reference (M, 3), scan (N, 3), both about their centroids; m. Noise along the normals in m."""
 
-    reference: NDArray
-    tree: cKDTree
+    surface: Surface
     scan: NDArray
     sigma_reference: float
     sigma_scan: float
+
+    @property
+    def reference(self) -> NDArray:
+        """Points (M, 3) of the reference."""
+        return self.surface.points
 
     @property
     def size(self) -> float:
@@ -98,9 +98,9 @@ def fit_surface(scene: Scene, R: NDArray, t: NDArray, max_steps: int = 40) -> Su
 
 def _see(scene: Scene, R: NDArray, t: NDArray) -> _View:
     inside = (scene.scan - t) @ R
-    _, nearest = scene.tree.query(inside, workers=workers_for(len(inside)))
+    _, nearest = scene.surface.tree.query(inside, workers=workers_for(len(inside)))
     anchors, which = np.unique(nearest, return_inverse=True)
-    patches = fit_patches(scene.reference, scene.tree, anchors)
+    patches = scene.surface.patches(anchors)
     heights = heights_over(patches, which, inside, scene.sigma_scan)
     normal = heights.normal @ R.T
     relative = np.abs(heights.height) / _noise(scene, heights)
