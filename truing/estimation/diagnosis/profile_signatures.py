@@ -54,7 +54,7 @@ def turned_points(
     own = own.reshape(poses, len(members), height, -1)
     back = np.swapaxes(own, -1, -2)
     rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
-    shared = np.swapaxes(channels.shared[:, :, place], 1, 2)[:, rows]
+    shared = channels.shared_by_channel[:, place][:, rows]
     blocks = channels.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
     return TurnedPoints(members, own, back @ shared, back @ blocks @ own)
 

@@ -83,13 +83,13 @@ class Channels:
         """Return what concerns the channels that an index names."""
         key = index.tobytes()
         if key not in self._parts:
-            shared = self._shared_by_channel[:, index]
+            shared = self.shared_by_channel[:, index]
             grams = (self._products(gram, index) for gram in (self.gram, self.reading_gram))
             self._parts[key] = _Part(shared, *grams)
         return self._parts[key]
 
     @cached_property
-    def _shared_by_channel(self) -> NDArray:
+    def shared_by_channel(self) -> NDArray:
         """Return what the shared unknowns explain, (B, C, G): channels are picked by the thousand."""
         return np.ascontiguousarray(np.swapaxes(self.shared, 1, 2))
 
@@ -116,25 +116,41 @@ def channels_of(
     ``reading_rows`` tells which of a pose's local unknowns are readings.
     """
     wide = [whitened_columns(measured, frames, motion) for motion in motions.values()]
-    wide.append(_blocks(measured.whitener @ frames.R[:, None]))
+    each = measured.whitener @ frames.R[:, None]
+    wide.append(_blocks(each))
     names = (*motions, POINTS)
     ends = np.cumsum([part.shape[-1] for part in wide])
     places = {n: slice(int(end) - w.shape[-1], int(end)) for n, w, end in zip(names, wide, ends, strict=True)}
     together = np.concatenate(wide, -1)
-    priors = np.zeros((len(together), whitened.problem.local_value.shape[1], together.shape[-1]))
-    columns = whitened.without_local(np.concatenate([together, priors], 1))
-    poses, height, _ = columns.shape
-    own = whitened.basis[: poses * height].reshape(poses, height, -1)
-    first = together.shape[1] + reading_rows.start
+    height = together.shape[1]
+    local = whitened.local_basis
+    by_local = np.swapaxes(local[:, :height], 1, 2) @ together
+    columns = -local @ by_local
+    columns[:, :height] += together
+    first = height + reading_rows.start
     readings = columns[:, first : first + reading_rows.stop - reading_rows.start]
-    return Channels(
-        whitened,
-        places,
-        columns,
-        np.swapaxes(own, 1, 2) @ columns,
-        np.swapaxes(columns, 1, 2) @ columns,
-        np.swapaxes(readings, 1, 2) @ readings,
-    )
+    shared, gram = _products(whitened, together[..., : places[POINTS].start], each)
+    gram -= np.swapaxes(by_local, 1, 2) @ by_local
+    return Channels(whitened, places, columns, shared, gram, np.swapaxes(readings, 1, 2) @ readings)
+
+
+def _products(whitened: Whitened, moved: NDArray, each: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the products (B, G, C) of the shared basis, which is free of local unknowns, with channels, and those
+    (B, C, C) of these with each other, local unknowns included; the channels are motions moved (B, d K, m), then points
+    one by one, each (B, K, d, d)."""
+    poses, height, count = moved.shape
+    tall = whitened.local_basis.shape[1]
+    basis = whitened.basis[: poses * tall].reshape(poses, tall, -1)[:, :height]
+    left = np.concatenate([basis, moved], -1) if count else np.ascontiguousarray(basis)
+    turned = np.swapaxes(each, 2, 3)
+    of_points = (turned @ left.reshape(*each.shape[:3], -1)).reshape(left.shape)
+    found = np.concatenate([np.swapaxes(moved, 1, 2) @ left, of_points], 1)
+    shared, others = found[..., : basis.shape[-1]], found[..., basis.shape[-1] :]
+    gram = np.empty((poses, count + height, count + height))
+    gram[:, :, :count] = others
+    gram[:, :count, count:] = np.swapaxes(others[:, count:], 1, 2)
+    gram[:, count:, count:] = _blocks(turned @ each)
+    return np.swapaxes(shared, 1, 2), gram
 
 
 def _blocks(blocks: NDArray) -> NDArray:
@@ -217,10 +233,11 @@ def signature(channels: Channels, designs: Mapping[str, NDArray]) -> Signature:
     if not parts:
         return _UNSEEN
     design = np.concatenate(parts, 1)
-    acting = np.any(design != 0.0, (0, 2))
-    design, index = design[:, acting], channels.index(names)[acting]
+    acting = (design != 0.0).reshape(poses, -1)  # reduced along whole rows: thousands of candidates come by
+    of_channel = acting.any(0).reshape(design.shape[1:]).any(1)
+    design, index = design[:, of_channel], channels.index(names)[of_channel]
     part = channels.part(index)
-    during = _extent(np.any(design != 0.0, (1, 2)))
+    during = _extent(acting.any(1))
     own = design[during]
     wide = own.reshape(-1, own.shape[-1])
     explained = (wide.T @ part.shared[during].reshape(len(wide), part.shared.shape[-1])).T

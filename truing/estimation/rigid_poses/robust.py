@@ -326,11 +326,13 @@ def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
     index = (rows[:, None, None], triples)
     x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
     fit = solve_weighted(x.reshape(-1, 3, 3), y.reshape(-1, 3, 3), w.reshape(-1, 3).astype(float))
-    R, t = fit.R.reshape(*triples.shape, 3), fit.t.reshape(*triples.shape)
-    moved = clouds.x[:, None] @ np.swapaxes(R, -1, -2) + t[:, :, None]
-    square = np.sum((clouds.y[:, None] - moved) ** 2, axis=-1) / np.square(clouds.sigma)[:, None]
+    motions = np.concatenate([fit.R, fit.t[..., None]], -1).reshape(len(rows), -1, 4)
+    ahead = np.concatenate([np.swapaxes(clouds.x, 1, 2), np.ones((len(rows), 1, clouds.x.shape[1]))], 1)
+    gap = (motions @ ahead).reshape(*triples.shape, -1)  # (B, T, 3, N)
+    gap -= np.swapaxes(clouds.y, 1, 2)[:, None]
+    square = np.sum(np.square(gap, out=gap), axis=2) / np.square(clouds.sigma)[:, None]
     near = 4 * clouds.limit[:, None, None]  # a triple's own error comes on top
-    cost = np.sum(np.minimum(square, near), axis=-1, where=clouds.seen[:, None])
+    cost = (np.minimum(square, near) @ clouds.seen[..., None].astype(float))[..., 0]
     best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
     return clouds.seen & (square[rows, best] <= near[:, 0])
 

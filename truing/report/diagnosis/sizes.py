@@ -37,8 +37,10 @@ def _pictures(row: Judged) -> Drawn:
     matrix = _matrix(row)
     if matrix is not None:
         return [matrix]
-    kinds = dict.fromkeys(stem(size.name) for size in row.sizes)
-    own = {kind: [s for s in row.sizes_of(kind) if s.sigma is not None] for kind in kinds}
+    own: dict[str, list[Size]] = {}
+    for size in row.sizes:
+        if size.number is not None and size.sigma is not None:
+            own.setdefault(stem(size.name), []).append(size)
     return [
         (parameter_bars(row, kind, several), "An interval that holds the zero line is a parameter that may be nothing.")
         for kind, several in own.items()

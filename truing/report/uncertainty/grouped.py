@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,7 @@ def grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> Grouped:
         group=[group_of(result, quantity) for quantity in budget["quantity"]], squares=budget["contribution"] ** 2
     )
     names = tuple(dict.fromkeys(rows["group"]))
-    size = {name: sum(group_of(result, q) == name for q in stated["quantity"]) for name in names}
+    size = Counter(group_of(result, quantity) for quantity in stated["quantity"])
     squares = rows.groupby(["group", "input_source"])["squares"].sum()
     total = rows.groupby("group")["squares"].sum()
     sources = _by_weight(rows)
@@ -57,7 +58,7 @@ def grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> Grouped:
         {source: str(first.loc[source, "evaluation"]) for source in sources},
         {source: str(first.loc[source, "distribution"]) for source in sources},
         {source: float(first.loc[source, "degrees_of_freedom"]) for source in sources},
-        max(size.values()) > 1,
+        max(size[name] for name in names) > 1,
     )
 
 
