@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.responses.joint_frames import (
+    by_shapes,
     errors_in_common,
     follows_frame,
     framed_bodies,
@@ -30,6 +31,7 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _PLATFORM = "platform"
+_NOTHING = 1e-8  # share of the largest variance of a combination
 
 
 @dataclass(frozen=True)
@@ -100,10 +102,65 @@ def correlated_shifts(
     usual, cov = by_survey[there].mean(axis=0), np.concatenate([body.cov_source for body in bodies])
     of_survey = np.einsum("lni,nij,mnj->lm", usual, cov, usual)
     own, alike = apart(whole, effects, there, common_correlation(tables.get("camera_correlations"), errors.parameters))
+    varied = by_survey[there] - usual
+    own[there] += np.einsum("blni,nij,bmnj->blm", varied, cov, varied, optimize=True)
     numbers = tuple(str(number) for name in names for number in pose_numbers(name))
     told = with_poses.reshape(len(poses), legs, -1)
     frames = _mean([of_frames.reshape(len(poses), len(numbers), -1), of_shifts], cov)
     return CorrelatedShifts(own, of_survey + alike, there, whole, numbers, told, errors.parameters, effects, frames)
+
+
+def correlated_residuals(
+    tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]
+) -> Callable[[str, tuple[str, ...]], tuple[Array, Mask]] | None:
+    """What tells the covariance (B, 3T, 3T) of the residuals of a body's targets, in its own axes, as far as it differs
+    from pose to pose, and where (B,) bodies had a joint fit; None where points are independent.
+
+    What a frame leaves of its own targets is little, and there it counts that an error of the shape turns the frames of
+    poses that weigh targets differently by different amounts.
+    """
+    errors = errors_in_common(tables)
+    if errors is None:
+        return None
+    bodies = framed_bodies(tables, poses)
+    frames = [joint_frame(p, bodies, errors) for p in range(len(poses))]
+    correlation = common_correlation(tables.get("camera_correlations"), errors.parameters)
+
+    def found(body: str, targets: tuple[str, ...]) -> tuple[Array, Mask]:
+        number = next((n for n, one in enumerate(bodies) if one.name == body), -1)
+        known = {target: n for n, target in enumerate(bodies[number].targets)}
+        at = np.array([known.get(target, -1) for target in targets])
+        whole, there = np.zeros((len(poses), 3 * len(at), 3 * len(at))), np.zeros(len(poses), bool)
+        effects = np.zeros((len(poses), 3 * len(at), len(errors.parameters)))
+        by_shape = np.zeros((len(poses), 3 * len(at), 3 * sum(len(one.targets) for one in bodies)))
+        for p, frame in enumerate(frames):
+            if frame is None or number not in frame.bodies:
+                continue
+            each = np.zeros((len(at), 3, len(bodies[number].targets), 3))
+            seen = (at >= 0) & (bodies[number].row[p, at] >= 0)
+            each[np.flatnonzero(seen), :, at[seen]] = bodies[number].R[p].T
+            weight = each.reshape(3 * len(at), -1, 3)
+            followed = residual_gain(p, bodies, frame, number, weight)
+            rows = followed.rows(p, bodies)
+            whole[p] = followed.gain @ errors.covariance(rows) @ followed.gain.T
+            effects[p] = followed.gain @ errors.effects(rows)
+            by_shape[p] = by_shapes(p, bodies, frame, number, weight).reshape(len(weight), -1)
+            there[p] = True
+        if not there.any():
+            return whole, there
+        own, _ = apart(whole, effects, there, correlation)
+        varied = by_shape[there] - by_shape[there].mean(axis=0)
+        own[there] += varied @ np.swapaxes(varied, 1, 2)
+        return _without_rounding(own), there
+
+    return found
+
+
+def _without_rounding(covariance: Array) -> Array:
+    """Covariances (B, n, n) without what the fit of the frame to the same points leaves nothing of but rounding."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = np.where(values > _NOTHING * values[:, -1:], values, 0.0)
+    return np.asarray((vectors * kept[:, None]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _mean(by_survey: Sequence[Array], cov: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.point_arrays import (
+    PosePoints,
     default_motions,
     observation_rows,
     pose_points,
@@ -37,7 +38,8 @@ _FEWEST = 3
 @dataclass(frozen=True)
 class FramedBody:
     """One body over all poses, and the parent that it is seen from: targets (T names), source (T, 3) and cov_source
-    (T, 3, 3) that its poses are relative to, frame (T,) those that make the frame of that; motion R (B, 3, 3), t
+    (T, 3, 3) that its poses are relative to, frame (T,) those that make the frame of that, cov_shape (T, 3, 3) how well
+    that is known, which the poses of a body without a survey tell themselves; motion R (B, 3, 3), t
     (B, 3), points (B, T, 3) as measured, used (B, T) for its frame, row (B, T) of the observations, -1 where not seen.
     In m, NaN where a pose has none."""
 
@@ -46,6 +48,7 @@ class FramedBody:
     targets: tuple[str, ...]
     source: Array
     cov_source: Array
+    cov_shape: Array
     frame: Mask
     R: Array
     t: Array
@@ -99,26 +102,26 @@ def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple
     frame: Mask = np.ones(len(found.targets), bool)
     if surveyed is not None and surveyed.targets:
         source, cov, away = surveyed.points, surveyed.cov, surveyed.leg == 0
+        cov_shape = cov
         frame = found.seen.any(axis=0) & (away if away.sum() >= _FEWEST else frame)
     else:
-        source, cov = _shape(tables["residuals"], name, poses, found.targets, (R, t, found.points, used))
+        source, cov_shape = _shape(tables["residuals"], name, found, (R, t, used))
+        cov = np.zeros_like(cov_shape)
     row = observation_rows(tables["observations"], name, poses, found.targets)
-    return FramedBody(name, parent, found.targets, source, cov, frame, R, t, found.points, used, row)
+    return FramedBody(name, parent, found.targets, source, cov, cov_shape, frame, R, t, found.points, used, row)
 
 
-def _shape(
-    residuals: pa.Table,
-    name: str,
-    poses: tuple[int | str, ...],
-    targets: tuple[str, ...],
-    measured: tuple[Array, Array, Array, Mask],
-) -> tuple[Array, Array]:
-    """Where targets (T, 3) are in their body: as measured, less the residual; zero for those that no pose used."""
-    R, t, points, used = measured
-    local = np.einsum("bji,btj->bti", R, points - t[:, None]) - residual_points(residuals, name, poses, targets)
+def _shape(residuals: pa.Table, name: str, found: PosePoints, motion: tuple[Array, Array, Mask]) -> tuple[Array, Array]:
+    """Where targets (T, 3) are in their body: as measured, less the residual; zero for those that no pose used. And the
+    covariances (T, 3, 3) of means over the poses that used them."""
+    R, t, used = motion
+    residual = residual_points(residuals, name, found.poses, found.targets)
+    local = np.einsum("bji,btj->bti", R, found.points - t[:, None]) - residual
     told = used & np.isfinite(local).all(axis=-1)
-    total = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0)
-    return total / np.maximum(told.sum(axis=0), 1)[:, None], np.zeros((len(targets), 3, 3))
+    count = np.maximum(told.sum(axis=0), 1)
+    mean = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
+    turned = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), found.cov, np.nan_to_num(R))
+    return mean, np.where(told[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2
 
 
 def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> JointFrame | None:
@@ -165,6 +168,23 @@ def follows_frame(p: int, body: FramedBody, weight: Array) -> Array:
     arm = apply_rotation(body.R[p], body.source)
     lever = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], axis=2)
     return np.einsum("qti,tij->qj", weight, lever)
+
+
+def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> Array:
+    """How such sums follow, through the frame, one standard deviation of each coordinate of the shapes of all bodies:
+    (Q, T, 3)."""
+    first = np.cumsum([0, *(len(one.targets) for one in bodies)])
+    by_frame = (follows_frame(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
+    turned = by_frame[:, :, None] @ np.array([one.R[p] for one in bodies])[frame.body]
+    moved = np.zeros((len(weight), first[-1], 3))
+    moved[:, first[frame.body] + frame.target] = turned[:, :, 0]
+    return np.asarray((moved[:, :, None] @ np.concatenate([_shape_roots(one) for one in bodies]))[:, :, 0])
+
+
+def _shape_roots(body: FramedBody) -> Array:
+    """Roots (T, 3, 3) of the covariances of a body's shape."""
+    values, vectors = np.linalg.eigh(body.cov_shape)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None])
 
 
 def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from stages.point_arrays import (
     residual_points,
     used_targets,
 )
+from stages.responses.correlated_shifts import correlated_residuals
 from stages.responses.tables import Rows, entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, keep_consistent
 from truing.estimation.response_structure import gain_p_value
@@ -50,8 +51,12 @@ def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) 
     shifts, models, errors = Rows("target_deformation"), Rows("deformation_models"), Rows("deformation_errors")
     words = []
     bodies = tuple(dict.fromkeys(tables["residuals"].column("body").to_pylist()))
+    every = pose_ids(tables["residuals"])
+    together = correlated_residuals(tables, every)
     for body in bodies:
         found = _body_shifts(tables, body)
+        if together is not None:
+            found = _with_common_errors(found, every, *together(body, found.targets))
         u, heldout = _drive_values(tables["configurations"], found.poses, drives)
         _shift_rows(shifts, found)
         fitted = ~heldout & np.isfinite(u).all(axis=1)
@@ -86,6 +91,14 @@ def _body_shifts(tables: Mapping[str, pa.Table], body: str) -> BodyShifts:
     used = used_targets(tables["residuals"], body, poses, targets) & seen
     place = _mean_shape(observed.points, observed.seen & seen, rotation, shift)
     return BodyShifts(body, poses, targets, shift, residual_covariance(place, noise, used, seen))
+
+
+def _with_common_errors(
+    found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: NDArray[np.bool_]
+) -> BodyShifts:
+    """The shifts with the covariance of points that have errors in common, in poses where bodies had a joint fit."""
+    rows = np.array([every.index(pose) for pose in found.poses])
+    return replace(found, noise=np.where(there[rows, None, None], noise[rows], found.noise))
 
 
 def _mean_shape(points: Array, seen: NDArray[np.bool_], rotation: Array, shift: Array) -> Array:

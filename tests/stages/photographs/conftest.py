@@ -23,12 +23,12 @@ def adjusted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photographed, Pa
 
 @pytest.fixture(scope="session")
 def drawn(adjusted: tuple[Photographed, Path, dict[str, pa.Table]]) -> dict[str, pa.Table]:
-    """One pose 150 times, its points drawn from their whole covariance, and what poses and deformation are made of it.
+    """One pose a hundred times, its points drawn from their whole covariance, and what poses and deformation are made of it.
 
     Errors common to all poses are drawn anew for each.
     """
     _, folder, tables = adjusted
-    again, settings = drawn_again(tables, pose=1, times=150), settings_of(folder)
+    again, settings = drawn_again(tables, pose=1, times=100), settings_of(folder)
     del again["point_sensitivities"]
     for stage in ("pose", "deformation"):
         again |= call_stage(stage, again, settings).artifacts  # type: ignore[operator]
