@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,9 @@ class BodyFit:
 
     source (T, 3) in m, NaN where not known, cov_source (T, 3, 3) of the survey; known, frame (T,): has a place, makes
     the body's frame; agreed (B, T);
-    judged (B,): poses in which some points agree, so that the others stand out, whether or not a pose came of it.
+    judged (B,): poses in which some points agree, so that the others stand out, whether or not a pose came of it;
+    weights (B, T) of the fits by methods that weigh points one by one and coordinates alike, by which factor (B,) such
+    a method scatters more than its weights say: of those beside the default.
     """
 
     fits: dict[str, RigidFit]
@@ -41,6 +44,7 @@ class BodyFit:
     agreed: Mask
     judged: Mask
     noise_ratio: float
+    weights: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
 
     @property
     def default(self) -> str:
@@ -57,8 +61,8 @@ def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep:
     place, cov_source = np.nan_to_num(source), np.nan_to_num(cov_source)
     cov_target = _noise(place, points, usable)
     fit, agreed, ratio = robust_poses(place, points.points, cov_source, cov_target, usable, keep=keep)
-    fits = _by_every_method(place, points.points, cov_source, cov_target, usable, (fit, agreed), frame)
-    return BodyFit(fits, source, cov_source, known, frame, agreed, _judged(fit, agreed), ratio)
+    fits, weights = _by_every_method(place, points.points, cov_source, cov_target, usable, (fit, agreed), frame)
+    return BodyFit(fits, source, cov_source, known, frame, agreed, _judged(fit, agreed), ratio, weights)
 
 
 def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
@@ -95,8 +99,9 @@ def _by_every_method(
     usable: Mask,
     default: tuple[RigidFit, Mask],
     frame: Mask,
-) -> dict[str, RigidFit]:
-    """The plain, the reweighted and the default fit, each with its covariance in the survey's frame; default last."""
+) -> tuple[dict[str, RigidFit], dict[str, tuple[Array, Array]]]:
+    """The plain, the reweighted and the default fit, each with its covariance in the survey's frame; default last. And
+    the weights of the first two."""
     spread = [np.sqrt(np.trace(C, axis1=-2, axis2=-1) / 3) for C in (cov_source, cov_target)]
     sigma = np.where(usable, np.hypot(spread[0], spread[1]), 1.0)
     reweighted, weight = haralick(
@@ -112,12 +117,17 @@ def _by_every_method(
         covariance = covariance * np.broadcast_to(factor, len(covariance))[:, None, None]
         return replace(fit, covariance=mask_entries(covariance, fit.ok))
 
-    isotropic = (1 / sigma**2)[..., None, None] * np.eye(3)
-    return {
-        "umeyama": in_frame(plain, usable[..., None, None] * isotropic),
-        "haralick": in_frame(reweighted, (weight > 0)[..., None, None] * isotropic, loss),
+    weights = {
+        "umeyama": (usable / sigma**2, np.ones(len(usable))),
+        "haralick": ((weight > 0) / sigma**2, loss),
+    }
+    isotropic = {method: w[..., None, None] * np.eye(3) for method, (w, _) in weights.items()}
+    fits = {
+        "umeyama": in_frame(plain, isotropic["umeyama"]),
+        "haralick": in_frame(reweighted, isotropic["haralick"], loss),
         "maximum_likelihood": in_frame(fit, _inverse_noise(fit, cov_source, cov_target, inlier)),
     }
+    return fits, weights
 
 
 def _inverse_noise(fit: RigidFit, cov_source: Array, cov_target: Array, inlier: Mask) -> Array:

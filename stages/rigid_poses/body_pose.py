@@ -32,7 +32,7 @@ class BodyPoses:
     m, zero where not known, and cov_source (T, 3, 3): what the fits are relative to; frame (T,): makes the body's
     frame; kept (B, T): by a person. Where points have errors in common: cross (B, 6, 6) by method and other body,
     covariance with that body's pose by the same method (by its default, where it lacks this one); effects (B, 6, K) of
-    one standard deviation of each parameter common to all poses on the default pose.
+    one standard deviation of each parameter common to all poses on the default pose; weights as those of `BodyFit`.
     """
 
     name: str
@@ -51,6 +51,7 @@ class BodyPoses:
     kept: Mask
     cross: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     effects: Array | None = None
+    weights: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
 
     @property
     def fit(self) -> RigidFit:
@@ -80,6 +81,7 @@ def fit_body(
     return BodyPoses(
         *(body, points, fitted.fits, fitted.default, residual, used, rejected, left, why, fitted.noise_ratio),
         *(np.nan_to_num(fitted.source), fitted.cov_source, fitted.frame, kept),
+        weights=fitted.weights,
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from stages.rigid_poses.body_pose import BodyPoses
+from stages.rigid_poses.other_methods import JointFit, with_other_methods
 from stages.rigid_poses.point_errors import Index, PointErrors
 from truing.estimation.rigid_poses.correlated import JointMotions, PointsOfBodies, joint_motions, survey_part
 from truing.estimation.rigid_poses.rigid import FitStatus
@@ -42,13 +43,15 @@ class _Pose:
 def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors) -> list[BodyPoses]:
     """The bodies with their default fits by generalised least squares; rows: per body (B, T) the rows of observations.
 
-    What the robust fit kept is fitted; of that, what the correlations show to be off is rejected too.
+    What the robust fit kept is fitted; of that, what the correlations show to be off is rejected too. The other fits
+    stay as they are, and are told as uncertain as the correlations make them.
     """
     poses = [found for p in range(len(bodies[0].fit.ok)) if (found := _pose(p, bodies, rows)) is not None]
     first = [_motions(pose, bodies, errors) for pose in poses]
     limit = _limits(poses, first, bodies, errors)
     solved = [_cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, first, strict=True)]
-    return _replaced(bodies, solved, errors)
+    joint = {pose.number: JointFit(pose.bodies, pose.row, found) for pose, found in solved if found.converged}
+    return with_other_methods(_replaced(bodies, solved, errors), rows, errors, joint)
 
 
 def _pose(p: int, bodies: Sequence[BodyPoses], rows: Sequence[Index]) -> _Pose | None:

@@ -23,7 +23,7 @@ def adjusted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photographed, Pa
 
 @pytest.fixture(scope="session")
 def drawn(adjusted: tuple[Photographed, Path, dict[str, pa.Table]]) -> dict[str, pa.Table]:
-    """One pose a hundred times, its points drawn from their whole covariance, and what poses and deformation are made of it.
+    """One pose a hundred times, its points drawn from their whole covariance, with its poses and shifts.
 
     Errors common to all poses are drawn anew for each.
     """

@@ -46,6 +46,18 @@ def test_pose_and_shifts_scatter_together_as_handed_on(drawn: Tables) -> None:
     assert abs(squares.mean() / 12 - 1.0) < 4.0 * np.sqrt(2 / (12 * len(off)))
 
 
+def test_poses_by_every_method_scatter_as_they_say(drawn: Tables) -> None:
+    """What the survey brings is the same each time, and stated too: up to a third of a variance."""
+    rows = drawn["poses"].to_pandas().query("body == 'platform'")
+    assert set(rows["method"]) == {"umeyama", "haralick", "maximum_likelihood"}
+    for _, found in rows.groupby("method"):
+        turned = exp_so3(found[[f"r{a}_rad" for a in "xyz"]].to_numpy())
+        off = np.hstack([found[[f"p{a}_mm" for a in "xyz"]] * 1e-3, log_so3(turned @ turned[0].T)])
+        stated = found[[f"cov_{i}_{i}" for i in range(6)]].mean().to_numpy()
+        ratio = off.var(axis=0, ddof=1) / stated
+        assert np.abs(ratio - 1.0).max() < 4.0 * np.sqrt(2 / len(off))
+
+
 def _matrix(told: pd.DataFrame, names: list[str]) -> Array:
     place, matrix = {name: n for n, name in enumerate(names)}, np.full((len(names), len(names)), np.nan)
     one, other = (told[name].map(place).to_numpy() for name in ("measured_number", "other_number"))
