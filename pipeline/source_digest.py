@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
@@ -29,6 +30,8 @@ class SourceTree:
         self._targets: dict[Path, tuple[Path, ...]] = {}
         self._data: dict[Path, tuple[Path, ...]] = {}
         self._digests: dict[Path, str] = {}
+        self._names: dict[str, frozenset[str]] = {}
+        self._told: dict[tuple[str, ...], dict[str, str]] = {}
 
     def digests(self, *modules: str) -> dict[str, str]:
         """SHA-256 of each file (path relative to the root) that ``modules`` execute, directly or through imports.
@@ -36,6 +39,11 @@ class SourceTree:
         A package's ``__init__`` counts where a name is taken from it, not where it merely lies on the way to a module.
         Data files count where they lie beside a module.
         """
+        if modules not in self._told:
+            self._told[modules] = self._digests_of(modules)
+        return dict(self._told[modules])
+
+    def _digests_of(self, modules: tuple[str, ...]) -> dict[str, str]:
         found: set[Path] = set()
         pending = [path for name in modules if (path := self._file(name)) is not None]
         while pending:
@@ -74,10 +82,17 @@ class SourceTree:
 
     def _file(self, name: str) -> Path | None:
         if name not in self._files:
-            place = self._root.joinpath(*name.split("."))
-            candidates = (place.with_suffix(".py"), place / "__init__.py")
-            self._files[name] = next((path for path in candidates if path.is_file()), None)
+            place = os.path.join(self._root, *name.split("."))
+            candidates = (f"{place}.py", os.path.join(place, "__init__.py"))
+            self._files[name] = next((Path(path) for path in candidates if self._is_file(path)), None)
         return self._files[name]
+
+    def _is_file(self, path: str) -> bool:
+        """Whether a file is there; most names are those of functions, and asked for in vain."""
+        folder, name = os.path.split(path)
+        if folder not in self._names:
+            self._names[folder] = frozenset(os.listdir(folder)) if os.path.isdir(folder) else frozenset()
+        return name in self._names[folder] and os.path.isfile(path)
 
     def _beside(self, folder: Path) -> tuple[Path, ...]:
         if folder not in self._data:
