@@ -17,7 +17,7 @@ from pipeline.whole_file import write_whole
 from schemas.settings_text import regular_size
 
 # A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
-_TICK_NS = 2_000_000_000
+TICK_NS = 2_000_000_000
 # Facts that hold of the same bytes wherever they are asked for: a process that runs many campaigns works out each once.
 _OF_THIS_PROCESS: dict[str, Any] = {}
 
@@ -31,6 +31,7 @@ class RememberedDigests:
         self._files: dict[str, list[Any]] = {} if distrust else self._content["files"]
         self._facts: dict[str, Any] = self._content["facts"]
         self._changed = distrust
+        self.trusts_times = not distrust  # of files that did not change since they were looked at
 
     def digest(self, path: Path) -> str:
         """The SHA-256 of a file's bytes; raises FileNotFoundError."""
@@ -44,7 +45,7 @@ class RememberedDigests:
             return str(known[3])
         with open(path, "rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        if time.time_ns() - status.st_mtime_ns > _TICK_NS:
+        if time.time_ns() - status.st_mtime_ns > TICK_NS:
             self._files[key] = [*identity, digest]
             self._changed = True
         return digest

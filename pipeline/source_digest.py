@@ -5,19 +5,25 @@ from __future__ import annotations
 import ast
 import os
 import re
+import time
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from pipeline.remembered import RememberedDigests
+from pipeline.remembered import TICK_NS, RememberedDigests
 
 ROOMS = ("schemas", "truing", "stages")  # what a stage can be made of
 _TELLING = re.compile(rf"\b(?:{'|'.join(ROOMS)})\b|\bfrom[\s\\]*\.".encode())
 # Where a statement of a file begins; in a text of several lines too, where what follows is then no Python.
 _STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
+
+Told = dict[tuple[str, ...], dict[str, str]]
+State = tuple[tuple[str, int, int, int], ...]
+# By the root: how its files stood when this process last looked, and what it told of them since.
+_OF_THIS_PROCESS: dict[Path, tuple[State, Told]] = {}
 
 
 class SourceTree:
@@ -26,12 +32,12 @@ class SourceTree:
     def __init__(self, root: Path, remembered: RememberedDigests) -> None:
         self._root = root
         self._remembered = remembered
+        self._told = _told_before(root) if remembered.trusts_times else {}
         self._files: dict[str, Path | None] = {}
         self._targets: dict[Path, tuple[Path, ...]] = {}
         self._data: dict[Path, tuple[Path, ...]] = {}
         self._digests: dict[Path, str] = {}
         self._names: dict[str, frozenset[str]] = {}
-        self._told: dict[tuple[str, ...], dict[str, str]] = {}
 
     def digests(self, *modules: str) -> dict[str, str]:
         """SHA-256 of each file (path relative to the root) that ``modules`` execute, directly or through imports.
@@ -98,6 +104,31 @@ class SourceTree:
         if folder not in self._data:
             self._data[folder] = tuple(_data_files(folder))
         return self._data[folder]
+
+
+def _told_before(root: Path) -> Told:
+    """What this process has told of the files as they stand, to be added to; nothing where their times may deceive."""
+    state = tuple(sorted(entry for room in ROOMS for entry in _standing(os.path.join(root, room))))
+    if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:
+        return {}
+    known, told = _OF_THIS_PROCESS.get(root, ((), {}))
+    if known != state:
+        told = {}
+        _OF_THIS_PROCESS[root] = state, told
+    return told
+
+
+def _standing(folder: str) -> Iterator[tuple[str, int, int, int]]:
+    """Path, size, time and inode of every file below a folder but what is compiled."""
+    if os.path.isdir(folder):
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.is_dir():
+                    if entry.name != "__pycache__":
+                        yield from _standing(entry.path)
+                else:
+                    status = entry.stat(follow_symlinks=os.path.exists(entry.path))
+                    yield entry.path, status.st_size, status.st_mtime_ns, status.st_ino
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -74,3 +75,45 @@ def test_remembered_imports_do_not_outlive_a_change(tmp_path: Path) -> None:
     (tmp_path / "stages/pose.py").write_text("import truing.unrelated")
     again = SourceTree(tmp_path, RememberedDigests(tmp_path / "digests.json"))
     assert set(again.digests("stages.pose")) == {"stages/pose.py", "truing/unrelated.py"}
+
+
+def _aged(root: Path) -> None:
+    """Let all files of a project be as old as those of one that nobody is writing."""
+    for path in root.rglob("*"):
+        os.utime(path, ns=(path.stat().st_atime_ns, path.stat().st_mtime_ns - 60_000_000_000))
+
+
+def test_what_a_process_told_before_holds_as_long_as_the_files_stand(tmp_path: Path, monkeypatch) -> None:
+    files_of(tmp_path)
+    _aged(tmp_path)
+    first = SourceTree(tmp_path, RememberedDigests(None)).digests("stages.pose")
+    with monkeypatch.context() as patch:
+        patch.setattr(RememberedDigests, "digest", lambda self, path: pytest.fail(f"{path} was read again"))
+        assert SourceTree(tmp_path, RememberedDigests(None)).digests("stages.pose") == first
+        with pytest.raises(pytest.fail.Exception, match="was read again"):
+            SourceTree(tmp_path, RememberedDigests(None, distrust=True)).digests("stages.pose")
+    (tmp_path / "truing/estimation/rigid.py").write_text("# another\n")
+    _aged(tmp_path)
+    assert SourceTree(tmp_path, RememberedDigests(None)).digests("stages.pose") != first
+    assert files_of(tmp_path, stages_pose="from truing.estimation import thing\n") != RIGID
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def run():\n# a comment that begins a line\n    from truing.estimation import rigid",
+        'words = """\nof several lines\n"""; from truing.estimation import rigid',
+        "from \\\ntruing.estimation import rigid",
+        "from truing.estimation import (\nrigid\n)",
+        "try:\n    import numpy\nexcept ImportError:\n    import truing.estimation.rigid",
+        "class A:\n  def run(self):\n    return 'truing.estimation.rigid'",
+    ],
+)
+def test_however_a_source_is_laid_out_its_imports_are_followed(tmp_path: Path, text: str) -> None:
+    assert files_of(tmp_path, stages_pose=text) == RIGID
+
+
+def test_links_that_lead_nowhere_end_nothing(tmp_path: Path) -> None:
+    (tmp_path / "truing").mkdir()
+    (tmp_path / "truing" / ".#being_edited.py").symlink_to(tmp_path / "nowhere")
+    assert files_of(tmp_path) == RIGID
