@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from schemas.faults import CampaignFaults, Fault
+from schemas.photograph_artifacts import FROM_MARKER
 from stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from stages.bundle_adjustment.given_cameras import given_cameras
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.statistics import statistics_table
-    from stages.bundle_adjustment.survey_distances import Survey, never_seen, with_scale
+    from stages.bundle_adjustment.survey_distances import PRINTED_TO, Survey, never_seen, with_scale
     from stages.bundle_adjustment.tables import NetworkTables
     from stages.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
@@ -68,6 +69,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     adjusted, named = found.adjustment, found.named
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{len(rays.point):,} rays of {len(photographs)} images"
+    if settings.noise.point_mm is None and any(bar.startswith(FROM_MARKER) for bar in named.bars):
+        read += f"; edges of markers counted as known to {PRINTED_TO:.1%}, for [noise] point_mm does not say how well"
     return Outcome(artifacts, read=read, left_out=_left_out(found, unseen), figure=_figure(found))
 
 

@@ -12,6 +12,7 @@ from stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from numpy.typing import NDArray
 
     from schemas.campaign import Campaign
     from stages.rigid_poses.body_pose import BodyPoses
@@ -21,7 +22,7 @@ DECLARATION = Stage(
     name="pose",
     reads=(
         *("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
-        *("object_points?", "point_correlations?", "point_sensitivities?"),
+        *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
     ),
     leaves=(
         *("poses?", "residuals?", "pose_sensitivities?", "pose_covariances?"),
@@ -49,14 +50,17 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
     from stages.point_arrays import observation_rows, pose_ids
     from stages.rigid_poses.correlated_poses import with_correlations
-    from stages.rigid_poses.point_errors import point_errors
+    from stages.rigid_poses.point_errors import common_correlation, point_errors
     from stages.rigid_poses.scan_poses import with_scans
     from stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
-    fitted = alone = _bodies(observations, tables.get("survey"), poses, settings, progress)
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
     errors = point_errors(observations, *network)
+    own = None
+    if errors is not None and errors.parameters:
+        own = errors.of_each(common_correlation(tables.get("camera_correlations"), errors.parameters))
+    fitted = alone = _bodies(observations, tables.get("survey"), poses, own, settings, progress)
     if errors is not None:
         rows = [observation_rows(observations, body.name, poses, body.points.targets) for body in fitted]
         fitted = with_correlations(fitted, rows, errors)
@@ -103,10 +107,12 @@ def _bodies(
     observations: pa.Table,
     survey: pa.Table | None,
     poses: tuple[int | str, ...],
+    own: NDArray[np.float64] | None,
     settings: Campaign,
     progress: Progress,
 ) -> list[BodyPoses]:
-    from stages.point_arrays import pose_points, survey_points
+    """Every body by itself; own (N, 3, 3): the covariance of each observation without what is common to all poses."""
+    from stages.point_arrays import observation_rows, pose_points, survey_points
     from stages.rigid_poses.body_pose import fit_body
 
     survey = ARTIFACTS["survey"].empty() if survey is None else survey
@@ -115,7 +121,8 @@ def _bodies(
     for done, name in enumerate(names):
         progress(done, len(names), name)
         points = pose_points(observations, name, poses)
-        bodies.append(fit_body(points, name, survey_points(survey, name), settings.exclude, settings.keep))
+        each = None if own is None else own[observation_rows(observations, name, poses, points.targets)]
+        bodies.append(fit_body(points, name, survey_points(survey, name), settings.exclude, settings.keep, each))
     return bodies
 
 

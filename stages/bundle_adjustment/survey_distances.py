@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+# An edge of a marker is known to this share of it where no noise is declared: what printers keep.
+PRINTED_TO = 1e-3
 _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 
 
@@ -102,13 +104,17 @@ def _with_bar(bars: pa.Table | None, seen: Mapping[Any, frozenset[str]]) -> set[
 def _markers(
     targets: pa.Table | None, seen: frozenset[str], marker_mm: float | None, noise_mm: float | None
 ) -> list[dict[str, object]]:
-    """Rows of scale_bars: both diagonals of every square marker of known size whose corners are all seen."""
+    """Rows of scale_bars: both diagonals of every square marker of known size whose corners are all seen.
+
+    They are lengths with an error that all poses share, also where nothing says how well they are known: each pose
+    would else keep the scale that its start values happened to have.
+    """
     sizes: dict[str, float] = {}
     if targets is not None and "size_mm" in targets.column_names:
         rows = targets.select(["body", "target", "size_mm"]).to_pylist()
         sizes = {f"{row['body']}/{row['target']}": row["size_mm"] for row in rows if row["size_mm"]}
     found: list[dict[str, object]] = []
-    for stem in sorted({point.rpartition(".")[0] for point in seen} - {""}) if noise_mm else ():
+    for stem in sorted({point.rpartition(".")[0] for point in seen} - {""}):
         size = sizes.get(stem) or (marker_mm if stem.startswith(("aruco", "apriltag")) or "/" in stem else None)
         if size and {f"{stem}.{corner}" for corner in range(4)} <= seen:
             found += [
@@ -116,7 +122,7 @@ def _markers(
                     f"{FROM_MARKER}{stem}.{a} to {stem}.{b}",
                     (f"{stem}.{a}", f"{stem}.{b}"),
                     2**0.5 * size,
-                    2**0.5 * (noise_mm or 0.0),
+                    2**0.5 * (noise_mm or PRINTED_TO * size),
                 )
                 for a, b in ((0, 2), (1, 3))
             ]

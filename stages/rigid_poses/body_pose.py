@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,14 +60,25 @@ class BodyPoses:
 
 
 def fit_body(
-    points: PosePoints, body: str, survey: SurveyPoints, exclude: Iterable[Overrule], keep: Iterable[Overrule]
+    points: PosePoints,
+    body: str,
+    survey: SurveyPoints,
+    exclude: Iterable[Overrule],
+    keep: Iterable[Overrule],
+    own: Array | None = None,
 ) -> BodyPoses:
-    """Poses of a body, relative to its survey, or to the shape that its poses share where it has none."""
+    """Poses of a body, relative to its survey, or to the shape that its poses share where it has none.
+
+    own (B, T, 3, 3): covariances without what is common to all poses. That shape is found with them: an error of scale,
+    alike in all poses, would else leave it open along the line to each point.
+    """
     excluded, excluded_why = _overruled(points, body, exclude, "excluded")
     kept, kept_why = _overruled(points, body, keep, "kept")
-    fitted = (
-        fit_to_survey(points, survey, ~excluded, kept) if survey.targets else fit_by_itself(points, ~excluded, kept)
-    )
+    if survey.targets:
+        fitted = fit_to_survey(points, survey, ~excluded, kept)
+    else:
+        each = points if own is None else replace(points, cov=np.where(points.seen[..., None, None], own, points.cov))
+        fitted = fit_by_itself(each, ~excluded, kept)
     fit, usable = fitted.fits[fitted.default], points.seen & fitted.frame & ~excluded
     used = fitted.agreed & fit.ok[:, None]
     rejected = usable & ~fitted.agreed & fitted.judged[:, None] | points.seen & excluded

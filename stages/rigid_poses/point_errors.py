@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+_ROUNDING = 1e-6  # of a variance, below which a difference of two is none
 _PAIRS = tuple(f"corr_{a}_{b}" for a in "xyz" for b in "xyz")
 _OWN = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
 
@@ -58,6 +59,14 @@ class PointErrors:
     def effects(self, rows: Index) -> Array:
         """What one standard deviation of each common parameter does to n rows: (3n, K) in m."""
         return self.effect[rows].reshape(3 * len(rows), -1)
+
+    def of_each(self, correlation: Array) -> Array:
+        """The covariance (N, 3, 3) in m^2 of each row by itself but for what is common to all poses, whose parameters
+        have correlation (K, K): what makes one pose differ from another."""
+        whole = self.own * self.sigma[:, :, None] * self.sigma[:, None, :]
+        values, vectors = np.linalg.eigh(whole - self.effect @ correlation @ np.swapaxes(self.effect, 1, 2))
+        least = _ROUNDING * np.trace(whole, axis1=1, axis2=2)
+        return np.asarray(vectors * np.maximum(values, least[:, None])[:, None, :] @ np.swapaxes(vectors, 1, 2))
 
     @cached_property
     def is_correlated(self) -> bool:
