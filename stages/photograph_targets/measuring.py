@@ -103,7 +103,7 @@ def measure(piece: Piece) -> Measured:
 
         codes = tuple(map(family_of_rings, plan.rings))
         wanted = CirclePlan(codes, plan.uncoded, plan.polarity, plan.smallest_px, plan.largest_px)  # type: ignore[arg-type]
-        _add_circles(found, measure_circles(grey, wanted))
+        _add_circles(found, measure_circles(grey, wanted, noise))
     if plan.markers:
         from truing.estimation.image_targets.square_markers import measure_markers
 

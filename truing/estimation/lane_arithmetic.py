@@ -24,6 +24,7 @@ IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _MODE: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 inner = njit(**_MODE, **_BARE)  # for what compiled code alone calls
+summing = njit(**{**_MODE, "fastmath": {*_MODE["fastmath"], "reassoc"}}, **_BARE)  # the same, for sums in any order
 
 
 def compiled(*made_of: str) -> Callable[[Callable], Callable]:

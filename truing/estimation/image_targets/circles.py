@@ -104,11 +104,11 @@ class ImageTargets:
         return [f"{self.codes[family].family}-{code}" if code >= 0 else "" for family, code in coded]
 
 
-def measure_circles(grey: NDArray, plan: CirclePlan) -> ImageTargets:
+def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = None) -> ImageTargets:
     """Return the circular targets of a grey image (h, w) of 8 or 16 bits; ValueError for any other array."""
     if grey.ndim != 2 or grey.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"a grey image has two dimensions and 8 or 16 bits, not {grey.ndim} and {grey.dtype}")
-    noise = estimate_noise(grey)
+    noise = noise or estimate_noise(grey)
     least = plan.least_contrast * float(np.ptp(grey[::4, ::4]))
     sigma = float(np.sqrt(noise.variance(np.array(float(grey.max(initial=0))))))
     size = (plan.smallest_px, plan.largest_px)

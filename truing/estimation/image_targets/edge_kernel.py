@@ -26,9 +26,11 @@ from truing.estimation.image_targets.edge_picture import (
     ring_light,
     set_nodes,
     set_spokes,
+    thin_edges,
     upper_tail,
+    whole_edges,
 )
-from truing.estimation.lane_arithmetic import compiled, inner
+from truing.estimation.lane_arithmetic import LANES, compiled, inner, summing
 
 # Unknowns: centre x, y; A xx, xy, yy; blur s; ground; contrast; slope x, y
 UNKNOWNS = 10
@@ -83,48 +85,68 @@ def _solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs):  # type: ignore[no-untyped-def]
-    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal and rhs."""
-    for i in range(UNKNOWNS):
-        rhs[i] = 0.0
-        for j in range(UNKNOWNS):
-            normal[i, j] = 0.0
+def _fill_rows(p, origin, size, pixels, first, top, lane, rows):  # type: ignore[no-untyped-def]
+    """Fill rows (11, .) of so many pixels from the first on with derivatives and residual, over the noise; `lane` has
+    what an edge shows there. A clipped pixel follows nothing."""
+    slope_x, slope_y, ground, contrast, per = p[SLOPE_X], p[SLOPE_Y], p[GROUND], p[CONTRAST], 1.0 / size
+    x0, y0 = origin
+    for j in range(LANES):
+        rx, ry = (pixels[0, first + j] - x0) * per, (pixels[1, first + j] - y0) * per
+        light = 1.0 + slope_x * rx + slope_y * ry
+        edge = lane[j] + pixels[4, first + j]
+        flat, over_noise = ground + contrast * edge, math.sqrt(pixels[3, first + j])
+        model = flat * light
+        follows = over_noise if model < top else 0.0
+        scale = contrast * light * follows
+        lane[j] = lane[LANES + j] * scale
+        lane[LANES + j] = lane[2 * LANES + j] * scale
+        lane[2 * LANES + j] = lane[3 * LANES + j] * scale
+        lane[3 * LANES + j] = lane[4 * LANES + j] * scale
+        lane[4 * LANES + j] = lane[5 * LANES + j] * scale
+        lane[5 * LANES + j] = lane[6 * LANES + j] * scale
+        lane[GROUND * LANES + j], lane[CONTRAST * LANES + j] = light * follows, edge * light * follows
+        lane[SLOPE_X * LANES + j], lane[SLOPE_Y * LANES + j] = flat * rx * follows, flat * ry * follows
+        lane[UNKNOWNS * LANES + j] = (pixels[2, first + j] - min(model, top)) * over_noise
+    for i in range(UNKNOWNS + 1):
+        for j in range(LANES):
+            rows[i, first + j] = lane[i * LANES + j]
+
+
+@summing
+def _product(rows, i, k, n):  # type: ignore[no-untyped-def]
+    """Return the product of two rows (., n)."""
+    total = 0.0
+    for m in range(n):
+        total += rows[i, m] * rows[k, m]
+    return total
+
+
+@inner
+def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs, lane, rows):  # type: ignore[no-untyped-def]
+    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal, below and on
+    its diagonal, and rhs."""
     if count:
         set_nodes(p, nodes, count)
-    row = np.empty(UNKNOWNS)
+    for first in range(0, n, LANES):
+        if count:
+            whole_edges(p, pixels, first, nodes, count, rhs, lane)
+        else:
+            thin_edges(p, pixels, first, lane)
+        _fill_rows(p, origin, size, pixels, first, top, lane, rows)
+    for i in range(UNKNOWNS):
+        for j in range(i + 1):
+            normal[i, j] = _product(rows, i, j, n)
+        rhs[i] = _product(rows, i, UNKNOWNS, n)
     known = 1.0 / (_SLOPE_SIGMA * size) ** 2
-    cost = known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
+    cost = _product(rows, UNKNOWNS, UNKNOWNS, n) + known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
     for i in (SLOPE_X, SLOPE_Y):
-        normal[i, i], rhs[i] = known, -known * p[i]
+        normal[i, i] += known
+        rhs[i] -= known * p[i]
     for i in range(3):
         away = p[BLUR + i] - held[i]
         cost += held[3 + i] * away * away
-        normal[BLUR + i, BLUR + i], rhs[BLUR + i] = held[3 + i], -held[3 + i] * away
-    for m in range(n):
-        weight = pixels[3, m]
-        if weight == 0.0:
-            continue
-        dx, dy = pixels[0, m] - p[CX], pixels[1, m] - p[CY]
-        edge = edge_light(p, dx, dy, nodes, count, row)
-        edge += pixels[4, m]
-        rx, ry = (pixels[0, m] - origin[0]) / size, (pixels[1, m] - origin[1]) / size
-        light = 1.0 + p[SLOPE_X] * rx + p[SLOPE_Y] * ry
-        flat = p[GROUND] + p[CONTRAST] * edge
-        model = flat * light
-        if model >= top:
-            cost += weight * (pixels[2, m] - top) ** 2
-            continue
-        r = pixels[2, m] - model
-        cost += weight * r * r
-        for i in range(GROUND):
-            row[i] *= p[CONTRAST] * light
-        row[GROUND], row[CONTRAST] = light, edge * light
-        row[SLOPE_X], row[SLOPE_Y] = flat * rx, flat * ry
-        for i in range(UNKNOWNS):
-            weighted = weight * row[i]
-            rhs[i] += weighted * r
-            for j in range(i + 1):
-                normal[i, j] += weighted * row[j]
+        normal[BLUR + i, BLUR + i] += held[3 + i]
+        rhs[BLUR + i] -= held[3 + i] * away
     return cost
 
 
@@ -136,7 +158,7 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
     half_x = math.hypot(p[AYY], p[AXY]) / det + reach
     half_y = math.hypot(p[AXX], p[AXY]) / det + reach
     rows, columns = grey.shape
-    spokes = np.empty((2, len(ring)))
+    spokes = np.empty((5, len(ring)))
     if coded:
         set_spokes(p, spokes)
     n = 0
@@ -149,7 +171,7 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
                 continue
             gx, gy = p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy
             slope = math.sqrt(gx * gx + gy * gy) / max(q, 1e-9)
-            if abs(q - 1.0) > reach * slope or n == pixels.shape[1]:
+            if abs(q - 1.0) > reach * slope or n == pixels.shape[1] - LANES:
                 continue
             light = ring_light(p, dx, dy, ring, spokes) if coded else 0.0
             depth = (q - 1.0) / max(slope, 1e-9) / p[BLUR]
@@ -158,6 +180,8 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
             pixels[3, n] = 1.0 / (noise[0] + noise[1] * max(expected, 0.0))
             pixels[4, n] = light
             n += 1
+    for m in range(n, n + LANES):  # what fills up the last lanes counts for nothing
+        pixels[0, m], pixels[1, m], pixels[2, m], pixels[3, m], pixels[4, m] = pixels[0, 0], pixels[1, 0], 0.0, 0.0, 0.0
     return n
 
 
@@ -182,9 +206,9 @@ def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[
 @inner
 def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
     """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
-    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes = work
+    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes, lane, rows = work
     count = count_nodes(p)
-    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs)
+    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs, lane, rows)
     damping, moved = 1e-3, 0.0
     for _ in range(_STEPS):
         for i in range(UNKNOWNS):
@@ -200,7 +224,9 @@ def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignor
         if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > size:
             damping *= 10
             continue
-        trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, trial_normal, trial_rhs)
+        trial_cost = _evaluate(
+            trial, origin, size, n, pixels, top, held, nodes, count, trial_normal, trial_rhs, lane, rows
+        )
         gained = cost - trial_cost
         if gained >= 0:
             _take_over(p, normal, rhs, trial, trial_normal, trial_rhs)
@@ -295,12 +321,13 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
     """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
     to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a
     share of the contrast, 0: free; most pixels."""
-    pixels = np.empty((5, most))
+    pixels, rows = np.empty((5, most + LANES)), np.empty((UNKNOWNS + 1, most + LANES))
+    lane = np.empty((UNKNOWNS + 1) * LANES)
     shape = (UNKNOWNS, UNKNOWNS)
     normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     nodes = np.empty((6, MOST_NODES))
-    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes)
+    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, lane, rows)
     unit, held, arcs = np.empty(UNKNOWNS), np.zeros(6), np.empty((2, _ARCS_MOST))
     for t in range(len(start)):
         result = results[t]

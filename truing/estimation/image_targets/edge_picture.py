@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from truing.estimation.lane_arithmetic import inner
+from truing.estimation.lane_arithmetic import LANES, inner
 
 CX, CY, AXX, AXY, AYY, BLUR = range(6)
 # An edge is bent where curvature times blur exceeds this, below which the thin edge is right to 0.5 % of the contrast:
@@ -21,23 +21,43 @@ _INV_SQRT2, _INV_SQRT2PI = 0.7071067811865476, 0.3989422804014327
 
 
 @inner
-def _foot(p, dx, dy):  # type: ignore[no-untyped-def]
-    """Return distance, normal (2), foot from the centre (2), length of the gradient and curvature, of a pixel."""
-    ux, uy = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
-    q = max(math.sqrt(ux * ux + uy * uy), 1e-6)
-    wx, wy = dx / q, dy / q
-    gx, gy = (p[2] * ux + p[3] * uy) / q, (p[3] * ux + p[4] * uy) / q
+def _foot(axx, axy, ayy, dx, dy):  # type: ignore[no-untyped-def]
+    """Return distance, normal (2), foot from the centre (2), one over the gradient and curvature, of a pixel."""
+    ux, uy = axx * dx + axy * dy, axy * dx + ayy * dy
+    per = 1.0 / max(math.sqrt(ux * ux + uy * uy), 1e-6)
+    wx, wy = dx * per, dy * per
+    gx, gy = (axx * ux + axy * uy) * per, (axy * ux + ayy * uy) * per
     ahead = (gx * (dx - wx) + gy * (dy - wy)) / (gx * gx + gy * gy)
     # the foot on the tangent is taken back to the curve, along the ray from the centre
     wx, wy = dx - gx * ahead, dy - gy * ahead
-    ux, uy = p[2] * wx + p[3] * wy, p[3] * wx + p[4] * wy
-    q = max(math.sqrt(ux * ux + uy * uy), 1e-6)
-    wx, wy, ux, uy = wx / q, wy / q, ux / q, uy / q
-    gx, gy = p[2] * ux + p[3] * uy, p[3] * ux + p[4] * uy
-    g = math.sqrt(gx * gx + gy * gy)
-    nx, ny = gx / g, gy / g
-    tx, ty = -(p[2] * ny - p[3] * nx), -(p[3] * ny - p[4] * nx)  # A applied to the tangent (-ny, nx)
-    return nx * (dx - wx) + ny * (dy - wy), nx, ny, wx, wy, g, (tx * tx + ty * ty) / g
+    ux, uy = axx * wx + axy * wy, axy * wx + ayy * wy
+    per = 1.0 / max(math.sqrt(ux * ux + uy * uy), 1e-6)
+    wx, wy, ux, uy = wx * per, wy * per, ux * per, uy * per
+    gx, gy = axx * ux + axy * uy, axy * ux + ayy * uy
+    per = 1.0 / math.sqrt(gx * gx + gy * gy)
+    nx, ny = gx * per, gy * per
+    tx, ty = -(axx * ny - axy * nx), -(axy * ny - ayy * nx)  # A applied to the tangent (-ny, nx)
+    return nx * (dx - wx) + ny * (dy - wy), nx, ny, wx, wy, per, (tx * tx + ty * ty) * per
+
+
+@inner
+def fading(t):  # type: ignore[no-untyped-def]
+    """Return exp(-t) of t not below 0, to 1e-9: by its series at a part of t, squared; of lanes at once, too."""
+    u = min(t, 45.0) * (-1 / 64)
+    e = 1 + u * (1 / 8)
+    e = 1 + u * (1 / 7) * e
+    e = 1 + u * (1 / 6) * e
+    e = 1 + u * (1 / 5) * e
+    e = 1 + u * (1 / 4) * e
+    e = 1 + u * (1 / 3) * e
+    e = 1 + u * (1 / 2) * e
+    e = 1 + u * e
+    e *= e
+    e *= e
+    e *= e
+    e *= e
+    e *= e
+    return e * e
 
 
 @inner
@@ -51,20 +71,28 @@ def upper_tail(z, bell):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _thin_edge(p, dx, dy, row):  # type: ignore[no-untyped-def]
-    """Return M of a pixel at an edge of little curvature; its derivatives by the first six unknowns go into row."""
-    s = p[BLUR]
-    d, nx, ny, wx, wy, g, k = _foot(p, dx, dy)
-    bend = k / (1 + 0.5 * max(k * d, -1.0))
-    z = d / s + 0.5 * s * bend
-    bell = math.exp(-0.5 * z * z)
+def _thin_edge(axx, axy, ayy, s, dx, dy):  # type: ignore[no-untyped-def]
+    """Return M of a pixel at an edge of little curvature, and its derivatives by the first six unknowns."""
+    d, nx, ny, wx, wy, per, k = _foot(axx, axy, ayy, dx, dy)
+    bend, sharp = k / (1 + 0.5 * max(k * d, -1.0)), 1.0 / s
+    z = d * sharp + 0.5 * s * bend
+    bell = fading(0.5 * z * z)
     slope = bell * _INV_SQRT2PI
-    by_d = -slope / s
-    ux, uy = p[AXX] * wx + p[AXY] * wy, p[AXY] * wx + p[AYY] * wy
-    row[CX], row[CY] = -by_d * nx, -by_d * ny
-    row[AXX], row[AXY], row[AYY] = by_d * ux * wx / g, by_d * (ux * wy + uy * wx) / g, by_d * uy * wy / g
-    row[BLUR] = slope * (d / (s * s) - 0.5 * bend)
-    return upper_tail(z, bell)
+    by_d = -slope * sharp
+    ux, uy, per = axx * wx + axy * wy, axy * wx + ayy * wy, by_d * per
+    by_shape = ux * wx * per, (ux * wy + uy * wx) * per, uy * wy * per
+    return upper_tail(z, bell), -by_d * nx, -by_d * ny, *by_shape, slope * (d * sharp * sharp - 0.5 * bend)
+
+
+@inner
+def thin_edges(p, pixels, first, lane):  # type: ignore[no-untyped-def]
+    """Fill seven registers of lanes with M and its derivatives, of so many pixels from the first on."""
+    cx, cy, axx, axy, ayy, s = p[CX], p[CY], p[AXX], p[AXY], p[AYY], p[BLUR]
+    for j in range(LANES):
+        dx, dy = pixels[0, first + j] - cx, pixels[1, first + j] - cy
+        m, x, y, xx, xy, yy, blur = _thin_edge(axx, axy, ayy, s, dx, dy)
+        lane[j], lane[LANES + j], lane[2 * LANES + j] = m, x, y
+        lane[3 * LANES + j], lane[4 * LANES + j], lane[5 * LANES + j], lane[6 * LANES + j] = xx, xy, yy, blur
 
 
 @inner
@@ -80,7 +108,7 @@ def set_nodes(p, nodes, count):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _whole_edge(p, dx, dy, nodes, count, row):  # type: ignore[no-untyped-def]
+def whole_edge(p, dx, dy, nodes, count, row):  # type: ignore[no-untyped-def]
     """Return M of a pixel exactly, as an integral round the ellipse, with its derivatives by the first six unknowns.
 
     The Gaussian of the blur is the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2): the light from the inside is
@@ -108,9 +136,25 @@ def _whole_edge(p, dx, dy, nodes, count, row):  # type: ignore[no-untyped-def]
 
 
 @inner
+def whole_edges(p, pixels, first, nodes, count, row, lane):  # type: ignore[no-untyped-def]
+    """Fill seven registers of lanes with M and its derivatives, exactly, of so many pixels from the first on."""
+    for j in range(LANES):
+        weighs = pixels[3, first + j] != 0.0
+        dx, dy = pixels[0, first + j] - p[CX], pixels[1, first + j] - p[CY]
+        lane[j] = whole_edge(p, dx, dy, nodes, count, row) if weighs else 0.0
+        for i in range(6):
+            lane[(1 + i) * LANES + j] = row[i] if weighs else 0.0
+
+
+@inner
 def edge_light(p, dx, dy, nodes, count, row):  # type: ignore[no-untyped-def]
     """Return M of a pixel so far from the centre, exactly where there are nodes; its derivatives go into row."""
-    return _whole_edge(p, dx, dy, nodes, count, row) if count else _thin_edge(p, dx, dy, row)
+    if count:
+        return whole_edge(p, dx, dy, nodes, count, row)
+    found = _thin_edge(p[AXX], p[AXY], p[AYY], p[BLUR], dx, dy)
+    for i in range(6):
+        row[i] = found[1 + i]
+    return found[0]
 
 
 @inner
@@ -124,11 +168,15 @@ def count_nodes(p):  # type: ignore[no-untyped-def]
 
 @inner
 def set_spokes(p, spokes):  # type: ignore[no-untyped-def]
-    """Fill spokes (2, S): where the middles of S equal arcs of the unit circle lie, from the centre, clockwise."""
+    """Fill spokes (5, S): where the middles of S equal arcs of the unit circle lie, from the centre, clockwise; one
+    over their squared distance; the blur in units of their distance, and one over it."""
     count, det = spokes.shape[1], p[AXX] * p[AYY] - p[AXY] * p[AXY]
     for j in range(count):
         c, s = math.cos((j + 0.5) * 2 * math.pi / count), math.sin((j + 0.5) * 2 * math.pi / count)
-        spokes[0, j], spokes[1, j] = (p[AYY] * c - p[AXY] * s) / det, (p[AXX] * s - p[AXY] * c) / det
+        x, y = (p[AYY] * c - p[AXY] * s) / det, (p[AXX] * s - p[AXY] * c) / det
+        length = math.sqrt(x * x + y * y)
+        spokes[0, j], spokes[1, j], spokes[2, j] = x, y, 1.0 / (length * length)
+        spokes[3, j], spokes[4, j] = p[BLUR] / length, length / p[BLUR]
 
 
 @inner
@@ -149,22 +197,21 @@ def ring_light(p, dx, dy, ring, spokes):  # type: ignore[no-untyped-def]
     sine = min(_REACH * s / (b * q), 1.0)
     half = int(math.asin(sine) * count / (2 * math.pi)) + 1
     first = math.floor(math.atan2(uy, ux) * count / (2 * math.pi)) - half
-    total = 0.0
+    total, narrow = 0.0, 1.0 / (s * s)
     for k in range(first, first + 2 * half + 1):
         j = k % count
         if ring[j] == 0.0:
             continue
-        mx, my = spokes[0, j], spokes[1, j]
-        length2 = mx * mx + my * my
-        aside2 = (dx * my - dy * mx) ** 2 / length2
-        middle = (dx * mx + dy * my) / length2
-        wide = s / math.sqrt(length2)
-        near, far = (2.0 - middle) / wide, (3.0 - middle) / wide
-        if near > _REACH:
+        mx, my, wide, per = spokes[0, j], spokes[1, j], spokes[3, j], spokes[4, j]
+        aside = dx * my - dy * mx
+        aside2 = aside * aside * spokes[2, j] * narrow
+        middle = (dx * mx + dy * my) * spokes[2, j]
+        near, far = (2.0 - middle) * per, (3.0 - middle) * per
+        if near > 0.0 and near * near + aside2 > _REACH * _REACH:
             continue
-        at_near, at_far = math.exp(-0.5 * near * near), math.exp(-0.5 * far * far)
+        at_near, at_far = fading(0.5 * near * near), fading(0.5 * far * far)
         step = upper_tail(near, at_near) - upper_tail(far, at_far)
         along = wide * wide * (at_near - at_far) + middle * wide * step / _INV_SQRT2PI
-        total += math.exp(-0.5 * aside2 / (s * s)) * along
+        total += fading(0.5 * aside2) * along
     det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
     return total / (count * det * s * s)
