@@ -20,15 +20,19 @@ import numpy as np
 from truing.estimation import lane_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import (
+    BLOCK,
+    BY,
+    DX,
+    DY,
     MOST_NODES,
+    SHARE,
     count_nodes,
+    decay,
     edge_light,
     ring_light,
     set_nodes,
     set_spokes,
-    thin_edges,
     upper_tail,
-    whole_edges,
 )
 from truing.estimation.lane_arithmetic import LANES, compiled, inner, summing
 
@@ -42,6 +46,9 @@ RESULTS = UNKNOWNS + 12
 C_XX, C_XY, C_YY, CHI2, FREEDOM, ARC_CHI2, ARC_FREEDOM, DENT, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
 _MIN_BLUR, _MAX_BLUR = 0.3, 6.0
 _STEPS = 16
+# Registers after the edge's own: derivatives by all unknowns begin at BY; level, what the photograph has more, weight,
+# and a row of the normal equations
+_LEVEL, _LEFT, _WEIGHT, _WEIGHTED, _REGISTERS = range(BY + UNKNOWNS, BY + UNKNOWNS + 5)
 # px: a step of the centre after which the next is far below the best scatter there is; and where another fit follows.
 _SMALL_STEP, _COARSE_STEP = 1e-3, 2e-2
 _RELAID, _BRIGHT = 2, 0.01  # times; where the light of a ring is more than this share of the contrast
@@ -85,82 +92,103 @@ def _solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _fill_rows(p, origin, size, pixels, first, top, lane, rows):  # type: ignore[no-untyped-def]
-    """Fill rows (11, .) of so many pixels from the first on with derivatives and residual, over the noise; `lane` has
-    what an edge shows there. A clipped pixel follows nothing."""
-    slope_x, slope_y, ground, contrast, per = p[SLOPE_X], p[SLOPE_Y], p[GROUND], p[CONTRAST], 1.0 / size
-    x0, y0 = origin
-    for j in range(LANES):
-        rx, ry = (pixels[0, first + j] - x0) * per, (pixels[1, first + j] - y0) * per
+def _lay(p, origin, size, n, pixels, first, nodes, count, lane):  # type: ignore[no-untyped-def]
+    """Fill the level that a block of pixels from the first should have, not clipped, and its derivatives.
+
+    Return how many there are, with those that fill the lanes.
+    """
+    many = min(BLOCK, n - first + -n % LANES)
+    cx, cy, ground, contrast, slope_x, slope_y = p[CX], p[CY], p[GROUND], p[CONTRAST], p[SLOPE_X], p[SLOPE_Y]
+    for j in range(many):
+        lane[DX * BLOCK + j], lane[DY * BLOCK + j] = pixels[0, first + j] - cx, pixels[1, first + j] - cy
+    edge_light(p, nodes, count, lane, many)
+    from_x, from_y = origin[0] - cx, origin[1] - cy
+    for j in range(many):
+        lane[_LEVEL * BLOCK + j] = pixels[4, first + j]
+    for j in range(many):
+        edge = lane[SHARE * BLOCK + j] + lane[_LEVEL * BLOCK + j]
+        rx, ry = (lane[DX * BLOCK + j] - from_x) / size, (lane[DY * BLOCK + j] - from_y) / size
         light = 1.0 + slope_x * rx + slope_y * ry
-        edge = lane[j] + pixels[4, first + j]
-        flat, over_noise = ground + contrast * edge, math.sqrt(pixels[3, first + j])
-        model = flat * light
-        follows = over_noise if model < top else 0.0
-        scale = contrast * light * follows
-        lane[j] = lane[LANES + j] * scale
-        lane[LANES + j] = lane[2 * LANES + j] * scale
-        lane[2 * LANES + j] = lane[3 * LANES + j] * scale
-        lane[3 * LANES + j] = lane[4 * LANES + j] * scale
-        lane[4 * LANES + j] = lane[5 * LANES + j] * scale
-        lane[5 * LANES + j] = lane[6 * LANES + j] * scale
-        lane[GROUND * LANES + j], lane[CONTRAST * LANES + j] = light * follows, edge * light * follows
-        lane[SLOPE_X * LANES + j], lane[SLOPE_Y * LANES + j] = flat * rx * follows, flat * ry * follows
-        lane[UNKNOWNS * LANES + j] = (pixels[2, first + j] - min(model, top)) * over_noise
-    for i in range(UNKNOWNS + 1):
-        for j in range(LANES):
-            rows[i, first + j] = lane[i * LANES + j]
+        flat, factor = ground + contrast * edge, contrast * light
+        lane[_LEVEL * BLOCK + j] = flat * light
+        lane[(BY + CX) * BLOCK + j] *= factor
+        lane[(BY + CY) * BLOCK + j] *= factor
+        lane[(BY + AXX) * BLOCK + j] *= factor
+        lane[(BY + AXY) * BLOCK + j] *= factor
+        lane[(BY + AYY) * BLOCK + j] *= factor
+        lane[(BY + BLUR) * BLOCK + j] *= factor
+        lane[(BY + GROUND) * BLOCK + j], lane[(BY + CONTRAST) * BLOCK + j] = light, edge * light
+        lane[(BY + SLOPE_X) * BLOCK + j], lane[(BY + SLOPE_Y) * BLOCK + j] = flat * rx, flat * ry
+    return many
 
 
 @summing
-def _product(rows, i, k, n):  # type: ignore[no-untyped-def]
-    """Return the product of two rows (., n)."""
+def _product(lane, row, other, many):  # type: ignore[no-untyped-def]
+    """Return the scalar product of two registers."""
     total = 0.0
-    for m in range(n):
-        total += rows[i, m] * rows[k, m]
+    for j in range(many):
+        total += lane[row * BLOCK + j] * lane[other * BLOCK + j]
     return total
 
 
 @inner
-def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs, lane, rows):  # type: ignore[no-untyped-def]
-    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal, below and on
-    its diagonal, and rhs."""
+def _add_products(pixels, first, many, top, lane, normal, rhs):  # type: ignore[no-untyped-def]
+    """Add what a block of pixels tells to normal equations; return its weighted square sum."""
+    for j in range(many):
+        lane[_WEIGHT * BLOCK + j], lane[_LEFT * BLOCK + j] = pixels[3, first + j], pixels[2, first + j]
+    for j in range(many):
+        level, weight = lane[_LEVEL * BLOCK + j], lane[_WEIGHT * BLOCK + j]
+        left = lane[_LEFT * BLOCK + j] - min(level, top)
+        lane[_LEFT * BLOCK + j], lane[_WEIGHTED * BLOCK + j] = left, weight * left
+        lane[_WEIGHT * BLOCK + j] = weight if level < top else 0.0
+    cost = _product(lane, _WEIGHTED, _LEFT, many)
+    for i in range(UNKNOWNS):
+        own = (BY + i) * BLOCK
+        for j in range(many):
+            lane[_WEIGHTED * BLOCK + j] = lane[_WEIGHT * BLOCK + j] * lane[own + j]
+        rhs[i] += _product(lane, _WEIGHTED, _LEFT, many)
+        for k in range(i + 1):
+            normal[i, k] += _product(lane, _WEIGHTED, BY + k, many)
+    return cost
+
+
+@inner
+def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs):  # type: ignore[no-untyped-def]
+    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal and rhs."""
+    for i in range(UNKNOWNS):
+        rhs[i] = 0.0
+        for j in range(UNKNOWNS):
+            normal[i, j] = 0.0
     if count:
         set_nodes(p, nodes, count)
-    for first in range(0, n, LANES):
-        if count:
-            whole_edges(p, pixels, first, nodes, count, rhs, lane)
-        else:
-            thin_edges(p, pixels, first, lane)
-        _fill_rows(p, origin, size, pixels, first, top, lane, rows)
-    for i in range(UNKNOWNS):
-        for j in range(i + 1):
-            normal[i, j] = _product(rows, i, j, n)
-        rhs[i] = _product(rows, i, UNKNOWNS, n)
     known = 1.0 / (_SLOPE_SIGMA * size) ** 2
-    cost = _product(rows, UNKNOWNS, UNKNOWNS, n) + known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
+    cost = known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
     for i in (SLOPE_X, SLOPE_Y):
-        normal[i, i] += known
-        rhs[i] -= known * p[i]
+        normal[i, i], rhs[i] = known, -known * p[i]
     for i in range(3):
         away = p[BLUR + i] - held[i]
         cost += held[3 + i] * away * away
-        normal[BLUR + i, BLUR + i] += held[3 + i]
-        rhs[BLUR + i] -= held[3 + i] * away
+        normal[BLUR + i, BLUR + i], rhs[BLUR + i] = held[3 + i], -held[3 + i] * away
+    for first in range(0, n, BLOCK):
+        many = _lay(p, origin, size, n, pixels, first, nodes, count, lane)
+        cost += _add_products(pixels, first, many, top, lane, normal, rhs)
     return cost
 
 
 @inner
 def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-untyped-def]
-    """Fill pixels (5, most) with those about the edge, out to `outer` radii; return how many there are."""
+    """Fill pixels (5, most) with those about the edge, out to `outer` radii; return how many there are.
+
+    After them follow as many as fill the lanes, without weight.
+    """
     det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
     reach = 3.0 * p[BLUR] + 1.0
     half_x = math.hypot(p[AYY], p[AXY]) / det + reach
     half_y = math.hypot(p[AXX], p[AXY]) / det + reach
     rows, columns = grey.shape
-    spokes = np.empty((5, len(ring)))
+    spokes = np.empty((4, 2 * len(ring)))
     if coded:
-        set_spokes(p, spokes)
+        set_spokes(p, ring, spokes)
     n = 0
     for y in range(max(0, math.ceil(p[CY] - half_y)), min(rows - 1, math.floor(p[CY] + half_y)) + 1):
         for x in range(max(0, math.ceil(p[CX] - half_x)), min(columns - 1, math.floor(p[CX] + half_x)) + 1):
@@ -171,17 +199,18 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
                 continue
             gx, gy = p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy
             slope = math.sqrt(gx * gx + gy * gy) / max(q, 1e-9)
-            if abs(q - 1.0) > reach * slope or n == pixels.shape[1] - LANES:
+            if abs(q - 1.0) > reach * slope or n + LANES >= pixels.shape[1]:
                 continue
-            light = ring_light(p, dx, dy, ring, spokes) if coded else 0.0
+            light = ring_light(p, dx, dy, spokes) if coded else 0.0
             depth = (q - 1.0) / max(slope, 1e-9) / p[BLUR]
-            expected = p[GROUND] + p[CONTRAST] * (upper_tail(depth, math.exp(-0.5 * depth * depth)) + light)
+            expected = p[GROUND] + p[CONTRAST] * (upper_tail(depth, decay(0.5 * depth * depth)) + light)
             pixels[0, n], pixels[1, n], pixels[2, n] = x, y, grey[y, x]
             pixels[3, n] = 1.0 / (noise[0] + noise[1] * max(expected, 0.0))
             pixels[4, n] = light
             n += 1
-    for m in range(n, n + LANES):  # what fills up the last lanes counts for nothing
-        pixels[0, m], pixels[1, m], pixels[2, m], pixels[3, m], pixels[4, m] = pixels[0, 0], pixels[1, 0], 0.0, 0.0, 0.0
+    for m in range(n, n + -n % LANES):
+        for i in range(5):
+            pixels[i, m] = pixels[i, n - 1] if i != 3 else 0.0
     return n
 
 
@@ -206,9 +235,9 @@ def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[
 @inner
 def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
     """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
-    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes, lane, rows = work
+    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes, lane = work
     count = count_nodes(p)
-    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, normal, rhs, lane, rows)
+    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs)
     damping, moved = 1e-3, 0.0
     for _ in range(_STEPS):
         for i in range(UNKNOWNS):
@@ -224,9 +253,7 @@ def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignor
         if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > size:
             damping *= 10
             continue
-        trial_cost = _evaluate(
-            trial, origin, size, n, pixels, top, held, nodes, count, trial_normal, trial_rhs, lane, rows
-        )
+        trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, lane, trial_normal, trial_rhs)
         gained = cost - trial_cost
         if gained >= 0:
             _take_over(p, normal, rhs, trial, trial_normal, trial_rhs)
@@ -238,33 +265,25 @@ def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignor
 
 
 @inner
-def _expected(p, origin, size, top, x, y, ring, nodes, count, row):  # type: ignore[no-untyped-def]
-    """Return the grey level of a pixel, clipped, and the squared radius at which it lies."""
-    dx, dy = x - p[CX], y - p[CY]
-    edge = edge_light(p, dx, dy, nodes, count, row) + ring
-    light = 1.0 + (p[SLOPE_X] * (x - origin[0]) + p[SLOPE_Y] * (y - origin[1])) / size
-    ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
-    return min((p[GROUND] + p[CONTRAST] * edge) * light, top), ux * ux + uy * uy
-
-
-@inner
-def _drop_outlying(p, origin, size, n, pixels, top, first, nodes, result):  # type: ignore[no-untyped-def]
+def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # type: ignore[no-untyped-def]
     """Take the weight from pixels far from the picture; set shares of them inside and outside. Return what is left."""
     inside = outside = hidden = merged = 0
-    row, count = np.empty(UNKNOWNS), count_nodes(p)
+    (nodes, lane), count = work[-2:], count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
-    off, radius2 = np.empty(n), np.empty(n)
+    off = np.empty(n)
     for m in range(n):
-        model, radius2[m] = _expected(p, origin, size, top, pixels[0, m], pixels[1, m], pixels[4, m], nodes, count, row)
-        off[m] = abs(pixels[2, m] - model)
+        if m % BLOCK == 0:
+            _lay(p, origin, size, n, pixels, m, nodes, count, lane)
+        off[m] = abs(pixels[2, m] - min(lane[_LEVEL * BLOCK + m % BLOCK], top))
     # five sigmas of what is usual, by the mean of absolute values
     usual = _OUTLYING if first else min(max(6.25 * off.mean() / abs(p[CONTRAST]), _OUTLYING_LEAST), _OUTLYING)
     for m in range(n):
         out = off[m] > usual * abs(p[CONTRAST]) and off[m] * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
         if out:
             pixels[3, m] = 0.0
-        if radius2[m] < 1.0:
+        dx, dy = pixels[0, m] - p[CX], pixels[1, m] - p[CY]
+        if (p[AXX] * dx + p[AXY] * dy) ** 2 + (p[AXY] * dx + p[AYY] * dy) ** 2 < 1.0:
             inside += 1
             hidden += out
         else:
@@ -275,13 +294,13 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, nodes, result):  # ty
 
 
 @inner
-def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: ignore[no-untyped-def]
+def _set_dents(p, origin, size, n, pixels, top, work, arcs, result):  # type: ignore[no-untyped-def]
     """Set how far arcs of the edge lie off the ellipse: mean square in sigmas, its freedom, and the worst in px.
 
     Return how many pixels are not clipped, and the sum of their weights. Sharpening, or a blur that is no Gaussian,
     leaves the same on all of an edge, and dents none of its arcs.
     """
-    row, count = np.empty(UNKNOWNS), count_nodes(p)
+    (nodes, lane), count = work[-2:], count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
     half, skew = (p[AXX] + p[AYY]) / 2, math.hypot((p[AXX] - p[AYY]) / 2, p[AXY])
@@ -290,18 +309,19 @@ def _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result):  # type: i
     arcs[:] = 0.0
     seen, weights = 0, 0.0
     for m in range(n):
-        if pixels[3, m] == 0.0:
+        j = m % BLOCK
+        if j == 0:
+            _lay(p, origin, size, n, pixels, m, nodes, count, lane)
+        level = lane[_LEVEL * BLOCK + j]
+        if pixels[3, m] == 0.0 or level >= top:
             continue
         x, y = pixels[0, m], pixels[1, m]
-        model, _ = _expected(p, origin, size, top, x, y, pixels[4, m], nodes, count, row)
-        if model >= top:
-            continue
         seen, weights = seen + 1, weights + pixels[3, m]
         ux, uy = p[AXX] * (x - p[CX]) + p[AXY] * (y - p[CY]), p[AXY] * (x - p[CX]) + p[AYY] * (y - p[CY])
         k = int((math.atan2(uy, ux) / (2 * math.pi) + 0.5) * m_arcs) % m_arcs
-        light = 1.0 + (p[SLOPE_X] * (x - origin[0]) + p[SLOPE_Y] * (y - origin[1])) / size
-        rise = p[CONTRAST] * light * math.hypot(row[CX], row[CY])
-        arcs[0, k] += pixels[3, m] * rise * (pixels[2, m] - model)
+        steep = math.hypot(lane[(BY + CX) * BLOCK + j], lane[(BY + CY) * BLOCK + j])
+        rise = math.copysign(steep, p[CONTRAST])
+        arcs[0, k] += pixels[3, m] * rise * (pixels[2, m] - level)
         arcs[1, k] += pixels[3, m] * rise * rise
     square, used, worst = 0.0, 0, 0.0
     for k in range(m_arcs):
@@ -321,13 +341,12 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
     """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
     to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a
     share of the contrast, 0: free; most pixels."""
-    pixels, rows = np.empty((5, most + LANES)), np.empty((UNKNOWNS + 1, most + LANES))
-    lane = np.empty((UNKNOWNS + 1) * LANES)
+    pixels = np.empty((5, most + LANES))
     shape = (UNKNOWNS, UNKNOWNS)
     normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     nodes = np.empty((6, MOST_NODES))
-    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, lane, rows)
+    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, np.empty(_REGISTERS * BLOCK))
     unit, held, arcs = np.empty(UNKNOWNS), np.zeros(6), np.empty((2, _ARCS_MOST))
     for t in range(len(start)):
         result = results[t]
@@ -353,14 +372,14 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         first = held_share > 0
         if not first:
             n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-        left = _drop_outlying(p, origin, size, n, pixels, top, first, nodes, result)
+        left = _drop_outlying(p, origin, size, n, pixels, top, first, work, result)
         if left <= 2 * UNKNOWNS:
             continue
         if not first or left < n:
             cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
         if cost < 0:
             continue
-        seen, weights = _set_dents(p, origin, size, n, pixels, top, nodes, arcs, result)
+        seen, weights = _set_dents(p, origin, size, n, pixels, top, work, arcs, result)
         if seen <= UNKNOWNS:
             continue
         visible = abs(min(p[GROUND] + p[CONTRAST], top) - min(p[GROUND], top))

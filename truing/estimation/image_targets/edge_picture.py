@@ -1,58 +1,57 @@
 """The picture of a blurred ellipse, pixel by pixel, with its derivatives: what `edge_kernel` fits. Compiled code only.
 
 M is the share of the inside's light in a pixel, T that of the segments of its code's ring. The first six unknowns are
-centre x and y, A xx, xy and yy with |A (x - centre)| = 1 on the edge, and the standard deviation of the blur.
-Importing this module imports numba.
+centre x and y, A xx, xy and yy with |A (x - centre)| = 1 on the edge, and the standard deviation of the blur. M is
+computed for a block of pixels at once, loop by loop, in registers of one flat array. Importing this module imports numba.
 """
 
 from __future__ import annotations
 
 import math
 
-from truing.estimation.lane_arithmetic import LANES, inner
+from truing.estimation.lane_arithmetic import LANES, inner, summing
 
+BLOCK = 8 * LANES  # length of a register: what is computed for so many pixels stays at the processor's hand
 CX, CY, AXX, AXY, AYY, BLUR = range(6)
+# Registers: the place of a pixel from the centre, M, and its derivatives by the first six unknowns
+DX, DY, SHARE, BY = range(4)
 # An edge is bent where curvature times blur exceeds this, below which the thin edge is right to 0.5 % of the contrast:
 # its picture is then integrated round the ellipse, at so many points per semi-major axis over blur (a step of 1.3 sigma
 # gives five digits), but for very long ellipses.
 _BENT, _NODES, MOST_NODES = 0.4, 4.8, 64
 _REACH = 3.5  # blurs: from further away comes no light
+_ONE_IN = (1 / 12, 1 / 11, 1 / 10, 1 / 9, 1 / 8, 1 / 7, 1 / 6, 1 / 5, 1 / 4, 1 / 3, 1 / 2, 1.0)
 _INV_SQRT2, _INV_SQRT2PI = 0.7071067811865476, 0.3989422804014327
 
 
 @inner
 def _foot(axx, axy, ayy, dx, dy):  # type: ignore[no-untyped-def]
-    """Return distance, normal (2), foot from the centre (2), one over the gradient and curvature, of a pixel."""
+    """Return distance, normal (2), foot from the centre (2), length of the gradient and curvature, of a pixel."""
     ux, uy = axx * dx + axy * dy, axy * dx + ayy * dy
     per = 1.0 / max(math.sqrt(ux * ux + uy * uy), 1e-6)
     wx, wy = dx * per, dy * per
     gx, gy = (axx * ux + axy * uy) * per, (axy * ux + ayy * uy) * per
-    ahead = (gx * (dx - wx) + gy * (dy - wy)) / (gx * gx + gy * gy)
+    ahead = (gx * (dx - wx) + gy * (dy - wy)) / max(gx * gx + gy * gy, 1e-30)
     # the foot on the tangent is taken back to the curve, along the ray from the centre
     wx, wy = dx - gx * ahead, dy - gy * ahead
     ux, uy = axx * wx + axy * wy, axy * wx + ayy * wy
     per = 1.0 / max(math.sqrt(ux * ux + uy * uy), 1e-6)
     wx, wy, ux, uy = wx * per, wy * per, ux * per, uy * per
     gx, gy = axx * ux + axy * uy, axy * ux + ayy * uy
-    per = 1.0 / math.sqrt(gx * gx + gy * gy)
-    nx, ny = gx * per, gy * per
+    g = max(math.sqrt(gx * gx + gy * gy), 1e-15)
+    nx, ny = gx / g, gy / g
     tx, ty = -(axx * ny - axy * nx), -(axy * ny - ayy * nx)  # A applied to the tangent (-ny, nx)
-    return nx * (dx - wx) + ny * (dy - wy), nx, ny, wx, wy, per, (tx * tx + ty * ty) * per
+    return nx * (dx - wx) + ny * (dy - wy), nx, ny, wx, wy, g, (tx * tx + ty * ty) / g
 
 
 @inner
-def fading(t):  # type: ignore[no-untyped-def]
-    """Return exp(-t) of t not below 0, to 1e-9: by its series at a part of t, squared; of lanes at once, too."""
-    u = min(t, 45.0) * (-1 / 64)
-    e = 1 + u * (1 / 8)
-    e = 1 + u * (1 / 7) * e
-    e = 1 + u * (1 / 6) * e
-    e = 1 + u * (1 / 5) * e
-    e = 1 + u * (1 / 4) * e
-    e = 1 + u * (1 / 3) * e
-    e = 1 + u * (1 / 2) * e
-    e = 1 + u * e
-    e *= e
+def decay(t):  # type: ignore[no-untyped-def]
+    """Return exp(-t) of t >= 0, right to 1e-10 of itself up to 40 and constant from there: loops can do several."""
+    y = min(t, 40.0) * -0.015625
+    e = 1.0
+    for one_in in _ONE_IN:
+        e = 1.0 + y * one_in * e
+    e *= e  # six times: to the power of 64
     e *= e
     e *= e
     e *= e
@@ -71,28 +70,21 @@ def upper_tail(z, bell):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _thin_edge(axx, axy, ayy, s, dx, dy):  # type: ignore[no-untyped-def]
-    """Return M of a pixel at an edge of little curvature, and its derivatives by the first six unknowns."""
-    d, nx, ny, wx, wy, per, k = _foot(axx, axy, ayy, dx, dy)
-    bend, sharp = k / (1 + 0.5 * max(k * d, -1.0)), 1.0 / s
-    z = d * sharp + 0.5 * s * bend
-    bell = fading(0.5 * z * z)
-    slope = bell * _INV_SQRT2PI
-    by_d = -slope * sharp
-    ux, uy, per = axx * wx + axy * wy, axy * wx + ayy * wy, by_d * per
-    by_shape = ux * wx * per, (ux * wy + uy * wx) * per, uy * wy * per
-    return upper_tail(z, bell), -by_d * nx, -by_d * ny, *by_shape, slope * (d * sharp * sharp - 0.5 * bend)
-
-
-@inner
-def thin_edges(p, pixels, first, lane):  # type: ignore[no-untyped-def]
-    """Fill seven registers of lanes with M and its derivatives, of so many pixels from the first on."""
-    cx, cy, axx, axy, ayy, s = p[CX], p[CY], p[AXX], p[AXY], p[AYY], p[BLUR]
-    for j in range(LANES):
-        dx, dy = pixels[0, first + j] - cx, pixels[1, first + j] - cy
-        m, x, y, xx, xy, yy, blur = _thin_edge(axx, axy, ayy, s, dx, dy)
-        lane[j], lane[LANES + j], lane[2 * LANES + j] = m, x, y
-        lane[3 * LANES + j], lane[4 * LANES + j], lane[5 * LANES + j], lane[6 * LANES + j] = xx, xy, yy, blur
+def _thin_edge(axx, axy, ayy, s, lane, many):  # type: ignore[no-untyped-def]
+    """Fill M of pixels at an edge of little curvature, and its derivatives."""
+    for j in range(many):
+        d, nx, ny, wx, wy, g, k = _foot(axx, axy, ayy, lane[DX * BLOCK + j], lane[DY * BLOCK + j])
+        bend = k / (1 + 0.5 * max(k * d, -1.0))
+        z = d / s + 0.5 * s * bend
+        bell = decay(0.5 * z * z)
+        slope = bell * _INV_SQRT2PI
+        by_d = -slope / s
+        ux, uy = (axx * wx + axy * wy) / g, (axy * wx + ayy * wy) / g
+        lane[SHARE * BLOCK + j] = upper_tail(z, bell)
+        lane[(BY + CX) * BLOCK + j], lane[(BY + CY) * BLOCK + j] = -by_d * nx, -by_d * ny
+        lane[(BY + AXX) * BLOCK + j], lane[(BY + AYY) * BLOCK + j] = by_d * ux * wx, by_d * uy * wy
+        lane[(BY + AXY) * BLOCK + j] = by_d * (ux * wy + uy * wx)
+        lane[(BY + BLUR) * BLOCK + j] = slope * (d / (s * s) - 0.5 * bend)
 
 
 @inner
@@ -108,53 +100,49 @@ def set_nodes(p, nodes, count):  # type: ignore[no-untyped-def]
 
 
 @inner
-def whole_edge(p, dx, dy, nodes, count, row):  # type: ignore[no-untyped-def]
-    """Return M of a pixel exactly, as an integral round the ellipse, with its derivatives by the first six unknowns.
+def _whole_edge(axx, axy, ayy, s, nodes, count, lane, many):  # type: ignore[no-untyped-def]
+    """Fill M of pixels exactly, as an integral round the ellipse, and its derivatives.
 
     The Gaussian of the blur is the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2): the light from the inside is
     the flux through the edge. The trapezoidal rule on a closed smooth curve converges faster than any power.
     """
-    narrow = 0.5 / (p[BLUR] * p[BLUR])
-    total = gx = gy = axx = axy = ayy = wide = 0.0
-    for j in range(count):
-        rx, ry = nodes[2, j] - dx, nodes[3, j] - dy
-        flux = rx * nodes[4, j] + ry * nodes[5, j]
-        t = (rx * rx + ry * ry) * narrow
-        e = math.exp(-t)
-        total += flux * ((1.0 - e) / t if t > 1e-6 else 1.0 - 0.5 * t)
-        gx += e * nodes[4, j]
-        gy += e * nodes[5, j]
-        axx += e * nodes[0, j] * nodes[2, j]
-        axy += e * (nodes[0, j] * nodes[3, j] + nodes[1, j] * nodes[2, j])
-        ayy += e * nodes[1, j] * nodes[3, j]
-        wide += e * flux
+    narrow = 0.5 / (s * s)
+    for j in range(SHARE * BLOCK, (BY + 6) * BLOCK):
+        lane[j] = 0.0
+    for k in range(count):
+        c, sine, x, y, nx, ny = nodes[0, k], nodes[1, k], nodes[2, k], nodes[3, k], nodes[4, k], nodes[5, k]
+        by_xx, by_xy, by_yy = c * x, c * y + sine * x, sine * y
+        for j in range(many):
+            rx, ry = x - lane[DX * BLOCK + j], y - lane[DY * BLOCK + j]
+            flux = rx * nx + ry * ny
+            t = (rx * rx + ry * ry) * narrow
+            e = decay(t)
+            lane[SHARE * BLOCK + j] += flux * ((1.0 - e) / t if t > 1e-6 else 1.0 - 0.5 * t)
+            lane[(BY + CX) * BLOCK + j] += e * nx
+            lane[(BY + CY) * BLOCK + j] += e * ny
+            lane[(BY + AXX) * BLOCK + j] += e * by_xx
+            lane[(BY + AXY) * BLOCK + j] += e * by_xy
+            lane[(BY + AYY) * BLOCK + j] += e * by_yy
+            lane[(BY + BLUR) * BLOCK + j] += e * flux
     unit = narrow / math.pi
-    swept = -unit * 2 * math.pi / count / (p[AXX] * p[AYY] - p[AXY] * p[AXY])
-    row[CX], row[CY], row[BLUR] = unit * gx, unit * gy, -unit * wide / p[BLUR]
-    row[AXX], row[AXY], row[AYY] = swept * axx, swept * axy, swept * ayy
-    return 0.5 * unit * total
+    swept = -unit * 2 * math.pi / count / (axx * ayy - axy * axy)
+    for j in range(many):
+        lane[SHARE * BLOCK + j] *= 0.5 * unit
+        lane[(BY + CX) * BLOCK + j] *= unit
+        lane[(BY + CY) * BLOCK + j] *= unit
+        lane[(BY + AXX) * BLOCK + j] *= swept
+        lane[(BY + AXY) * BLOCK + j] *= swept
+        lane[(BY + AYY) * BLOCK + j] *= swept
+        lane[(BY + BLUR) * BLOCK + j] *= -unit / s
 
 
 @inner
-def whole_edges(p, pixels, first, nodes, count, row, lane):  # type: ignore[no-untyped-def]
-    """Fill seven registers of lanes with M and its derivatives, exactly, of so many pixels from the first on."""
-    for j in range(LANES):
-        weighs = pixels[3, first + j] != 0.0
-        dx, dy = pixels[0, first + j] - p[CX], pixels[1, first + j] - p[CY]
-        lane[j] = whole_edge(p, dx, dy, nodes, count, row) if weighs else 0.0
-        for i in range(6):
-            lane[(1 + i) * LANES + j] = row[i] if weighs else 0.0
-
-
-@inner
-def edge_light(p, dx, dy, nodes, count, row):  # type: ignore[no-untyped-def]
-    """Return M of a pixel so far from the centre, exactly where there are nodes; its derivatives go into row."""
+def edge_light(p, nodes, count, lane, many):  # type: ignore[no-untyped-def]
+    """Fill M of pixels at DX, DY from the centre, exactly where there are nodes, and its derivatives."""
     if count:
-        return whole_edge(p, dx, dy, nodes, count, row)
-    found = _thin_edge(p[AXX], p[AXY], p[AYY], p[BLUR], dx, dy)
-    for i in range(6):
-        row[i] = found[1 + i]
-    return found[0]
+        _whole_edge(p[AXX], p[AXY], p[AYY], p[BLUR], nodes, count, lane, many)
+    else:
+        _thin_edge(p[AXX], p[AXY], p[AYY], p[BLUR], lane, many)
 
 
 @inner
@@ -167,51 +155,47 @@ def count_nodes(p):  # type: ignore[no-untyped-def]
 
 
 @inner
-def set_spokes(p, spokes):  # type: ignore[no-untyped-def]
-    """Fill spokes (5, S): where the middles of S equal arcs of the unit circle lie, from the centre, clockwise; one
-    over their squared distance; the blur in units of their distance, and one over it."""
-    count, det = spokes.shape[1], p[AXX] * p[AYY] - p[AXY] * p[AXY]
-    for j in range(count):
+def set_spokes(p, ring, spokes):  # type: ignore[no-untyped-def]
+    """Fill spokes (4, 2 S), twice round: where the middles of S equal arcs of the unit circle lie, from the centre,
+    clockwise, x and y; one over their squared length; whether there is light, ring (S,) 0 or 1."""
+    count, det = len(ring), p[AXX] * p[AYY] - p[AXY] * p[AXY]
+    for j in range(2 * count):
         c, s = math.cos((j + 0.5) * 2 * math.pi / count), math.sin((j + 0.5) * 2 * math.pi / count)
         x, y = (p[AYY] * c - p[AXY] * s) / det, (p[AXX] * s - p[AXY] * c) / det
-        length = math.sqrt(x * x + y * y)
-        spokes[0, j], spokes[1, j], spokes[2, j] = x, y, 1.0 / (length * length)
-        spokes[3, j], spokes[4, j] = p[BLUR] / length, length / p[BLUR]
+        spokes[0, j], spokes[1, j], spokes[2, j], spokes[3, j] = x, y, 1.0 / (x * x + y * y), ring[j % count]
 
 
 @inner
-def ring_light(p, dx, dy, ring, spokes):  # type: ignore[no-untyped-def]
-    """Return how much of the ring's blurred light falls on a pixel, ring (S,) 0 or 1 clockwise from the x axis.
-
-    Arc by arc from radius 2 to 3: along a spoke the Gaussian integrates in closed form.
-    """
+def ring_light(p, dx, dy, spokes):  # type: ignore[no-untyped-def]
+    """Return how much of the ring's blurred light falls on a pixel."""
     ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
     q = math.sqrt(ux * ux + uy * uy)
     gx, gy = p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy
     s = p[BLUR]
     if (2.0 - q) * q > _REACH * s * math.sqrt(gx * gx + gy * gy):
         return 0.0
-    count = len(ring)
+    count = spokes.shape[1] // 2
     # a spoke at an angle t from the pixel's passes it at a distance of b q sin t at least
     b = 2.0 / (p[AXX] + p[AYY] + math.hypot(p[AXX] - p[AYY], 2.0 * p[AXY]))
     sine = min(_REACH * s / (b * q), 1.0)
     half = int(math.asin(sine) * count / (2 * math.pi)) + 1
-    first = math.floor(math.atan2(uy, ux) * count / (2 * math.pi)) - half
-    total, narrow = 0.0, 1.0 / (s * s)
-    for k in range(first, first + 2 * half + 1):
-        j = k % count
-        if ring[j] == 0.0:
-            continue
-        mx, my, wide, per = spokes[0, j], spokes[1, j], spokes[3, j], spokes[4, j]
-        aside = dx * my - dy * mx
-        aside2 = aside * aside * spokes[2, j] * narrow
-        middle = (dx * mx + dy * my) * spokes[2, j]
-        near, far = (2.0 - middle) * per, (3.0 - middle) * per
-        if near > 0.0 and near * near + aside2 > _REACH * _REACH:
-            continue
-        at_near, at_far = fading(0.5 * near * near), fading(0.5 * far * far)
+    first = (math.floor(math.atan2(uy, ux) * count / (2 * math.pi)) - half) % count
+    det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
+    return _light_of_spokes(spokes, first, first + 2 * half + 1, dx, dy, s) / (count * det * s * s)
+
+
+@summing
+def _light_of_spokes(spokes, first, last, dx, dy, s):  # type: ignore[no-untyped-def]
+    """Return the sum over spokes, each from radius 2 to 3: along a spoke the Gaussian integrates in closed form."""
+    total = 0.0
+    for j in range(first, last):
+        mx, my, per = spokes[0, j], spokes[1, j], spokes[2, j]
+        across = (dx * my - dy * mx) / s
+        middle, wide = (dx * mx + dy * my) * per, s * math.sqrt(per)
+        near, far = (2.0 - middle) / wide, (3.0 - middle) / wide
+        at_near, at_far = decay(0.5 * near * near), decay(0.5 * far * far)
         step = upper_tail(near, at_near) - upper_tail(far, at_far)
         along = wide * wide * (at_near - at_far) + middle * wide * step / _INV_SQRT2PI
-        total += fading(0.5 * aside2) * along
-    det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
-    return total / (count * det * s * s)
+        light = decay(0.5 * across * across * per) * along * spokes[3, j]
+        total += 0.0 if near > _REACH else light
+    return total
