@@ -2,7 +2,8 @@
 
 M is the share of the inside's light in a pixel, T that of the segments of its code's ring. The first six unknowns are
 centre x and y, A xx, xy and yy with |A (x - centre)| = 1 on the edge, and the standard deviation of the blur. M is
-computed for a block of pixels at once, loop by loop, in registers of one flat array. Importing this module imports numba.
+computed for a block of pixels at once, loop by loop, in registers of one flat array: such loops become vector
+instructions. Importing this module imports numba.
 """
 
 from __future__ import annotations
