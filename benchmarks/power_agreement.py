@@ -65,7 +65,7 @@ def places(seed: int) -> list[Place]:
 
 def asked(ground: Ground) -> list[Question]:
     """The questions of a layout, with what theory expects."""
-    seen = expected_sights(gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
+    seen = expected_sights(ground.plan, gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
     found = questions(ground.plan, seen, CAUSES, catalogue().values())
     return [question for question in found if _sort_of(question) in SORTS and question.expected is not None]
 

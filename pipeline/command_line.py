@@ -268,8 +268,8 @@ def power(
     """Hide effects in a campaign of this one's layout, diagnose it, and tell from which size on they are found.
 
     Needs no measurement yet: campaign.toml, targets.csv and configurations.csv are enough; of a bench, campaign.toml
-    and an interferometer.csv without readings. Leaves the sizes, the rates (FILE-rates) and a page (FILE.html). Exit
-    codes as of `truing run`.
+    and an interferometer.csv without readings. Causes that rays of photographs show need a run. Leaves the sizes, the
+    rates (FILE-rates) and a page (FILE.html). Exit codes as of `truing run`.
 
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """

@@ -15,6 +15,7 @@ from pipeline.executor import Workforce, results
 from pipeline.given_table import ENDINGS, table_bytes
 from pipeline.in_memory import call_stage
 from pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
+from pipeline.power_of_rays import plan_of_rays, said_of_rays, wants_rays
 from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from pipeline.run_campaign import usable_campaign
 from pipeline.voice import Voice
@@ -48,12 +49,14 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
     voice, campaign = Voice(quiet=False), usable_campaign(place)
     settings = campaign.validated()
-    _check(wish, out, settings)
+    of_rays = wants_rays(wish.causes, campaign)
+    _check(wish, out, settings, of_rays)
     run = run_folder_of(campaign, None, several=False)
-    file, beside = run / _DEFAULT_FILE if out is None else out, of_photographs(campaign, run)
+    beside = said_of_rays(run) if of_rays else of_photographs(campaign, run)
+    file = run / _DEFAULT_FILE if out is None else out
     with voice.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
-        plan = _plan(campaign, settings, wish)
+        plan = _plan(campaign, settings, wish, run if of_rays else None)
         progress(1, 2, "steps: what theory expects")
         asked = _questions(campaign, plan, settings, wish)
     answers: list[Answer] = []
@@ -68,10 +71,11 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     return ExitCode.DONE
 
 
-def _check(wish: PowerWish, out: Path | None, settings: Campaign) -> None:
+def _check(wish: PowerWish, out: Path | None, settings: Campaign, of_rays: bool) -> None:
     if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
-    check_causes(wish.causes, settings)
+    if not of_rays:
+        check_causes(wish.causes, settings)
 
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
@@ -84,14 +88,18 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
         raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
 
 
-def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish) -> Plan:
-    """The campaign as a plan, from what was measured or from survey and configurations alone; raises CampaignFaults."""
+def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Path | None = None) -> Plan:
+    """The campaign as a plan, from what was measured or from survey and configurations alone; of its rays, from what a
+    run left of them. Raises CampaignFaults."""
     import numpy as np
 
     from stages.diagnose import gathered_of
     from stages.simulated_campaigns.plan import bare_plan, full_plan
     from stages.simulated_campaigns.reading_plan import reading_plan
 
+    if run is not None:
+        with _to_be_drawn(campaign):
+            return plan_of_rays(run, settings).with_gross(wish.gross)
     tables = _tables(campaign, settings)
     with _to_be_drawn(campaign):
         if settings.campaign.kind == "interferometer":
@@ -161,14 +169,13 @@ def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: P
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
     """
-    from stages.diagnose import gathered_of, kinds_of
-    from stages.power import expected_sights, questions
+    from stages.power import compared, expected_sights, judged_by, questions
 
     drawn = _drawn(plan, (), wish.seed, settings)
     with _to_be_drawn(campaign):
-        gathered = gathered_of(drawn, settings)
-    seen = expected_sights(gathered, settings)
-    return questions(plan, seen, wish.causes, kinds_of(settings).values())
+        gathered = compared(plan, drawn, settings)
+    seen = expected_sights(plan, gathered, settings)
+    return questions(plan, seen, wish.causes, judged_by(plan, settings)[0].values())
 
 
 def _answers(
@@ -192,7 +199,10 @@ def _answers(
 
 def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
     """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
-    return diagnosed(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)
+    from stages.simulated_campaigns.ray_plan import RayPlan
+
+    judge = diagnosed_rays if isinstance(plan, RayPlan) else diagnosed
+    return judge(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)
 
 
 def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
@@ -209,6 +219,20 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
         return answer(trial, ())
     table = diagnosis_table(diagnosis, Words({}, {}, "", gathered.shown), settings.diagnosis.false_alarm)
+    return answer(trial, table.to_pylist())
+
+
+def diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
+    """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
+    from stages.diagnose import rule_of
+    from stages.diagnosis.ray_findings import rule_of_rays, searched
+    from stages.diagnosis.ray_points import RayShown, gather_rays
+    from stages.diagnosis.rows import Words, diagnosis_table
+    from stages.power import answer
+
+    rule = rule_of(settings)
+    diagnosis = searched(gather_rays(tables, settings)[0], rule, lambda *_: None)
+    table = diagnosis_table(diagnosis, Words({}, {}, "", RayShown()), rule_of_rays(rule).noise_level)
     return answer(trial, table.to_pylist())
 
 

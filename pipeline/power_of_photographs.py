@@ -17,6 +17,7 @@ _DRAWN = (
     "Points come from photographs, and photographs are not drawn: points scatter by noise.point_mm each, every "
     "surveyed target counts as seen in every pose, and no error of a camera or of a scale bar is shared among points. "
 )
+_ASKED = " With their names after --causes, rays are drawn from the run's network, and these looked for."
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
         why = f"{listed.capitalize()} are not judged here: `truing run` tells from which size on they would be found."
         return OfPhotographs(_DRAWN + why)
     what = f"{listed.capitalize()} are not drawn either: what the run in {run.as_posix()} would have shown of them, "
-    return OfPhotographs(_DRAWN + what + "with a probability of 80 %, is told by theory alone.", _rows(own))
+    return OfPhotographs(_DRAWN + what + "with a probability of 80 %, is told by theory alone." + _ASKED, _rows(own))
 
 
 def _detectable(run: Path) -> pd.DataFrame | None:

@@ -16,12 +16,16 @@ from truing.simulation.cause import Cause, Effect
 from truing.simulation.hidden_effects import Size, Sort, concerned, sorts, told_size
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from schemas.campaign import Campaign
     from stages.diagnosis.mechanism_points import Gathered
     from stages.simulated_campaigns.plan import CampaignPlan
+    from stages.simulated_campaigns.ray_plan import RayPlan
     from stages.simulated_campaigns.reading_plan import ReadingPlan
+    from truing.estimation.diagnosis.acceptance import Settings
 
-    Plan = CampaignPlan | ReadingPlan
+    Plan = CampaignPlan | ReadingPlan | RayPlan
 
 # Sizes that are tried, in units of the one that theory expects to be found four times out of five.
 FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
@@ -98,16 +102,37 @@ class Rate:
         return rate_bounds(self.count, self.of)
 
 
-def expected_sights(gathered: Gathered, settings: Campaign) -> list[Sight]:
-    """How well the search sees each sort of effect in a drawn campaign without any."""
+def judged_by(plan: Plan, settings: Campaign) -> tuple[dict[str, Cause], Settings]:
+    """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
     from stages.diagnose import kinds_of, rule_of
+    from stages.diagnosis.ray_findings import rule_of_rays
+    from stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.simulation.causes import catalogue_of_rays
+
+    if isinstance(plan, RayPlan):
+        return catalogue_of_rays(), rule_of_rays(rule_of(settings))
+    return kinds_of(settings), rule_of(settings)
+
+
+def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
+    from stages.diagnose import gathered_of
+    from stages.diagnosis.ray_points import gather_rays
+    from stages.simulated_campaigns.ray_plan import RayPlan
+
+    return gather_rays(tables, settings)[0] if isinstance(plan, RayPlan) else gathered_of(tables, settings)
+
+
+def expected_sights(plan: Plan, gathered: Gathered, settings: Campaign) -> list[Sight]:
+    """How well the search sees each sort of effect in a drawn campaign without any."""
     from truing.estimation.diagnosis.candidate_proposals import search_of
     from truing.estimation.diagnosis.fitted_model import Fitter
 
+    kinds, rule = judged_by(plan, settings)
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     stand = fitter.prepared()
     rng = np.random.default_rng(settings.diagnosis.seed)
-    return sights(search_of(stand, list(kinds_of(settings).values()), _THRESHOLD_DRAWS, rng), rule_of(settings).level)
+    return sights(search_of(stand, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
 
 
 def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: Iterable[Cause]) -> list[Question]:

@@ -72,17 +72,8 @@ class RayFindings:
 
 def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, rule: Settings, progress: Progress) -> RayFindings:
     """Search what rays tell for causes, and say what they do to the points."""
-    from truing.estimation.diagnosis.acceptance import Acceptance
-
     gathered, whole = gather_rays(tables, settings)
-    search = Acceptance(
-        gathered.model,
-        gathered.calibration,
-        gathered.held_out,
-        replace(rule, false_alarm=SHARE_OF_RAYS * rule.false_alarm),
-        lambda what: progress(0, 1, f"rays: {what}"),
-    )
-    diagnosis = search.run(list(catalogue_of_rays().values()))
+    diagnosis = searched(gathered, rule, progress)
     keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
     points = {key: row for row, key in enumerate(keys)}
     pose = np.array([whole.poses.index(key[0]) for key in keys], int)
@@ -97,6 +88,25 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, rule: Setti
         off = -np.einsum("nat,nt->na", effects, (model.offsets(final.fit.shared) / scale)[pose])
     by_shared = effects @ (model.by_shared(final.fit.shared) @ _root(final.covariance()))[pose]
     return RayFindings(diagnosis, gathered, points, off, _told(by_shared), whole.owners(BAR), moves)
+
+
+def searched(gathered: Gathered, rule: Settings, progress: Progress) -> Diagnosis:
+    """All that the search for causes of rays decides; ``rule`` is the whole campaign's."""
+    from truing.estimation.diagnosis.acceptance import Acceptance
+
+    search = Acceptance(
+        gathered.model,
+        gathered.calibration,
+        gathered.held_out,
+        rule_of_rays(rule),
+        lambda what: progress(0, 1, f"rays: {what}"),
+    )
+    return search.run(list(catalogue_of_rays().values()))
+
+
+def rule_of_rays(rule: Settings) -> Settings:
+    """How sure a finding of rays must be, by the rule of the whole campaign."""
+    return replace(rule, false_alarm=SHARE_OF_RAYS * rule.false_alarm)
 
 
 def _root(covariance: Array) -> Array:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Effect, Scene
 
 _WHOLE = "the whole"
-# What is named by a word and its own name: ``target P07``, ``load fz``, ``run 4 channel dz``.
-_NAMED = ("target", "load", "channel", "signal", "run")
+# What is named by a word and its own name: ``target P07``, ``load fz``, ``run 4 channel dz``, ``camera left``.
+_NAMED = ("target", "load", "channel", "signal", "run", "camera", "bar", "window")
 # Patterns of an effect's parameters, over which its size is told.
 _PATTERNS = 32
 # What grows by less than this with twice the size does not grow.

@@ -1,0 +1,115 @@
+"""Rays drawn again with the network of a run: their scatter, what is hidden in them, and what asks for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from pipeline.artifacts import Stamp, write_table
+from pipeline.campaign_folder import open_campaign
+from pipeline.executor import Workforce
+from pipeline.power_command import PowerWish, power_campaign
+from pipeline.power_of_rays import plan_of_rays, wants_rays
+from pipeline.problems import ExitCode
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults
+from stages.diagnosis.ray_points import gather_rays
+from stages.simulated_campaigns.ray_plan import NEEDS, RayPlan, ray_plan
+from tests.stages.line import settings_of
+from truing.simulation.cause import Effect
+from truing.simulation.causes.photographs.camera_instability import CameraInstability
+from truing.simulation.hidden_effects import concerned
+
+
+@pytest.fixture(scope="module")
+def plan(adjusted: Any) -> RayPlan:
+    _, folder, tables = adjusted
+    return ray_plan(tables, settings_of(folder))
+
+
+def _jump(plan: RayPlan, size_px: float) -> Effect:
+    order = plan.rays.covariates["order"]
+    last = int(np.argmax(order))
+    cause = CameraInstability("camera", ("c",), since=float(order[last]), from_pose=plan.rays.poses[last])
+    return Effect(cause, np.array([size_px]))
+
+
+def test_channels_of_drawn_rays_are_off_by_noise_alone(adjusted: Any, plan: RayPlan) -> None:
+    """Numbers that are known beforehand, the lengths of bars, are drawn too."""
+    _, folder, _ = adjusted
+    settings, rng = settings_of(folder), np.random.default_rng(3)
+    known = [n for n, number in enumerate(plan.rays.parameters) if number.sigma]
+    scale = np.array([number.scale for number in plan.rays.parameters])
+    sigma = np.array([plan.rays.parameters[n].sigma for n in known], float)
+    mean = np.array([plan.rays.parameters[n].mean for n in known])
+    assert len(known) == 2
+    effect, root, squares = _jump(plan, 0.7), plan.rays.root, []
+    moved = np.einsum("bkt,bt->bk", root, effect.cause.moved(plan.rays, effect.values) / scale)
+    assert np.abs(moved).max() > 3
+    told = plan.rays.seen.ravel()
+    expected = (moved + root[:, :, known] @ (mean / scale[known])).ravel()[told]
+    by_known = (root[:, :, known] * (sigma / scale[known])).reshape(-1, len(known))[told]
+    inverse = np.linalg.inv(np.eye(len(expected)) + by_known @ by_known.T)
+    for _ in range(40):
+        found = gather_rays(plan.drawn([effect], rng), settings)[0].calibration.measured
+        off = found.points[..., 0].ravel()[told] - expected
+        squares.append(off @ inverse @ off / len(off))
+    assert abs(np.mean(squares) - 1.0) < 4.0 * np.sqrt(2 / (40 * told.sum()))
+
+
+def test_nothing_but_scores_is_drawn(plan: RayPlan) -> None:
+    drawn = plan.drawn((), np.random.default_rng(1))
+    assert set(drawn) == {*NEEDS}
+    for name in NEEDS:
+        before, after = plan.tables[name], drawn[name]
+        same = [c for c in before.column_names if before.column(c).equals(after.column(c))]
+        assert set(before.column_names) - set(same) == ({"score"} if name == "ray_statistics" else set())
+
+
+@pytest.fixture
+def run(adjusted: Any, tmp_path: Path) -> Path:
+    """What a run has left."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for name in NEEDS:
+        table: pa.Table = adjusted[2][name]
+        write_table(folder / ARTIFACTS[name].file, ARTIFACTS[name], table, Stamp("bundle", "", "lab", "0", ()))
+    return folder
+
+
+def test_a_run_s_network_is_drawn_from(adjusted: Any, run: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr("pipeline.power_command.run_folder_of", lambda *_, **__: run)
+    monkeypatch.setattr("stages.power._THRESHOLD_DRAWS", 100)
+    wish = PowerWish(("scale-bar-temperature", "camera-instability"), draws=0)
+    assert power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv") is ExitCode.DONE
+    sizes = (tmp_path / "power.csv").read_text(encoding="utf-8").splitlines()
+    assert {line.split(",")[0].strip('"') for line in sizes[1:]} == {*wish.causes}
+    assert "Rays are drawn, not photographs" in (tmp_path / "power.html").read_text(encoding="utf-8")
+
+
+def test_without_a_run_there_is_no_network(adjusted: Any, tmp_path: Path) -> None:
+    with pytest.raises(CampaignFaults, match="rays of three poses or more"):
+        plan_of_rays(tmp_path, settings_of(adjusted[1]))
+
+
+def test_rays_and_points_are_asked_for_apart(adjusted: Any) -> None:
+    campaign = open_campaign(adjusted[1])
+    assert wants_rays(("camera-instability",), campaign)
+    assert not wants_rays(("actuator-gain",), campaign)
+    assert not wants_rays((), campaign)
+    with pytest.raises(CampaignFaults, match="in a call of their own"):
+        wants_rays(("camera-instability", "actuator-gain"), campaign)
+
+
+def test_wrong_rays_are_not_drawn(plan: RayPlan) -> None:
+    assert plan.with_gross(0.0) is plan
+    with pytest.raises(ValueError, match="--gross 0"):
+        plan.with_gross(0.01)
+
+
+def test_one_camera_and_one_bar_are_single_places() -> None:
+    assert [concerned(subject) for subject in ("camera left", "bar S", "")] == ["one camera", "one bar", "the whole"]
