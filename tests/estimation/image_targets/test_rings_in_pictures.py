@@ -81,6 +81,18 @@ def test_a_ring_half_hidden_by_what_is_nearly_its_ground_says_nothing():
     assert found.rejected["unreadable code"] == 1
 
 
+def test_a_ring_hidden_by_its_grounds_own_colour_is_given_away_by_what_is_left_of_segments():
+    shown, left = 0b100100100001, 0b100000100000
+    whole, rest = (ring_target_picture(90, (44.5, 44.5), (8, 7), 0.0, 12, word, 1.0, 0.8) for word in (shown, left))
+    y, x = np.mgrid[:90, :90] - 44.5
+    rims = np.abs(np.hypot(x / 8, y / 7) - 2.5) > 0.3
+    plan = CirclePlan(codes=(ring_code(12),))
+    for hidden, count in ((rest, 1), (np.where(rims, whole, rest), 0)):
+        found = measure_circles(photograph(np.random.default_rng(5), hidden, 30, 150, 1.0), plan)
+        assert (found.code >= 0).sum() == count
+    assert found.rejected["unreadable code"] == 1
+
+
 def test_codes_of_another_family_are_counted_and_not_called_circles():
     rng = np.random.default_rng(1)
     scene = rings(rng, (8, 7), 0.8, 1.0, 12, ring_code(12).words[20:24])

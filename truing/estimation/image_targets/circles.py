@@ -21,7 +21,7 @@ from truing.estimation.image_targets.fitted_ellipses import (
     visible_contrast,
 )
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
-from truing.estimation.image_targets.ring_codes import ROUND, Reading, RingCode, read_rings
+from truing.estimation.image_targets.ring_codes import ROUND, Reading, RingCode, are_open, read_rings
 from truing.estimation.image_targets.surroundings import inside_image, sample_ellipses, unit_matrices
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ Mask = NDArray[np.bool_]
 
 # Radii are in units of the dot's. A code's ring begins at 2 and ends at 3.
 _INSIDE, _BESIDE = (0.35, 0.5, 0.65), (1.4, 1.5)
-_RING, _BEYOND = (2.35, 2.5, 2.65), (3.3,)
+_RING, _RIMS, _BEYOND = (2.35, 2.5, 2.65), (2.2, 2.8), (3.3,)
 # How far out the picture of the edge is fitted: before anything is known; where there is no ring; inside a known one.
 _NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
 _HELD = 0.1  # of the contrast: levels in the first fit
@@ -210,6 +210,8 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     beyond = np.abs(levels(_BEYOND, whole_light))
     # a ring stands on ground; what covers a part of it seldom ends there
     whole, ground = (beyond < _GROUND).mean(1) > 1 - _COVERED, np.median(beyond, axis=1) < _GROUND
+    if (reading.number >= 0).any():
+        whole &= are_open(np.stack([levels((rim,), whole_light) for rim in _RIMS], 1), reading.ring)
     broken = (reading.number >= 0) & ~whole
     reading = replace(
         reading,

@@ -31,6 +31,9 @@ _SOMETHING = 0.6  # where no sample is lighter there is no ring
 # set may differ, beside what set neighbours shine into them, if it and _UNCLEAR's measure exceed _DOUBTFUL together (a
 # shadow over clear segments does not); and which share of a segment its middle is.
 _UNEVEN, _DOUBTFUL, _MIDDLE = 0.1, 0.3, 0.4
+# What is left of a segment that something hides, near the rims of the ring: how much lighter than the ground three
+# samples may be; and from how many samples an edge between segments keeps others.
+_LEFT_OVER, _NEAR_EDGE = 0.2, 4
 _APART = 0.003  # by how much of the mean square another number of segments must be worse at explaining the ring
 
 
@@ -158,6 +161,15 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
         there & ~read,
         clear & rivals,
     )
+
+
+def are_open(rims: Array, ring: Array) -> NDArray[np.bool_]:
+    """Return which rings (N,), read as ring (N, ROUND), show nothing near their rims, by levels (N, R, ROUND), where
+    they are not set: what hides a segment in the colour of the ground seldom leaves no sliver of it."""
+    smooth = (np.roll(rims, 1, axis=-1) + rims + np.roll(rims, -1, axis=-1)) / 3
+    turns = range(-_NEAR_EDGE, _NEAR_EDGE + 1)
+    unset = np.all([np.roll(ring, k, axis=1) < 0.5 for k in turns], axis=0)
+    return ~((smooth > _LEFT_OVER) & unset[:, None]).any((1, 2))
 
 
 @dataclass(frozen=True)
