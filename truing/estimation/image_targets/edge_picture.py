@@ -22,7 +22,7 @@ DX, DY, SHARE, BY = range(4)
 _BENT, _NODES, MOST_NODES = 0.4, 4.8, 64
 _REACH = 3.5  # blurs: from further away comes no light
 _ONE_IN = (1 / 12, 1 / 11, 1 / 10, 1 / 9, 1 / 8, 1 / 7, 1 / 6, 1 / 5, 1 / 4, 1 / 3, 1 / 2, 1.0)
-_INV_SQRT2, _INV_SQRT2PI = 0.7071067811865476, 0.3989422804014327
+_INV_SQRT2, INV_SQRT2PI = 0.7071067811865476, 0.3989422804014327
 
 
 @inner
@@ -78,7 +78,7 @@ def _thin_edge(axx, axy, ayy, s, lane, many):  # type: ignore[no-untyped-def]
         bend = k / (1 + 0.5 * max(k * d, -1.0))
         z = d / s + 0.5 * s * bend
         bell = decay(0.5 * z * z)
-        slope = bell * _INV_SQRT2PI
+        slope = bell * INV_SQRT2PI
         by_d = -slope / s
         ux, uy = (axx * wx + axy * wy) / g, (axy * wx + ayy * wy) / g
         lane[SHARE * BLOCK + j] = upper_tail(z, bell)
@@ -196,7 +196,7 @@ def _light_of_spokes(spokes, first, last, dx, dy, s):  # type: ignore[no-untyped
         near, far = (2.0 - middle) / wide, (3.0 - middle) / wide
         at_near, at_far = decay(0.5 * near * near), decay(0.5 * far * far)
         step = upper_tail(near, at_near) - upper_tail(far, at_far)
-        along = wide * wide * (at_near - at_far) + middle * wide * step / _INV_SQRT2PI
+        along = wide * wide * (at_near - at_far) + middle * wide * step / INV_SQRT2PI
         light = decay(0.5 * across * across * per) * along * spokes[3, j]
         total += 0.0 if near > _REACH else light
     return total

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Model = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
 """Grey values (n, M) and their derivatives (n, M, U) at unknowns (n, U) of the patches (n,) by number."""
+Equations = Callable[[Array, NDArray[np.intp]], tuple[Array, Array, Array]]
+"""Sum of squares (n,), normal matrices (n, U, U) and right-hand sides (n, U) at unknowns (n, U) of the patches (n,)."""
 
 _STEPS = 25
 # A patch is settled when its sum of squares falls by no more: a thirtieth of a standard deviation, or its rounding.
 _SMALL, _ROUNDING = 1e-3, 1e-6
-_SHARPEST, _SOFTEST = 0.15, 8.0
+SHARPEST, SOFTEST = 0.15, 8.0
 _DAMPING, _MOST_DAMPING = 1e-3, 1e6
 
 
@@ -37,14 +39,11 @@ class PatchFit:
         return np.where(ratio > 1.0 + 4.0 * np.sqrt(2.0 / np.maximum(self.freedom, 1.0)), ratio, 1.0)
 
 
-def fit_patches(model: Model, start: Array, grey: Array, weight: Array, prior: Array) -> PatchFit:
-    """Fit P patches, unknowns (P, U) to grey values (P, M) with weights (P, M), 1 / variance of a pixel; 0: none there.
-
-    ``prior`` (U,) is 1 / variance of what is known of each unknown beforehand: that it is zero. Levenberg-Marquardt,
-    each patch damped by itself and done with when it is settled.
-    """
+def fit_patches(equations: Equations, start: Array, pixels: NDArray[np.int64]) -> PatchFit:
+    """Fit the unknowns (P, U) of P patches with so many pixels (P,), by Levenberg-Marquardt: each patch is damped by
+    itself, and done with when it is settled."""
     values = start.copy()
-    cost, normal, gradient = _normal_equations(model, values, np.arange(len(start)), grey, weight, prior)
+    cost, normal, gradient = equations(values, np.arange(len(start)))
     damping = np.full(len(start), _DAMPING)
     settled = np.zeros(len(start), dtype=bool)
     moving = np.flatnonzero(np.isfinite(cost))
@@ -52,7 +51,7 @@ def fit_patches(model: Model, start: Array, grey: Array, weight: Array, prior: A
         if not len(moving):
             break
         trial = values[moving] + _step(normal[moving], gradient[moving], damping[moving])
-        new_cost, new_normal, new_gradient = _normal_equations(model, trial, moving, grey, weight, prior)
+        new_cost, new_normal, new_gradient = equations(trial, moving)
         fall = cost[moving] - new_cost
         better = fall >= 0.0
         taken = moving[better]
@@ -62,27 +61,30 @@ def fit_patches(model: Model, start: Array, grey: Array, weight: Array, prior: A
         done = better & (fall <= np.maximum(_SMALL, _ROUNDING * new_cost))
         settled[moving[done]] = True
         moving = moving[~done & (damping[moving] < _MOST_DAMPING)]
-    freedom = (weight > 0.0).sum(1) - start.shape[1]
+    freedom = pixels - start.shape[1]
     return PatchFit(values, _inverse(normal), cost, freedom.astype(float), settled & (freedom > 0))
 
 
 def bounded_blur(blur: Array) -> tuple[Array, Array]:
     """The blur of a model, px, and its derivative: what is sharper than this, pixels no longer tell."""
-    return np.clip(blur, _SHARPEST, _SOFTEST), ((blur > _SHARPEST) & (blur < _SOFTEST)).astype(float)
+    return np.clip(blur, SHARPEST, SOFTEST), ((blur > SHARPEST) & (blur < SOFTEST)).astype(float)
 
 
-def _normal_equations(
-    model: Model, values: Array, patches: NDArray[np.intp], grey: Array, weight: Array, prior: Array
-) -> tuple[Array, Array, Array]:
-    """Sum of squares (n,), normal matrices (n, U, U) and right-hand sides (n, U)."""
-    picture, jacobian = model(values, patches)
-    own_weight = weight[patches]
-    residual = grey[patches] - picture
-    weighted = jacobian * own_weight[:, :, None]
-    cost = np.einsum("nm,nm,nm->n", residual, residual, own_weight) + np.square(values) @ prior
-    normal = np.swapaxes(weighted, 1, 2) @ jacobian + np.diag(prior)
-    gradient = np.einsum("nmu,nm->nu", weighted, residual) - values * prior
-    return np.where(np.isfinite(cost), cost, np.inf), normal, gradient
+def equations_of(model: Model, grey: Array, weight: Array, prior: Array) -> Equations:
+    """Return the equations of a model of grey values (P, M) with weights (P, M), 1 / variance of a pixel; 0: none
+    there. ``prior`` (U,) is 1 / variance of what is known of each unknown beforehand: that it is zero."""
+
+    def equations(values: Array, patches: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        picture, jacobian = model(values, patches)
+        own_weight = weight[patches]
+        residual = grey[patches] - picture
+        weighted = jacobian * own_weight[:, :, None]
+        cost = np.einsum("nm,nm,nm->n", residual, residual, own_weight) + np.square(values) @ prior
+        normal = np.swapaxes(weighted, 1, 2) @ jacobian + np.diag(prior)
+        gradient = np.einsum("nmu,nm->nu", weighted, residual) - values * prior
+        return np.where(np.isfinite(cost), cost, np.inf), normal, gradient
+
+    return equations
 
 
 def _step(normal: Array, gradient: Array, damping: Array) -> Array:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from truing.estimation.image_targets.image_noise import ImageNoise
-from truing.estimation.image_targets.patch_fit import Array, PatchFit, bounded_blur, fit_patches
+from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, Array, PatchFit, fit_patches
+from truing.estimation.image_targets.straight_edges import BLUR, CONTRAST, FIRST, GROUND, LAST, UNKNOWNS, add_edges
 
 _REACH = 48.0  # px
 _CLEAR = 3.0  # blurs that a pixel keeps from the other edges
@@ -22,9 +23,6 @@ _NARROWEST, _WIDEST = 2.5, 6.0  # half width of the band about an edge, px
 _SHORTEST = 6.0  # px of an edge that are left to look at
 _LEAST_MODULE = 4.0  # blurs: below, what lies next to an edge shifts it by more than a fiftieth of a pixel
 _CHUNK = 24  # edges fitted at once: what the processor keeps at hand
-_INV_SQRT2PI = 0.3989422804014327
-# Unknowns of an edge: its offsets at both ends, blur, ground, contrast, slopes along and across
-_FIRST, _LAST, _BLUR, _GROUND, _CONTRAST, _ALONG, _ACROSS = range(7)
 # Of a sharp picture the blur is not known any more; light changes little over a marker, by a twentieth as one sigma.
 _PRIOR = np.array([0.0, 0.0, 0.01, 0.0, 0.0, 400.0, 400.0])
 
@@ -102,9 +100,7 @@ def _refined(grey: NDArray, corners: Array, module_px: Array, blur: Array, noise
     refused = np.where(bad_edges, "no straight edges from dark to light", "").astype("U40")
     refused[~crossing.all(1)] = "seen too obliquely"
     sums = np.bincount(quad, minlength=count)
-    contrast, found_blur = (
-        np.bincount(quad, np.nan_to_num(fit.values[:, k]), count) / sums for k in (_CONTRAST, _BLUR)
-    )
+    contrast, found_blur = (np.bincount(quad, np.nan_to_num(fit.values[:, k]), count) / sums for k in (CONTRAST, BLUR))
     xy = corners + np.where(refused[:, None, None] == "", shift, 0.0)
     return _Refined(xy, covariance, contrast, np.clip(found_blur, 0.5, 6.0), refused)
 
@@ -132,7 +128,7 @@ def _edges_of(corners: Array, module_px: Array) -> tuple[_Edges, NDArray, NDArra
     extra[long] = 4 * len(corners) + np.arange(long.sum())
     ends = np.where(long, np.stack([extra, np.zeros_like(extra)]), np.stack([number, np.ones_like(number)]))
     quad = np.concatenate([number.ravel() // 4, np.nonzero(long)[0]])
-    at_start = np.stack([number, np.full_like(number, _FIRST)], -1)
+    at_start = np.stack([number, np.full_like(number, FIRST)], -1)
     at_end = np.roll(np.moveaxis(ends, 0, -1), 1, axis=1)
     return _Edges(*parts), quad, at_start, at_end
 
@@ -154,31 +150,23 @@ def _fit_chunk(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array, noise
     width = edges.half_width[chosen]
     top = grey.max()
     usable &= (picture > grey.min()) & (picture < top)
-    start = np.zeros((len(chosen), 7))
-    start[:, _BLUR] = blur[chosen]
+    start = np.zeros((len(chosen), UNKNOWNS))
+    start[:, BLUR] = blur[chosen]
     dark, light = usable & (d < -0.5 * width[:, None]), usable & (d > 0.5 * width[:, None])
-    start[:, _GROUND] = _mean(picture, dark, grey.min())
-    start[:, _CONTRAST] = _mean(picture, light, top) - start[:, _GROUND]
-    expected = start[:, _GROUND, None] + start[:, _CONTRAST, None] * ndtr(d / blur[chosen][:, None])
+    start[:, GROUND] = _mean(picture, dark, grey.min())
+    start[:, CONTRAST] = _mean(picture, light, top) - start[:, GROUND]
+    expected = start[:, GROUND, None] + start[:, CONTRAST, None] * ndtr(d / blur[chosen][:, None])
     weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
     across = d / width[:, None]
 
-    def model(values: Array, patches: NDArray[np.intp]) -> tuple[Array, Array]:
-        u = values[:, :, None]
-        own_t, own_across = t[patches], across[patches]
-        s, moves = bounded_blur(u[:, _BLUR])
-        z = (d[patches] - (1.0 - own_t) * u[:, _FIRST] - own_t * u[:, _LAST]) / s
-        share, density = ndtr(z), _INV_SQRT2PI * np.exp(-0.5 * z * z)
-        plain = u[:, _GROUND] + u[:, _CONTRAST] * share
-        light = 1.0 + u[:, _ALONG] * (own_t - 0.5) + u[:, _ACROSS] * own_across
-        by_distance = u[:, _CONTRAST] * density / s * light
-        columns = (
-            *(-(1.0 - own_t) * by_distance, -own_t * by_distance, -z * by_distance * moves),
-            *(light, share * light, plain * (own_t - 0.5), plain * own_across),
-        )
-        return plain * light, np.stack(columns, -1)
+    def equations(values: Array, patches: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        cost, gradient = np.square(values) @ _PRIOR, -values * _PRIOR
+        normal = np.tile(np.diag(_PRIOR), (len(values), 1, 1))
+        pixels = picture, weight, t, d, across
+        add_edges(values, patches, (SHARPEST, SOFTEST), *pixels, cost, normal, gradient)
+        return np.where(np.isfinite(cost), cost, np.inf), normal, gradient
 
-    return fit_patches(model, start, picture, weight, _PRIOR)
+    return fit_patches(equations, start, (weight > 0.0).sum(1))
 
 
 def _mean(picture: Array, mask: NDArray[np.bool_], otherwise: float) -> Array:
@@ -231,12 +219,12 @@ def _pixels(
 def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> NDArray[np.bool_]:
     """Edges (E,) that are there: dark inside, light outside, clear of noise, and much like the picture of an edge."""
     values = fit.values
-    contrast, ground = values[:, _CONTRAST], values[:, _GROUND]
+    contrast, ground = values[:, CONTRAST], values[:, GROUND]
     quiet = np.sqrt(noise.variance(np.maximum(ground, 0.0)))
     misfit = np.sqrt(fit.chi2 / np.maximum(fit.freedom, 1.0)) * quiet
     with np.errstate(invalid="ignore"):
         good = fit.settled & (contrast > 4.0 * quiet) & (misfit < 0.15 * contrast)
-        good &= values[:, _BLUR] < 0.9 * edges.half_width
-        good &= (np.abs(values[:, [_FIRST, _LAST]]) < 3.0).all(1)
+        good &= values[:, BLUR] < 0.9 * edges.half_width
+        good &= (np.abs(values[:, [FIRST, LAST]]) < 3.0).all(1)
     good &= np.linalg.norm(edges.end - edges.start, axis=1) >= _SHORTEST + 2.0 * _CLEAR
     return good & np.isfinite(np.einsum("euu->eu", fit.covariance)[:, :2]).all(1)

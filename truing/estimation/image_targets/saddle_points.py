@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from truing.estimation.image_targets.image_noise import ImageNoise
-from truing.estimation.image_targets.patch_fit import Array, PatchFit, bounded_blur, fit_patches
+from truing.estimation.image_targets.patch_fit import Array, PatchFit, bounded_blur, equations_of, fit_patches
 
 _SMALLEST, _LARGEST = 3.0, 9.0  # radius of a patch, px
 _CHUNK = 256
@@ -94,7 +94,8 @@ def _fit(
     def model(unknowns: Array, patches: NDArray[np.intp]) -> tuple[Array, Array]:
         return _picture(unknowns, fx[patches], fy[patches], radius[patches])
 
-    return fit_patches(model, values, picture, weight, _PRIOR), np.sqrt(level)
+    equations = equations_of(model, picture, weight, _PRIOR)
+    return fit_patches(equations, values, (weight > 0.0).sum(1)), np.sqrt(level)
 
 
 def _distances(values: Array, fx: Array, fy: Array) -> Array:
