@@ -46,6 +46,7 @@ class Board(Section):
     first_code: int = Field(0, ge=0, description="charuco: the code of the first marker")
     marker_share: float = Field(0.75, gt=0.2, lt=1.0, description="charuco: edge of a marker over that of a square")
     legacy: bool = Field(False, description="charuco: the pattern of OpenCV before 4.6, where rows are odd")
+    square_mm: Positive | None = Field(None, description="edge of a square: gives the scale where nothing else does")
 
     @model_validator(mode="after")
     def _is_told_apart(self) -> Board:
@@ -67,10 +68,14 @@ class Photographs(Section):
     targets: tuple[Family, ...] | None = Field(
         None,
         description='families of coded targets to look for, such as "ring12" or "apriltag36h11"; absent: those of the '
-        f"table image_targets, else {', '.join(USUAL)}",
+        f"table image_targets, else, where no boards are, {', '.join(USUAL)}",
     )
     boards: tuple[Board, ...] = Field((), description="boards to look for")
-    uncoded: bool = Field(True, description="whether circles without a code are measured and matched over images")
+    uncoded: bool | None = Field(
+        None,
+        description="whether circles without a code are measured and matched over images; absent: yes, unless boards "
+        "alone are looked for",
+    )
     polarity: Literal["both", "white", "black"] = Field(
         "both", description="circular targets: lighter than what surrounds them (white), darker (black), or both"
     )

@@ -26,7 +26,7 @@ DECLARATION = Stage(
     ),
     settings=(
         *("photographs.datum", "photographs.false_alarm", "photographs.variance_components"),
-        *("photographs.marker_mm", "photographs.target_mm", "photographs.eccentricity"),
+        *("photographs.marker_mm", "photographs.target_mm", "photographs.boards", "photographs.eccentricity"),
         *("bodies.reference", "mechanism.type", "noise.point_mm", "files.targets"),
     ),
     summary="adjusts the rays of all photographs together: object points, cameras, what is wrong with which ray",
@@ -39,7 +39,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from stages.bundle_adjustment.given_cameras import given_cameras
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.statistics import statistics_table
-    from stages.bundle_adjustment.survey_distances import PRINTED_TO, Survey, never_seen, with_scale
+    from stages.bundle_adjustment.survey_distances import PRINTED_TO, Printed, Survey, never_seen, with_scale
     from stages.bundle_adjustment.tables import NetworkTables
     from stages.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
@@ -47,7 +47,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     given = settings.photographs
     known = given.datum == "known" and "known_points" in tables
     unseen = never_seen(tables.get("scale_bars"), tables["image_points"])
-    tables = with_scale(tables, Survey.of(settings), source, given.marker_mm, known=known)
+    tables = with_scale(tables, Survey.of(settings), source, Printed(given.marker_mm, given.boards), known=known)
     photographs = tables["photographs"]
     rays = image_points(tables["image_points"], photographs)
     cameras = given_cameras(photographs, tables.get("cameras_given"))
@@ -70,7 +70,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{len(rays.point):,} rays of {len(photographs)} images"
     if settings.noise.point_mm is None and any(bar.startswith(FROM_MARKER) for bar in named.bars):
-        read += f"; edges of markers counted as known to {PRINTED_TO:.1%}, for [noise] point_mm does not say how well"
+        read += f"; sizes of markers and boards counted as known to {PRINTED_TO:.1%}, for lack of [noise] point_mm"
     return Outcome(artifacts, read=read, left_out=_left_out(found, unseen), figure=_figure(found))
 
 

@@ -60,6 +60,7 @@ DECLARATION = Stage(
         "noise.displacement_mm",
         "noise.rotation_rad",
         "bodies.reference",
+        "photographs.boards",
         "renamed",
         "resurvey",
         "files",
@@ -89,10 +90,12 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     _check_tables(settings, log)
     if settings.campaign.kind == "interferometer":
         return _interferometer(settings, source, log)
-    return _photogrammetry(settings, progress, source, _adjusted(tables, source, log), log)
+    return _photogrammetry(settings, progress, source, _adjusted(tables, settings, source, log), log)
 
 
-def _adjusted(tables: Mapping[str, pa.Table], source: CampaignFiles, log: FaultLog) -> AdjustedPoints | None:
+def _adjusted(
+    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog
+) -> AdjustedPoints | None:
     """The object points that photographs gave; None where they were measured as points."""
     if source.has_photographs and source.entries("points"):
         expected = "either photographs (or rays measured in them) or points, not both"
@@ -105,7 +108,8 @@ def _adjusted(tables: Mapping[str, pa.Table], source: CampaignFiles, log: FaultL
     points = in_inner_datum(tables["object_points"], tables.get("point_correlations"))
     bars = tables.get("scale_bars")
     ends = () if bars is None else (*bars.column("first").to_pylist(), *bars.column("second").to_pylist())
-    return AdjustedPoints(points, frozenset(ends), source.folder)
+    boards = tuple(board.label for board in settings.photographs.boards)
+    return AdjustedPoints(points, frozenset(ends), source.folder, boards)
 
 
 def _check_tables(settings: Any, log: FaultLog) -> None:

@@ -1,8 +1,8 @@
-"""Distances of the survey, or sizes of markers, in place of scale bars: where no bar gives photographs their scale."""
+"""Distances of the survey, or sizes of markers and boards, in place of scale bars: where no bar gives a scale."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,11 +43,25 @@ class Survey:
         return cls(bool(settings.files.targets), settings.noise.point_mm, settings.bodies.reference or base)
 
 
+@dataclass(frozen=True)
+class Printed:
+    """What is stated of printed targets: the edge of markers that no table tells, and the boards with their squares."""
+
+    marker_mm: float | None = None
+    boards: tuple[Any, ...] = ()
+
+
 def with_scale(
-    tables: Mapping[str, pa.Table], survey: Survey, source: CampaignFiles, marker_mm: float | None, *, known: bool
+    tables: Mapping[str, pa.Table],
+    survey: Survey,
+    source: CampaignFiles,
+    printed: Printed,
+    *,
+    known: bool,
 ) -> Mapping[str, pa.Table]:
     """The tables with further scale bars for poses that show both ends of none, unless (known) known points are their
-    datum: distances between surveyed targets, else diagonals of markers of known size; as they are without either."""
+    datum: distances between surveyed targets, else diagonals of markers and boards of known size; as they are without
+    either."""
     bars, rays = tables.get("scale_bars"), tables["image_points"]
     seen = _seen_in_poses(rays)
     lacking = [pose for pose in seen if pose not in _with_bar(bars, seen)]
@@ -55,7 +69,10 @@ def with_scale(
         return tables
     every = frozenset().union(*seen.values())
     found = _surveyed(survey, source, every) if survey.mapped or source.entries("targets") else []
-    found = found or _markers(tables.get("image_targets"), every, marker_mm, survey.noise_mm)
+    found = found or [
+        *_markers(tables.get("image_targets"), every, printed.marker_mm, survey.noise_mm),
+        *(bar for board in printed.boards for bar in _board(board, list(seen.values()), survey.noise_mm)),
+    ]
     if not found:
         return tables
     import pyarrow as pa
@@ -127,6 +144,23 @@ def _markers(
                 for a, b in ((0, 2), (1, 3))
             ]
     return found
+
+
+def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -> list[dict[str, object]]:
+    """Rows of scale_bars: the two longest diagonals of a board of known squares, between corners that all poses show
+    that show any of it; seen: the points of each pose."""
+    there = [points for points in seen if any(name.startswith(f"{board.label}-") for name in points)]
+    if board.square_mm is None or not there:
+        return []
+    for inset in range(min(board.columns, board.rows) // 2):
+        left, right, top, bottom = inset, board.columns - 1 - inset, inset, board.rows - 1 - inset
+        ends = ((left, top), (right, bottom)), ((right, top), (left, bottom))
+        names = [tuple(f"{board.label}-{y * board.columns + x}" for x, y in pair) for pair in ends]
+        if all(set(names[0]) | set(names[1]) <= points for points in there):
+            length = board.square_mm * float(np.hypot(right - left, bottom - top))
+            sigma = 2**0.5 * noise_mm if noise_mm else PRINTED_TO * length
+            return [_bar(f"{FROM_MARKER}{a} to {b}", (a, b), length, sigma) for a, b in names]
+    return []
 
 
 def _surveyed(survey: Survey, source: CampaignFiles, seen: frozenset[str]) -> list[dict[str, object]]:

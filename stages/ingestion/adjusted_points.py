@@ -34,11 +34,13 @@ Names = NDArray[np.object_]
 
 @dataclass(frozen=True)
 class AdjustedPoints:
-    """The artifact object_points, ends (names of points) of scale bars, and where the campaign lies."""
+    """The artifact object_points, ends (names of points) of scale bars, where the campaign lies, and names of boards,
+    each of which is a body where there is no survey."""
 
     table: pa.Table
     ends: frozenset[str]
     folder: Path
+    boards: tuple[str, ...] = ()
 
     def batches(
         self, surveyed: Mapping[str, Mapping[str, object]], bodies: tuple[str, ...], log: FaultLog
@@ -46,7 +48,7 @@ class AdjustedPoints:
         """All points as one batch, without those of no body; surveyed: targets by body, bodies: all there may be."""
         body, target = (_texts(self.table, name) for name in ("body", "target"))
         point = _texts(self.table, "point")
-        body, of_several = _bodies(body, target, surveyed)
+        body, of_several = _bodies(body, target, surveyed, self.boards)
         for name in dict.fromkeys(target[of_several].tolist()):
             said = "one body whose survey has this target, or its body in image_targets or image_points"
             log.add(Fault(FILE, said, column="target", value=name))
@@ -77,7 +79,7 @@ class AdjustedPoints:
 
         place = self.table.column_names.index("pose")
         table = self.table.set_column(place, "pose", self.table.column("pose").cast(pa.string()))
-        return AdjustedPoints(table, self.ends, self.folder)
+        return AdjustedPoints(table, self.ends, self.folder, self.boards)
 
 
 def _texts(table: pa.Table, name: str) -> Names:
@@ -85,12 +87,14 @@ def _texts(table: pa.Table, name: str) -> Names:
 
 
 def _bodies(
-    body: Names, target: Names, surveyed: Mapping[str, Mapping[str, object]]
+    body: Names, target: Names, surveyed: Mapping[str, Mapping[str, object]], boards: tuple[str, ...]
 ) -> tuple[Names, NDArray[np.bool_]]:
     """The body of each point, found by its target's name where it is not said, and which names several bodies have."""
     nameless = (body == "") & (target != "")
     if not surveyed:
-        return np.where(nameless, ONE_BODY, body), np.zeros(len(body), bool)
+        of_board = [name.rpartition("-")[0] for name in target]
+        own = np.array([name if name in boards else ONE_BODY for name in of_board], dtype=object)
+        return np.where(nameless, own, body), np.zeros(len(body), bool)
     of: dict[str, list[str]] = {}
     for name, targets in surveyed.items():
         for one in targets:

@@ -151,10 +151,12 @@ class Points:
         if not self.unlabelled.parts:
             return
         file = self.unlabelled.parts[0][0].raw.name
+        if self.expected.survey is None and self.source.has_photographs and self.rows:
+            count = sum(batch.rows for _, batch in self.unlabelled.parts)
+            self.left_out[file, "circles without a code: no survey (targets.csv) names them by its geometry"] += count
+            return
         if self.expected.survey is None:
             said = "targets.csv (or [files.targets]): points without names are named by the survey's geometry"
-            if self.source.has_photographs:
-                said += "; [photographs] uncoded = false leaves circles without a code out"
             self.log.add(Fault(file, said, column="target"))
             return
         if self.expected.point_mm is None:

@@ -74,7 +74,7 @@ def target_plan(settings: PhotographSettings, families: tuple[str, ...]) -> Targ
     )
     return TargetPlan(
         rings=tuple(family for family in families if family in RINGS),
-        uncoded=settings.uncoded,
+        uncoded=bool(families) or not boards if settings.uncoded is None else settings.uncoded,
         markers=tuple(family for family in families if family in MARKERS),
         boards=boards,
         polarity=settings.polarity,

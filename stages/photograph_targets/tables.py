@@ -87,12 +87,13 @@ def read_photographs(
 
 
 def families_of(settings: Any, targets: pa.Table | None) -> tuple[str, ...]:
-    """The families of codes to look for: as declared, else those of the table image_targets, else the usual ones."""
+    """The families of codes to look for: as declared, else those of the table image_targets, else the usual ones; none
+    beside boards, whose markers are codes, too."""
     declared = settings.photographs.targets
     if declared is not None:
         return tuple(dict.fromkeys(declared))
     if targets is None:
-        return USUAL
+        return () if settings.photographs.boards else USUAL
     named = set(targets.column("family").to_pylist())
     return tuple(family for family in FAMILIES if family in named)
 

@@ -45,7 +45,7 @@ def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
     """What gives the scale, in words; what each bar serves as, and in how many poses each sort of thing is known."""
     bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
     found = [f"scale bar{'s' if len(bars) > 1 else ''} {listed(bars)}"] if bars else []
-    for start, words in ((FROM_SURVEY, "distances of the survey"), (FROM_MARKER, "diagonals of markers")):
+    for start, words in ((FROM_SURVEY, "distances of the survey"), (FROM_MARKER, "diagonals of markers and boards")):
         count = sum(bar.startswith(start) for bar in serving)
         found += [f"{count} {words}"] if count else []
     found += ["known points"] if known["known points"] else []
@@ -118,7 +118,7 @@ def _subject(bar: str, first: str) -> str:
     """What a length is told under: each bar by itself, distances of the survey by body, markers together."""
     if bar.startswith(FROM_SURVEY):
         return f"survey of {first.rpartition('/')[0]}".removesuffix(" of ")
-    return "markers" if bar.startswith(FROM_MARKER) else f"bar {bar}"
+    return "markers and boards" if bar.startswith(FROM_MARKER) else f"bar {bar}"
 
 
 def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:

@@ -14,8 +14,12 @@ from pipeline.campaign_folder import open_campaign
 from pipeline.campaign_run import detached_run
 from pipeline.in_memory import call_stage, stage_line
 from schemas.artifacts import ARTIFACTS
+from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
+from schemas.photographs import USUAL
 from stages.photograph_targets import tables
+from stages.photograph_targets.measuring import target_plan
+from stages.photograph_targets.tables import families_of
 from tests.estimation.image_targets.pictures import ring_target_picture
 from tests.estimation.image_targets.planes import exposed, homography, marker_pattern, plane_picture
 from tests.tolerance import assert_close
@@ -145,3 +149,20 @@ def test_settings_that_cannot_be(folder, section, expected):
     (folder / "campaign.toml").write_text(f"{CAMPAIGN}[photographs]\n{section}\n")
     with pytest.raises(CampaignFaults, match=expected.replace("?", r"\?")):
         stage_line(folder)
+
+
+@pytest.mark.parametrize(
+    ("told", "codes", "circles"),
+    [
+        ({}, USUAL, True),
+        ({"boards": [{"kind": "chessboard", "columns": 5, "rows": 4}]}, (), False),
+        ({"boards": [{"kind": "chessboard", "columns": 5, "rows": 4}], "uncoded": True}, (), True),
+        ({"boards": [{"kind": "chessboard", "columns": 5, "rows": 4}], "targets": ["ring12"]}, ("ring12",), True),
+        ({"uncoded": False}, USUAL, False),
+    ],
+)
+def test_where_boards_alone_are_asked_for_their_markers_are_no_codes(told, codes, circles) -> None:
+    head = {"campaign": {"name": "x", "kind": "photogrammetry"}}
+    settings = read_campaign({**head, "photographs": told})
+    assert families_of(settings, None) == codes
+    assert target_plan(settings.photographs, codes).uncoded is circles

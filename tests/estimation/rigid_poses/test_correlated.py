@@ -84,6 +84,20 @@ def test_relative_poses_do_not_depend_on_the_datum_of_the_network() -> None:
     np.testing.assert_allclose(found[1][2], found[0][2], atol=1e-5 * sigma.max() ** 2)
 
 
+def test_a_body_that_is_the_datum_itself_has_no_variance_and_none_below_zero() -> None:
+    """The only body of a network in inner constraints: what is left of its motion is rounding."""
+    own = _BODY == 0
+    x = _PLACE[own]
+    G = np.concatenate([np.tile(np.eye(3), (len(x), 1)), -skew(x).reshape(-1, 3)], axis=1)
+    S = np.eye(len(G)) - G @ np.linalg.solve(G.T @ G, G.T)
+    cov = S @ _covariance()[: len(G), : len(G)] @ S.T
+    points = PointsOfBodies(_SOURCE[own], x, np.zeros(own.sum(), int), _NOTHING[own], cov)
+    found = joint_motions(points, _R[:1], _T[:1]).covariance(cov)
+    assert np.linalg.eigvalsh(found).min() > -1e-30
+    assert (np.diagonal(found) >= 0.0).all()
+    assert np.diagonal(found).max() < 1e-10 * np.diagonal(cov).max()
+
+
 def test_independent_points_give_what_each_body_gives_by_itself() -> None:
     rng = np.random.default_rng(3)
     cov = np.eye(3 * len(_SOURCE)) * 1e-10

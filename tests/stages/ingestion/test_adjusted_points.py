@@ -6,10 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pytest
 
+from pipeline.campaign_folder import open_campaign
+from pipeline.in_memory import call_stage
 from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults
 from stages.ingestion.adjusted_points import OF_NO_BODY, ONE_BODY, AdjustedPoints
 from truing.formats.faultlog import FaultLog
+from truing.formats.source import CampaignFiles
 
 SURVEY: dict[str, dict[str, object]] = {"base": {"ring12-1": 0, "both": 0}, "platform": {"P1": 0, "both": 0}}
 
@@ -18,6 +23,7 @@ def rows_of(*points: tuple[str, str, str]) -> pa.Table:
     """The artifact with points of (name, body, target)."""
     schema = ARTIFACTS["object_points"].arrow_schema()
     blank: dict[str, Any] = {field.name: 0.0 for field in schema} | {"pose": 1, "rays": 3}
+    blank |= dict.fromkeys(("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"), 0.01)
     rows = [{**blank, "point": point, "body": body, "target": target} for point, body, target in points]
     return pa.Table.from_pylist(rows, schema=schema)
 
@@ -48,6 +54,31 @@ def test_ends_of_bars_are_left_out_unless_they_are_surveyed_targets() -> None:
 
 def test_without_a_survey_all_codes_are_on_one_body() -> None:
     assert taken(rows_of(("ring12-1", "", "ring12-1")), {}, FaultLog())[0] == [(ONE_BODY, "ring12-1")]
+
+
+def test_without_a_survey_a_board_is_a_body() -> None:
+    table = rows_of(("floor-17", "", "floor-17"), ("door-3", "", "door-3"), ("a/floor-1", "a", "floor-1"))
+    ((_, batch),) = AdjustedPoints(table, frozenset(), Path(), ("floor",)).batches({}, (), FaultLog())
+    assert batch.columns["body"].cast(pa.string()).to_pylist() == ["floor", ONE_BODY, "a"]
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_circles_that_nothing_names_are_left_out_beside_named_points_and_a_fault_alone(
+    named: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "campaign.toml").write_text('[campaign]\nname = "x"\nkind = "photogrammetry"\n', encoding="utf-8")
+    (tmp_path / "image_points.csv").write_text("pose,image,x_px,y_px\n1,a,1,1\n", encoding="utf-8")
+    campaign = open_campaign(tmp_path)
+    settings = campaign.validated()
+    codes = [("ring12-1", "", "ring12-1"), ("ring12-2", "", "ring12-2")] if named else []
+    tables = {"object_points": rows_of(*codes, ("circle-1", "", ""), ("circle-2", "", ""))}
+    files = CampaignFiles(campaign.folder, settings)
+    if not named:
+        with pytest.raises(CampaignFaults, match="named by the survey's geometry"):
+            call_stage("ingest", tables, settings, files)
+        return
+    outcome = call_stage("ingest", tables, settings, files)
+    assert "2 rows: circles without a code: no survey" in str(outcome.left_out)
 
 
 def test_a_name_on_two_bodies_is_a_fault_that_names_it() -> None:

@@ -8,7 +8,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from stages.bundle_adjustment.survey_distances import Survey, never_seen, with_scale
+from schemas.photographs import Board
+from stages.bundle_adjustment.survey_distances import Printed, Survey, never_seen, with_scale
 
 NO_FILES: Any = SimpleNamespace(entries=lambda table: ())
 CORNERS = [f"plate/M.{corner}" for corner in range(4)]
@@ -24,9 +25,13 @@ def bars(serves: str = "scale") -> pa.Table:
     return pa.Table.from_pylist([{**BAR, "serves": serves}])
 
 
-def scaled(image_points: pa.Table, scale_bars: pa.Table, noise_mm: float | None = 0.02) -> list[dict[str, Any]]:
+def scaled(
+    image_points: pa.Table, scale_bars: pa.Table, noise_mm: float | None = 0.02, boards: tuple[Board, ...] = ()
+) -> list[dict[str, Any]]:
     tables = {"image_points": image_points, "scale_bars": scale_bars, "image_targets": MARKER}
-    found = with_scale(tables, Survey(mapped=False, noise_mm=noise_mm, reference=None), NO_FILES, None, known=False)
+    found = with_scale(
+        tables, Survey(mapped=False, noise_mm=noise_mm, reference=None), NO_FILES, Printed(None, boards), known=False
+    )
     return [row for row in found["scale_bars"].to_pylist() if row["bar"] != "S"]
 
 
@@ -43,6 +48,22 @@ def test_without_one_the_diagonals_of_markers_are(scale_bars: pa.Table) -> None:
     first, _ = scaled(rays(p=["a", *CORNERS]), scale_bars, noise_mm=None)
     assert first["sigma_mm"] == pytest.approx(0.03 * 2**0.5)
     assert scaled(rays(p=["a", *CORNERS[:3]]), scale_bars) == []
+
+
+def test_or_diagonals_of_boards_between_corners_that_all_poses_show() -> None:
+    board = Board(name="floor", kind="chessboard", columns=5, rows=4, square_mm=10.0)
+    whole = [f"floor-{n}" for n in range(20)]
+    without_a_corner = [name for name in whole if name != "floor-4"]
+    first, second = scaled(rays(p=whole, q=["x"]), bars(), noise_mm=None, boards=(board,))
+    assert (first["first"], first["second"], second["first"], second["second"]) == tuple(
+        f"floor-{n}" for n in (0, 19, 4, 15)
+    )
+    assert first["length_mm"] == pytest.approx(50.0)
+    assert first["sigma_mm"] == pytest.approx(0.05)
+    first, _ = scaled(rays(p=whole, q=without_a_corner), bars(), boards=(board,))
+    assert (first["first"], first["second"]) == ("floor-6", "floor-13")
+    assert first["length_mm"] == pytest.approx(10.0 * 5**0.5)
+    assert scaled(rays(p=["a"]), bars(), boards=(board,)) == []
 
 
 def test_in_poses_without_it_alone() -> None:

@@ -58,8 +58,13 @@ class JointMotions:
     converged: bool
 
     def covariance(self, cov_target: NDArray) -> NDArray:
-        """What errors of the points with covariance (3N, 3N) leave in the motions together, (6B, 6B)."""
-        return symmetric(self.gain @ cov_target @ self.gain.T)
+        """What errors of the points with covariance (3N, 3N) leave in the motions together, (6B, 6B).
+
+        Nothing where the points' own frame is what the motions are told in; rounding is no variance below zero there.
+        """
+        found = symmetric(self.gain @ cov_target @ self.gain.T)
+        values, vectors = np.linalg.eigh(found)
+        return found if values[0] >= 0.0 else symmetric((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotions:

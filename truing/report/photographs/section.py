@@ -126,7 +126,7 @@ def _bars(tables: Tables) -> Iterator[Listing]:
     if len(bars):
         rows = tuple((str(r.pose), r.bar, r.serves, *_length(r)) for r in bars.itertuples())
         yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by=_LENGTHS)
-    for start, what in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers")):
+    for start, what in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers and boards")):
         own = table[table["bar"].str.startswith(start)]
         if not len(own):
             continue
