@@ -57,7 +57,7 @@ def find_candidates(
     shapes, white, rejected = [], [], Counter[str]()
     for lighter in polarities:
         difference = cv2.subtract(smooth, mean) if lighter else cv2.subtract(mean, smooth)
-        mask = (difference > step).view(np.uint8)
+        mask = cv2.compare(difference, step, cv2.CMP_GT)
         outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         found = _measured(outlines, levels, size_px, rejected)
         shapes.append(found)

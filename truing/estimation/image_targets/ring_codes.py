@@ -63,8 +63,13 @@ def smallest_turn(word: int, bits: int) -> int:
     """Return the smallest of the turns of a word of so many bits; ValueError where the word has more."""
     if not 0 <= word < 1 << bits:
         raise ValueError(f"{word} is no word of {bits} bits")
+    return min(_turns(word, bits))
+
+
+def _turns(word: int, bits: int) -> list[int]:
+    """Return a word of so many bits turned by each number of segments."""
     mask = (1 << bits) - 1
-    return min((word << k | word >> (bits - k)) & mask for k in range(bits))
+    return [(word << k | word >> (bits - k)) & mask for k in range(bits)]
 
 
 def ring_code(bits: int) -> RingCode:
@@ -221,5 +226,12 @@ def _fit(levels: Array, bits: int) -> _Fit:
 
 def _look_up(code: RingCode, words: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the numbers (N,) of words (N,) at any turn, -1 where a word is no code."""
-    table = dict(zip(code.words, code.numbers, strict=True))
-    return np.array([table.get(smallest_turn(int(word), code.bits), -1) for word in words], np.int64)
+    table = _numbers_of_turns(code)
+    return np.array([table.get(word, -1) for word in words.tolist()], np.int64)
+
+
+@cache
+def _numbers_of_turns(code: RingCode) -> dict[int, int]:
+    """Return the numbers of a code's words, by all their turns."""
+    named = zip(code.words, code.numbers, strict=True)
+    return {turn: number for word, number in named for turn in _turns(word, code.bits)}
