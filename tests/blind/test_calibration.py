@@ -100,19 +100,15 @@ class Kind:
 KINDS = (
     Kind("telescope", nothing),
     Kind("telescope", matrix, misread=True),
-    Kind("noisy", linear),
     Kind("noisy", matrix),
     Kind("other", linear),
-    Kind("other", matrix),
     Kind("bare", nothing, misread=True),
     Kind("bare", linear),
     Kind("ups3", nothing),
     Kind("ups3", matrix, misread=True),
     Kind("ups5", linear),
-    Kind("ups6", nothing, misread=True),
     Kind("ups6", matrix),
     Kind("ups6-bare", nothing),
-    Kind("ups8", linear),
     Kind("ups8", matrix, misread=True),
 )
 

@@ -102,8 +102,12 @@ class Passage:
 
     def at(self, cause: Cause) -> State:
         """Return the state that a cause meets."""
-        found = {effect.cause.key: met for effect, met in self.met}
-        return found.get(cause.key, self.driven if cause.step is Step.DRIVE else self.state)
+        otherwise = self.driven if cause.step is Step.DRIVE else self.state
+        return self._met_by_key.get(cause.key, otherwise) if self.met else otherwise
+
+    @cached_property
+    def _met_by_key(self) -> dict[str, State]:
+        return {effect.cause.key: met for effect, met in self.met}
 
     @cached_property
     def answer(self) -> Change:

@@ -96,8 +96,7 @@ class RecordedModel(EffectsModel):
 
     def turns(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
-        recording = self._recording(shared, local)
-        return recording.recorded(recording.state.turn)
+        return self._recording(shared, local).turn
 
     @property
     @abstractmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ class Recording:
         """Return the state that a cause meets."""
         if cause.step is not Step.INSTRUMENT:
             return self.passage.at(cause)
+        if not self.met:
+            return self.state
         return {effect.cause.key: met for effect, met in self.met}.get(cause.key, self.state)
 
     def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
@@ -40,6 +43,11 @@ class Recording:
         for effect, state in self._after(cause):
             motions = effect.cause.recorded(motions, state, effect.values)
         return motions
+
+    @cached_property
+    def turn(self) -> NDArray:
+        """Return how recorded points follow shifts along the axes of their bodies, (B, K, 3, 3)."""
+        return self.recorded(self.state.turn)
 
     def _after(self, cause: Cause | None) -> tuple[Met, ...]:
         if cause is None:
@@ -70,9 +78,10 @@ def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDA
     """
     found: dict[str, NDArray] = {}
     for name, slope in cause.change(recording.at(cause), np.zeros(len(scale))).fields.items():
+        slope = slope * scale
         if name == "moved":
-            slope = recording.recorded(recording.state.turn) @ slope
+            slope = recording.turn @ slope
         channel = "points" if name == "moved" else name
-        flat = (slope * scale).reshape(len(slope), -1, len(scale))
-        found[channel] = found.get(channel, 0.0) + flat
+        flat = slope.reshape(len(slope), -1, len(scale))
+        found[channel] = found[channel] + flat if channel in found else flat
     return found

@@ -87,7 +87,7 @@ class Search:
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
-    def _banks(self) -> list[tuple[NDArray, list[tuple[NDArray, list[int]]]]]:
+    def _banks(self) -> list[tuple[NDArray | slice, list[tuple[NDArray, list[int]]]]]:
         """Return where candidates on the same channels stand, and, for those of them of one rank r, all unit designs
         (r * n, B * C), first directions first, and which candidates (n,)."""
         by_index: dict[bytes, dict[int, list[int]]] = {}
@@ -95,7 +95,7 @@ class Search:
             own = candidate.signature
             by_index.setdefault(own.index.tobytes(), {}).setdefault(own.rank, []).append(number)
         return [
-            (self._seen[next(iter(ranks.values()))[0]].signature.index, [self._bank(n) for n in ranks.values()])
+            (_place(self._seen[next(iter(ranks.values()))[0]].signature.index), [self._bank(n) for n in ranks.values()])
             for ranks in by_index.values()
         ]
 
@@ -106,8 +106,8 @@ class Search:
     def squares(self, along: NDArray) -> NDArray:
         """Return by how much each candidate that can be seen lowers the sum of squares, (D, candidates)."""
         found = np.empty((len(along), len(self._seen)))
-        for index, banks in self._banks:
-            own = _picked(along, index).reshape(len(along), -1)
+        for place, banks in self._banks:
+            own = along[:, :, place].reshape(len(along), -1)
             for designs, numbers in banks:
                 scores = own @ designs.T
                 np.square(scores, out=scores)
@@ -206,10 +206,9 @@ class Search:
         return float(np.mean(self._standard[tested] ** 2))
 
 
-def _picked(along: NDArray, index: NDArray) -> NDArray:
-    """Return the parts (D, B, n) along the channels (n,) that an index names: a copy unless they are neighbours."""
-    first, last = int(index[0]), int(index[-1])
-    return along[:, :, first : last + 1] if np.all(np.diff(index) == 1) else along[:, :, index]
+def _place(index: NDArray) -> NDArray | slice:
+    """Return where channels stand (n,) as a slice where they are neighbours, which are picked without a copy."""
+    return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
 
 
 def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:
