@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -115,3 +116,21 @@ def test_pictures_of_nothing_hold_nothing():
 def test_what_is_no_grey_image_is_refused(grey):
     with pytest.raises(ValueError, match="grey image"):
         measure_circles(grey, CirclePlan())
+
+
+def test_small_dots_in_a_picture_made_of_a_mosaic_of_colours_are_not_called_hidden():
+    rng = np.random.default_rng(3)
+    tiles = np.array(
+        [
+            1 - 0.93 * ellipse_picture(36, rng.uniform(17.5, 18.5, 2), (4.3 + row * 0.15, 4.2), angle, 0.3)
+            for row in range(8)
+            for angle in range(8)
+        ]
+    )
+    light = tiles.reshape(8, 8, 36, 36).swapaxes(1, 2).reshape(288, 288)
+    mosaic = np.clip(8 * rng.poisson(6000 * light), 0, 65535).astype(np.uint16)
+    coloured = (cv2.cvtColor(mosaic, cv2.COLOR_BayerRG2RGB) / 65535) ** (1 / 2.2)
+    grey = cv2.cvtColor(np.rint(255 * coloured).astype(np.uint8), cv2.COLOR_RGB2GRAY)
+    found = measure_circles(grey, CirclePlan())
+    assert found.count == 64
+    assert found.rejected["partly hidden"] == 0

@@ -61,6 +61,9 @@ _HELD_BLUR = 0.5  # px, where levels are held: a narrow strip cannot tell blur, 
 # Of the contrast: least and largest limit beyond which a pixel is left out; what sharpens a picture in a camera
 # overshoots by up to 0.2.
 _OUTLYING_LEAST, _OUTLYING = 0.03, 0.25
+# What makes a picture out of a mosaic of colours leaves pixels off by a small share of the contrast, which shows no
+# other thing; inside, where small dots have few pixels, one or two may be off by more.
+_FEW, _OTHER = 2, 0.1
 _OUTLYING_SIGMAS = 5.0
 
 
@@ -268,6 +271,7 @@ def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignor
 def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # type: ignore[no-untyped-def]
     """Take the weight from pixels far from the picture; set shares of them inside and outside. Return what is left."""
     inside = outside = hidden = merged = 0
+    left = n
     (nodes, lane), count = work[-2:], count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
@@ -282,15 +286,18 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
         out = off[m] > usual * abs(p[CONTRAST]) and off[m] * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
         if out:
             pixels[3, m] = 0.0
+            left -= 1
+        other = out and off[m] > _OTHER * abs(p[CONTRAST])
         dx, dy = pixels[0, m] - p[CX], pixels[1, m] - p[CY]
         if (p[AXX] * dx + p[AXY] * dy) ** 2 + (p[AXY] * dx + p[AYY] * dy) ** 2 < 1.0:
             inside += 1
-            hidden += out
+            hidden += other
         else:
             outside += 1
-            merged += out
-    result[HIDDEN], result[MERGED] = hidden / max(inside, 1), merged / max(outside, 1)
-    return inside + outside - hidden - merged
+            merged += other
+    result[HIDDEN] = max(hidden - _FEW, 0) / max(inside, 1)
+    result[MERGED] = merged / max(outside, 1)
+    return left
 
 
 @inner
