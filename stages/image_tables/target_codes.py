@@ -30,6 +30,6 @@ def _codes(family: str) -> frozenset[str]:
         from truing.estimation.image_targets.ring_codes import family_of_rings
 
         return frozenset(map(str, family_of_rings(family).numbers))
-    from truing.estimation.image_targets.square_markers import codes_of
+    from truing.estimation.image_targets.marker_codes import codes_of
 
     return frozenset(map(str, range(codes_of(family))))

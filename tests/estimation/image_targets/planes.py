@@ -10,7 +10,12 @@ from tests.estimation.image_targets.pictures import pixel_weights
 FINE = 8  # samples per pixel and axis
 MARGIN = 5  # pixels around a picture that shine into it
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-DICTIONARIES = {"aruco4x4_50": cv2.aruco.DICT_4X4_50, "apriltag36h11": cv2.aruco.DICT_APRILTAG_36h11}
+DICTIONARIES = {
+    "aruco4x4_50": cv2.aruco.DICT_4X4_50,
+    "aruco5x5_100": cv2.aruco.DICT_5X5_100,
+    "aruco6x6_250": cv2.aruco.DICT_6X6_250,
+    "apriltag36h11": cv2.aruco.DICT_APRILTAG_36h11,
+}
 
 
 def homography(corners):

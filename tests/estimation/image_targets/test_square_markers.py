@@ -10,7 +10,8 @@ from tests.estimation.image_targets.planes import exposed, homography, marker_pa
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.image_targets import square_markers
 from truing.estimation.image_targets.image_noise import ImageNoise
-from truing.estimation.image_targets.square_markers import FAMILIES, codes_of, measure_markers
+from truing.estimation.image_targets.marker_codes import FAMILIES, codes_of
+from truing.estimation.image_targets.square_markers import measure_markers
 
 FAMILY = ("aruco4x4_50", "apriltag36h11")
 CELL, ACROSS, DRAWS = 100, 2, 12
@@ -96,6 +97,13 @@ def test_a_code_that_stands_twice_in_an_image_names_nothing(sheet):
     assert len(keys(found)) == 4 * 2 * ACROSS * (ACROSS - 1)
     assert {reason for _, reason in found.rejected} == {"code seen twice in one image"}
     assert sum(found.rejected.values()) == 4 * ACROSS
+
+
+def test_a_code_of_two_families_is_of_the_first_and_the_other_is_counted(sheet):
+    grey = exposed(sheet[0], np.random.default_rng(8))
+    found = measure_markers(grey, ("aruco4x4_100", "aruco4x4_50"), NOISE)
+    assert set(keys(found)) == {(0, code) for family, code in sheet[1] if family == 0}
+    assert found.rejected == {(1, "read as a code of another family, too"): ACROSS**2}
 
 
 def test_what_is_too_blurred_or_too_small_is_refused_with_the_reason():

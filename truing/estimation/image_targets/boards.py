@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
+from truing.estimation.image_targets.marker_codes import dictionary
 from truing.estimation.image_targets.saddle_points import refine_saddles
-from truing.estimation.image_targets.square_markers import dictionary, eight_bits
+from truing.estimation.image_targets.square_markers import eight_bits
 
 Array = NDArray[np.float64]
 

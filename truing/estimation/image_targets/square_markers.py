@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
+from truing.estimation.image_targets.marker_codes import Codes, cells_across, read_codes
 from truing.estimation.image_targets.quad_corners import refine_quads
+from truing.estimation.image_targets.quadrangles import find_quadrangles, where_edges_meet
 
 Array = NDArray[np.float64]
 
-_ARUCO = {f"aruco{n}x{n}_{codes}": f"DICT_{n}X{n}_{codes}" for n in (4, 5, 6, 7) for codes in (50, 100, 250, 1000)}
-_DICTIONARIES = {
-    **_ARUCO,
-    "aruco_original": "DICT_ARUCO_ORIGINAL",
-    "aruco_mip_36h12": "DICT_ARUCO_MIP_36h12",
-    **{f"apriltag{size}": f"DICT_APRILTAG_{size}" for size in ("16h5", "25h9", "36h10", "36h11")},
-}
-FAMILIES = tuple(_DICTIONARIES)
 _LARGE = 6_000_000  # pixels; larger images are searched at half their size
+_LEAST_OUTLINE, _LEAST_SHARE = 80.0, 0.03  # px of an outline, or as a share of the image's longer side if that is less
 _MOST_CELLS = 10  # along a marker's edge
-_TWICE = "code seen twice in one image"
+_TWICE, _TWO_CODES = "code seen twice in one image", "read as a code of another family, too"
 
 
 @dataclass(frozen=True)
@@ -42,33 +36,21 @@ class MarkerCorners:
     rejected: Counter[tuple[int, str]] = field(default_factory=Counter)
 
 
-def dictionary(family: str) -> Any:
-    """The OpenCV dictionary of a family of ``FAMILIES``."""
-    import cv2
-
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _DICTIONARIES[family]))
-
-
-def codes_of(family: str) -> int:
-    """How many codes a family has, counted from 0."""
-    return len(dictionary(family).bytesList)
-
-
 def measure_markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise | None = None) -> MarkerCorners:
     """Find the markers of some families in a grey image (h, w) of 8 or 16 bits, and refine their corners.
 
     A marker is dark on light, with a margin of one of its cells. What is refused is counted by family and reason. The
     covariance is that of one corner: two corners of a marker share an edge, and with it a part of their errors.
     """
-    corners, family, code = _detected(grey, families)
+    corners, read = _detected(grey, families)
     rejected: Counter[tuple[int, str]] = Counter()
-    keep = np.flatnonzero(_once(corners, family, code, rejected))
-    keep = keep[np.lexsort([code[keep], family[keep]])]
-    corners, family, code = corners[keep], family[keep], code[keep]
+    keep = np.flatnonzero(_once(corners, read, rejected))
+    keep = keep[np.lexsort([read.code[keep], read.family[keep]])]
+    corners, family, code = corners[keep], read.family[keep], read.code[keep]
     if not len(corners):
         empty, numbers = np.empty(0), np.empty(0, np.int64)
         return MarkerCorners(numbers, numbers, numbers, np.empty((0, 2)), np.empty((0, 2, 2)), empty, rejected)
-    cells = np.array([dictionary(name).markerSize + 2 for name in families])[family]
+    cells = np.array([cells_across(name) for name in families])[family]
     module = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min(1) / cells
     found = refine_quads(grey, corners, module, noise or estimate_noise(grey))
     for number, reason in zip(family.tolist(), found.refused.tolist(), strict=True):
@@ -87,26 +69,43 @@ def measure_markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise 
     )
 
 
-def _detected(grey: NDArray, families: tuple[str, ...]) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Corners (Q, 4, 2) to about a pixel, family (Q,) and code (Q,)."""
+def _detected(grey: NDArray, families: tuple[str, ...]) -> tuple[Array, Codes]:
+    """Corners (Q, 4, 2) to about a pixel, from each marker's own first one, and what they were read as (Q,)."""
     import cv2
 
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
-    parameters.minMarkerPerimeterRate = min(0.03, 80.0 / max(grey.shape))
-    parameters.errorCorrectionRate = 0.3  # chance makes a code of anything if enough of it is corrected
-    detector = cv2.aruco.ArucoDetector([dictionary(family) for family in families], parameters)
     plain = eight_bits(grey)
     coarse = plain.size > _LARGE  # a marker that is lost at half the size has cells too small to be measured
     if coarse:
         plain = cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    quads, ids, _, numbers = detector.detectMarkersMultiDict(plain)
-    if ids is None or not len(ids):
-        return np.empty((0, 4, 2)), np.empty(0, np.int64), np.empty(0, np.int64)
-    corners = np.array([quad.reshape(4, 2) for quad in quads], dtype=float)
-    if coarse:
-        corners = _at_full_size(grey, 2.0 * corners + 0.5)
-    return corners, np.asarray(numbers, np.int64).ravel(), np.asarray(ids, np.int64).ravel()
+    share = min(_LEAST_SHARE, _LEAST_OUTLINE / max(grey.shape))
+    quads = find_quadrangles(plain, int(share * max(plain.shape)))
+    read = read_codes(plain, quads.corners, families)
+    best = _best(read, quads.corners[read.quad])
+    read = Codes(*(getattr(read, name)[best] for name in Codes.__dataclass_fields__))
+    corners = where_edges_meet(quads.corners[read.quad], [quads.outlines[k] for k in read.quad])
+    corners = np.take_along_axis(corners, ((read.first[:, None] + np.arange(4)) % 4)[..., None], axis=1)
+    return _at_full_size(grey, 2.0 * corners + 0.5) if coarse else corners, read
+
+
+def _best(read: Codes, corners: Array) -> NDArray[np.intp]:
+    """Of what was read (N,) about the same place, corners (N, 4, 2), for each family what has the fewest wrong bits, of
+    these the largest: one marker has several outlines."""
+    outline = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(1)
+    order = np.lexsort((-outline, read.errors))
+    return np.flatnonzero(_first_at_its_place(corners, order, read.family))
+
+
+def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the quadrangles (N, 4, 2) have none about the same place, of their group (N,), before them in order."""
+    centre, size = corners.mean(1), np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
+    apart = np.linalg.norm(centre[:, None] - centre, axis=2)
+    same = (apart < 0.25 * size[:, None]) & (group[:, None] == group)
+    keep = np.ones(len(corners), dtype=bool)
+    for place in order.tolist():
+        if keep[place]:
+            keep &= ~same[place]
+            keep[place] = True
+    return keep
 
 
 def _at_full_size(grey: NDArray, corners: Array) -> Array:
@@ -134,22 +133,16 @@ def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.rint(stretched).astype(np.uint8))
 
 
-def _once(
-    corners: Array, family: NDArray[np.int64], code: NDArray[np.int64], rejected: Counter[tuple[int, str]]
-) -> NDArray[np.bool_]:
-    """Markers (Q,) whose code stands in the image once, and that are read as one code."""
-    centre = corners.mean(1)
-    keep = np.ones(len(corners), dtype=bool)
-    for number, own in set(zip(family.tolist(), code.tolist(), strict=True)):
-        same = np.flatnonzero((family == number) & (code == own))
-        if len(same) > 1:
-            keep[same] = False
-            rejected[(number, _TWICE)] += len(same)
-    size = np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
-    for one in np.flatnonzero(keep):
-        others = np.flatnonzero(keep & (np.linalg.norm(centre - centre[one], axis=1) < 0.25 * size[one]))
-        # The smallest family that a code belongs to is the first that was asked for.
-        for other in others[others > one]:
-            keep[other] = False
-            rejected[(int(family[other]), "read as a code of another family, too")] += 1
+def _once(corners: Array, read: Codes, rejected: Counter[tuple[int, str]]) -> NDArray[np.bool_]:
+    """Markers (Q,) that are read as one code, the clearest, and whose code stands in the image once."""
+    # A code may belong to several families: then it is of the first that was asked for.
+    order = np.lexsort((read.family, read.unclear))
+    keep = _first_at_its_place(corners, order, np.zeros(len(corners), np.int64))
+    rejected.update((number, _TWO_CODES) for number in read.family[~keep].tolist())
+    _, name, times = np.unique(
+        np.stack([read.family[keep], read.code[keep]], 1), axis=0, return_inverse=True, return_counts=True
+    )
+    again = np.flatnonzero(keep)[times[name] > 1]
+    rejected.update((number, _TWICE) for number in read.family[again].tolist())
+    keep[again] = False
     return keep

@@ -1,0 +1,180 @@
+"""Codes of square markers: what stands in the cells of quadrangles, compared with all codes of their families."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ARUCO = {f"aruco{n}x{n}_{codes}": f"DICT_{n}X{n}_{codes}" for n in (4, 5, 6, 7) for codes in (50, 100, 250, 1000)}
+_DICTIONARIES = {
+    **_ARUCO,
+    "aruco_original": "DICT_ARUCO_ORIGINAL",
+    "aruco_mip_36h12": "DICT_ARUCO_MIP_36h12",
+    **{f"apriltag{size}": f"DICT_APRILTAG_{size}" for size in ("16h5", "25h9", "36h10", "36h11")},
+}
+FAMILIES = tuple(_DICTIONARIES)
+_CORRECTED = 0.3  # of the bits that a family could correct: chance makes a code of anything if all of them are
+_BORDER_ERRORS = 0.35  # cells of the border that may be light, as a share of the cells within
+_IN_CELL = np.array([0.25, 0.5, 0.75], np.float32)  # where in a cell, along each axis, its grey value is taken
+_FLAT = 5.0  # grey levels of standard deviation, below which cells are all alike
+# Cells of another size than the marker's, which give a code by chance, leave half of the variance unexplained; the
+# right ones of the smallest markers that are found, two or three pixels wide, up to 0.36.
+_UNCLEAR = 0.4
+_MOST_ROWS = 32767  # of a picture that OpenCV makes of points
+_ROUNDS = 10  # of dividing cells into dark and light
+
+
+@dataclass(frozen=True)
+class Codes:
+    """What quadrangles were read as: quadrangle (N,), family (N,) by number, code (N,), wrong bits (N,), which of the
+    corners is the marker's first one (N,), and which share of the variance of grey values is not that between dark
+    and light cells (N,)."""
+
+    quad: NDArray[np.intp]
+    family: NDArray[np.int64]
+    code: NDArray[np.int64]
+    errors: NDArray[np.int64]
+    first: NDArray[np.int64]
+    unclear: NDArray[np.float32]
+
+
+def dictionary(family: str) -> Any:
+    """The OpenCV dictionary of a family of ``FAMILIES``."""
+    import cv2
+
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _DICTIONARIES[family]))
+
+
+def codes_of(family: str) -> int:
+    """How many codes a family has, counted from 0."""
+    return len(dictionary(family).bytesList)
+
+
+@cache
+def cells_across(family: str) -> int:
+    """Cells along the edge of a family's markers, with the border."""
+    return int(dictionary(family).markerSize) + 2
+
+
+def read_codes(plain: NDArray[np.uint8], corners: Array, families: tuple[str, ...]) -> Codes:
+    """Read quadrangles with corners (Q, 4, 2) in px, clockwise as seen, in an image (h, w), as markers of families."""
+    bits = {cells: _bits(plain, corners, cells) for cells in sorted({cells_across(name) for name in families})}
+    found = [_of_family(*bits[cells_across(name)], name, number) for number, name in enumerate(families)]
+    return Codes(*(np.concatenate([getattr(part, name) for part in found]) for name in Codes.__dataclass_fields__))
+
+
+def _of_family(
+    quad: NDArray[np.intp], bits: NDArray[np.float32], unclear: NDArray[np.float32], family: str, number: int
+) -> Codes:
+    """Those of the quadrangles (B,) with bits (B, n), +1 or -1, that are codes of one family."""
+    table, correctable = _table(family)
+    # Of n bits n - d agree and d differ: the product of two words of +1 and -1 is n - 2 d.
+    product = bits @ table
+    best = product.argmax(1) if len(bits) else np.empty(0, np.intp)
+    errors = np.rint(0.5 * (bits.shape[1] - product[np.arange(len(bits)), best])).astype(np.int64)
+    good = errors <= correctable
+    code, turns = np.divmod(best[good].astype(np.int64), 4)
+    return Codes(quad[good], np.full(len(code), number, np.int64), code, errors[good], -turns % 4, unclear[good])
+
+
+@cache
+def _table(family: str) -> tuple[NDArray[np.float32], int]:
+    """Bits (n, 4 K), +1 or -1, of K codes, each as it looks after 0 to 3 quarter turns to the left; and how many wrong
+    bits are let pass."""
+    import cv2
+
+    source = dictionary(family)
+    size = source.markerSize
+    codes = [
+        cv2.aruco.Dictionary.getBitsFromByteList(source.bytesList[k : k + 1], size)
+        for k in range(len(source.bytesList))
+    ]
+    bits = np.stack(codes).reshape(-1, size, size)
+    turned = np.stack([np.rot90(bits, k, axes=(1, 2)) for k in range(4)], 1).reshape(-1, size * size)
+    return np.ascontiguousarray(2.0 * turned.T - 1.0, np.float32), int(source.maxCorrectionBits * _CORRECTED)
+
+
+def _bits(
+    plain: NDArray[np.uint8], corners: Array, cells: int
+) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
+    """Those quadrangles (B,) that have a dark border and clear cells; what is in their cells within (B, n), +1 where
+    light, else -1; and which share of the variance of grey values is not that between dark and light cells (B,)."""
+    grey, variance = _cell_greys(plain, corners, cells)
+    light = _light(grey)
+    inner = light.reshape(-1, cells, cells)[:, 1:-1, 1:-1]
+    border = light.sum(1) - inner.sum((1, 2))
+    quad = np.flatnonzero((variance > _FLAT**2) & (border <= int(_BORDER_ERRORS * (cells - 2) ** 2)))
+    unclear = np.float32(1.0) - _between(grey[quad], light[quad]) / variance[quad]
+    quad, unclear = quad[unclear < _UNCLEAR], unclear[unclear < _UNCLEAR]
+    inner = inner[quad].reshape(len(quad), (cells - 2) ** 2)
+    return quad, np.where(inner, np.float32(1.0), np.float32(-1.0)), unclear
+
+
+def _between(grey: NDArray[np.float32], light: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Variance (Q,) between the two kinds of cells (Q, n)."""
+    share = light.mean(1, dtype=np.float32)
+    apart = grey.mean(1, where=light) - grey.mean(1, where=~light)
+    return np.asarray(share * (np.float32(1.0) - share) * apart**2, np.float32)
+
+
+def _cell_greys(
+    plain: NDArray[np.uint8], corners: Array, cells: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean grey values (Q, cells * cells) of the inner parts of cells, above the quadrangle's own mean, row by row as
+    seen from the first corner; and the variance (Q,) of what they are the means of."""
+    import cv2
+
+    parts = len(_IN_CELL)
+    at = ((np.arange(cells, dtype=np.float32)[:, None] + _IN_CELL) / np.float32(cells)).ravel()
+    grey = np.empty((len(corners), len(at), len(at)), np.float32)
+    most = _MOST_ROWS // len(at)
+    for first in range(0, len(corners), most):
+        x, y = _of_unit_square(corners[first : first + most], at)
+        found = cv2.remap(plain, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        grey[first : first + most] = found.reshape(-1, len(at), len(at))
+    flat = grey.reshape(len(corners), len(at) ** 2)
+    flat -= flat.mean(1, keepdims=True)
+    variance = np.einsum("qn,qn->q", flat, flat) / np.float32(flat.shape[1])
+    weight = np.kron(np.eye(cells, dtype=np.float32), np.full((parts, 1), 1.0 / parts, np.float32))
+    return (weight.T @ (grey @ weight)).reshape(len(corners), cells * cells), variance
+
+
+def _of_unit_square(corners: Array, at: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Columns and rows (Q * m, m) in px, in quadrangles (Q, 4, 2), of a grid of m x m points of the unit square, by the
+    homography that has its corners in theirs (closed form: Heckbert, Fundamentals of Texture Mapping, 1989, 2.2.3)."""
+    p0, p1, p2, p3 = np.moveaxis(corners, 1, 0)
+    one, two, rest = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    g = ((rest[:, 0] * two[:, 1] - rest[:, 1] * two[:, 0]) / area)[:, None]
+    h = ((one[:, 0] * rest[:, 1] - one[:, 1] * rest[:, 0]) / area)[:, None]
+    across, down = p1 - p0 + g * p1, p3 - p0 + h * p3
+
+    def plane(a: Array, b: Array, c: Array) -> NDArray[np.float32]:
+        along = (a[:, None] * at + c[:, None]).astype(np.float32)
+        return along[:, None, :] + (b[:, None] * at).astype(np.float32)[:, :, None]
+
+    lower = plane(g[:, 0], h[:, 0], np.ones(len(corners)))
+    x, y = (plane(across[:, k], down[:, k], p0[:, k]) / lower for k in range(2))
+    return x.reshape(-1, len(at)), y.reshape(-1, len(at))
+
+
+def _light(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which cells (Q, n) are light: above the middle between the means of dark and light."""
+    total, count = grey.sum(1), grey.shape[1]
+    light = grey > 0.5 * (grey.min(1) + grey.max(1))[:, None]
+    for _ in range(_ROUNDS):
+        number = light.sum(1)
+        above = np.einsum("qn,qn->q", grey, light, dtype=np.float32)
+        high = above / np.maximum(number, 1)
+        low = (total - above) / np.maximum(count - number, 1)
+        again = grey > (0.5 * (low + high))[:, None]
+        if (again == light).all():
+            break
+        light = again
+    return light
