@@ -125,24 +125,27 @@ class TargetMoved(Cause):
             turned = self._arms[0] @ np.swapaxes(exp_so3(values[3:]), -1, -2)
             shift = np.broadcast_to(np.eye(3), (len(turned), 3, 3))
             slope = np.concatenate([shift, -skew(turned) @ left_jacobian_so3(values[3:])], -1)
-        return Change({"moved": self._moved(state, slope)}, slope.shape[-1])
+        return Change(self._moved(state, slope), slope.shape[-1])
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
         """Return how far the targets are moved (B, K, 3); a marker turns by any angle."""
         if not self.corners:
             return super().shift(state, values)
         arms = self._arms[0]
-        return {"moved": self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])}
+        return self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])
 
-    def _moved(self, state: State, by: NDArray) -> NDArray:
-        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on."""
+    def _moved(self, state: State, by: NDArray) -> dict[str, NDArray]:
+        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on; nothing where the
+        state has none of these."""
+        places = [place_of(state, self.body, name) for name in self.corners or (self.target,)]
+        if all(place is None for place in places):
+            return {}
         late = np.asarray(state.covariates[ORDER]) >= self.from_order
         moved = np.zeros((len(state.rho), len(state.shape), *by.shape[1:]), by.dtype)
-        for name, own in zip(self.corners or (self.target,), by, strict=True):
-            place = place_of(state, self.body, name)
+        for place, own in zip(places, by, strict=True):
             if place is not None:
                 moved[late, place] = own
-        return moved
+        return {"moved": moved}
 
     def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
         """Return the shift, and the pose from which on."""
