@@ -135,8 +135,8 @@ class TargetMoved(Cause):
         return self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])
 
     def _moved(self, state: State, by: NDArray) -> dict[str, NDArray]:
-        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on; nothing where the
-        state has none of these."""
+        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on; nothing where
+        the state has none of these."""
         places = [place_of(state, self.body, name) for name in self.corners or (self.target,)]
         if all(place is None for place in places):
             return {}

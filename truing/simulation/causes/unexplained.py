@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Parameter, Profiles, Scene, Step
 from truing.simulation.causes.following import ALL_DRIVES, APPROACH, LAST_STEP, ORDER, OWN_DRIVE, TIME, Following
 from truing.simulation.causes.per_leg import choice_share
+from truing.simulation.causes.undeclared import FURTHER, IN_PROPORTION, Undeclared
 from truing.simulation.causes.unexplained_candidates import (
     PATTERNS,
     POSES_PER_FUNCTION,
@@ -44,17 +45,11 @@ _STEPS = {Quantity.READINGS: Step.DRIVE, Quantity.SCALE: Step.INSTRUMENT}
 # Plausible amplitudes: m, and of the scale relative.
 _PLAUSIBLE = {Quantity.SCALE: 2e-5, Quantity.TARGETS: 2e-5}
 _PLAUSIBLE_M = 5e-6
-# A range counts as reached a hair beyond its ends.
-_EDGE = 1e-6
-# What is in proportion to one column is so many times as likely beforehand as any other form.
-_IN_PROPORTION = 4.0
-# So many further terms may a form have that was found of lower degree.
-_FURTHER = 2
 _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: "xy", Quantity.TARGETS: "xyz"}
 
 
 @dataclass(frozen=True)
-class Unexplained(Cause):
+class Unexplained(Undeclared, Cause):
     """A quantity of all legs, or of ``legs``, or of ``targets`` of a body, follows columns; see `Following`.
 
     Several targets move together, by smooth patterns over the body, where ``places`` tells two coordinates of each
@@ -92,24 +87,13 @@ class Unexplained(Cause):
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the poses (B,) within the range of what it follows, beyond which its form says nothing."""
-        inside = np.ones(poses, bool)
-        # All drives at once have a range and name no column: their poses are all within reach.
-        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=bool(self.columns)):
-            if (values := covariates.get(column)) is not None and values.ndim == 1:
-                inside &= np.abs(values - centre) <= half * (1.0 + _EDGE)
-        return inside
+        return self.within(covariates, poses)
 
     @property
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
-        degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
-        parts = (self.id, self.quantity, *self.columns, self.form, degrees, self.body, self.subject)
+        parts = (self.id, self.quantity, *self.columns, self.form, self.terms, self.body, self.subject)
         return " ".join(str(part) for part in parts if part)
-
-    @property
-    def goes_on(self) -> bool:
-        """Return whether it holds the further terms of a form of lower degree."""
-        return self.first > 1
 
     @property
     def says(self) -> str:
@@ -127,7 +111,7 @@ class Unexplained(Cause):
     @property
     def lasts(self) -> bool:
         """Return whether it stays with the machine: not what follows the time, or concerns targets."""
-        return not {TIME, ORDER} & set(self.columns) and self.quantity != Quantity.TARGETS
+        return super().lasts and self.quantity != Quantity.TARGETS
 
     def with_settings(self, **settings: Any) -> Self:
         """Return the cause with settings as read from TOML, of the step at which its quantity is changed."""
@@ -146,7 +130,7 @@ class Unexplained(Cause):
         """Return its next terms, of all that it concerns or of single legs among it, as far as poses tell them."""
         if self.form == ALL_DRIVES:
             return ()
-        degrees = range(self.degree + 1, min(self.degree + _FURTHER, len(scene.poses) // POSES_PER_FUNCTION) + 1)
+        degrees = range(self.degree + 1, min(self.degree + FURTHER, len(scene.poses) // POSES_PER_FUNCTION) + 1)
         concerned = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
         choices = (self.legs, *((leg,) for leg in concerned))
         return [
@@ -156,7 +140,7 @@ class Unexplained(Cause):
     def prior(self, scene: Scene) -> float:
         """Return the weight of this candidate: what is in proportion to one column is likelier than other forms, and
         all legs are likelier than a single one, and that than a pair."""
-        weight = _IN_PROPORTION if len(self.columns) == self.degree == 1 else 1.0
+        weight = IN_PROPORTION if self.in_proportion else 1.0
         return weight * choice_share(len(self.legs), scene.legs) if scene.legs else weight
 
     def follows(self, legs: int) -> tuple[str, ...]:

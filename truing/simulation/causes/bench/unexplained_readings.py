@@ -33,19 +33,17 @@ from truing.simulation.causes.bench.readings_followed import (
     words,
 )
 from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
+from truing.simulation.causes.undeclared import FURTHER, IN_PROPORTION, Undeclared
 
 # A smooth dependence wants this many readings per function.
 _PER_FUNCTION = 4
-_FURTHER = 2
-_IN_PROPORTION = 4.0
-_EDGE = 1e-6
 # Plausible, in sigmas of the channel.
 _PLAUSIBLE_SIGMAS = 4.0
 _LETTERS = {POLYNOMIAL: "degree", MEMORY: "before", PERIOD: "part", BEYOND: "side", GAIN: "gain", REST: "rest"}
 
 
 @dataclass(frozen=True)
-class UnexplainedReadings(ReadingCause):
+class UnexplainedReadings(Undeclared, ReadingCause):
     """A channel follows columns (several: their product), brought to -1 .. 1 by centre and half range.
 
     Forms are Chebyshev polynomials of degree ``first`` .. ``degree``, so many slow waves (cosines), a load at so many
@@ -67,6 +65,7 @@ class UnexplainedReadings(ReadingCause):
 
     id = "unexplained"
     catalogued = False
+    of_time = frozenset({TIME, ORDER, IN_RUN})
     step = Step.INSTRUMENT
     reach = 100.0
 
@@ -78,20 +77,10 @@ class UnexplainedReadings(ReadingCause):
     @property
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
-        degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
+        degrees = self.terms
         if self.form in (PERIOD, BEYOND, REST):
             degrees = f"{self.half_ranges[0]:.6g}"
         return f"{self.id} {self.channel} {' '.join(self.columns)} {self.form} {degrees}"
-
-    @property
-    def goes_on(self) -> bool:
-        """Return whether it holds the further terms of a form of lower degree."""
-        return self.first > 1
-
-    @property
-    def lasts(self) -> bool:
-        """Return whether it stays with the bench: not what follows the time."""
-        return not {TIME, ORDER, IN_RUN} & set(self.columns)
 
     @property
     def says(self) -> str:
@@ -126,13 +115,7 @@ class UnexplainedReadings(ReadingCause):
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the steps (B,) within the range of what it follows, beyond which its form says nothing."""
-        inside = np.ones(poses, bool)
-        if self.form in (PERIOD, BEYOND, REST):
-            return inside
-        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
-            if (values := covariates.get(column)) is not None:
-                inside &= np.abs(values - centre) <= half * (1.0 + _EDGE)
-        return inside
+        return np.ones(poses, bool) if self.form in (PERIOD, BEYOND, REST) else self.within(covariates, poses)
 
     def follows(self, legs: int) -> tuple[str, ...]:
         """Return the columns that it follows."""
@@ -166,12 +149,11 @@ class UnexplainedReadings(ReadingCause):
         """Return its next terms."""
         if self.form in (MEMORY, PERIOD, BEYOND, GAIN, REST):
             return ()
-        return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, _FURTHER + 1)]
+        return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, FURTHER + 1)]
 
     def prior(self, scene: Scene) -> float:
         """Return the weight: what is in proportion to one column is likelier than other forms."""
-        plain = self.form == POLYNOMIAL and len(self.columns) == self.degree == 1
-        return _IN_PROPORTION if plain else self.weight
+        return IN_PROPORTION if self.form == POLYNOMIAL and self.in_proportion else self.weight
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Parameter, Scene
 from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
+from truing.simulation.causes.undeclared import FURTHER, IN_PROPORTION, Undeclared
 from truing.simulation.photographs.ray_poses import BAR, CAMERA, ORDER, TEMPERATURE, TIME, RayPoses
 
 # What of a camera or a bar may follow something, each by itself, and how much of it is plausible: an amplitude is half
@@ -18,14 +19,11 @@ from truing.simulation.photographs.ray_poses import BAR, CAMERA, ORDER, TEMPERAT
 _PLAUSIBLE = {"c": 0.5, "x0": 0.5, "y0": 0.5, "strain": 5e-5}
 _POLYNOMIALS, _WAVES = (1, 2, 3), (2, 4)
 _PER_FUNCTION = 4  # poses
-_IN_PROPORTION = 4.0
-_FURTHER = 2
 _MOST_DRIVES = 8
-_EDGE = 1e-6
 
 
 @dataclass(frozen=True)
-class UnexplainedRays(RayCause):
+class UnexplainedRays(Undeclared, RayCause):
     """A number of a camera or a bar follows columns (several: their product), brought to -1 .. 1 by centre and half
     range: Chebyshev polynomials of degree ``first`` .. ``degree``, or so many slow waves (cosines)."""
 
@@ -52,18 +50,7 @@ class UnexplainedRays(RayCause):
     @property
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
-        degrees = f"{self.first} to {self.degree}" if self.goes_on else self.degree
-        return f"{self.id} {self.subject} {self.name} {' '.join(self.columns)} {self.form} {degrees}"
-
-    @property
-    def goes_on(self) -> bool:
-        """Return whether it holds the further terms of a form of lower degree."""
-        return self.first > 1
-
-    @property
-    def lasts(self) -> bool:
-        """Return whether it stays with the camera: not what follows the time."""
-        return not {TIME, ORDER} & set(self.columns)
+        return f"{self.id} {self.subject} {self.name} {' '.join(self.columns)} {self.form} {self.terms}"
 
     @property
     def says(self) -> str:
@@ -94,10 +81,7 @@ class UnexplainedRays(RayCause):
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the poses (B,) within the range of what it follows, beyond which its form says nothing."""
-        inside = np.ones(poses, bool)
-        for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
-            inside &= np.abs(covariates[column] - centre) <= half * (1.0 + _EDGE)
-        return inside
+        return self.within(covariates, poses)
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return everything that each number may follow, as far as its poses allow."""
@@ -119,11 +103,11 @@ class UnexplainedRays(RayCause):
 
     def further(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms."""
-        return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, _FURTHER + 1)]
+        return [replace(self, first=self.degree + 1, degree=self.degree + more) for more in range(1, FURTHER + 1)]
 
     def prior(self, scene: Scene) -> float:
         """Return the weight: what is in proportion to one column is likelier than other forms."""
-        return _IN_PROPORTION if self.form == POLYNOMIAL and len(self.columns) == self.degree == 1 else 1.0
+        return IN_PROPORTION if self.form == POLYNOMIAL and self.in_proportion else 1.0
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function."""
