@@ -15,7 +15,16 @@ from scipy.special import ndtr
 
 from truing.estimation.image_targets.image_noise import ImageNoise
 from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, Array, PatchFit, fit_patches
-from truing.estimation.image_targets.straight_edges import BLUR, CONTRAST, FIRST, GROUND, LAST, UNKNOWNS, add_edges
+from truing.estimation.image_targets.straight_edges import (
+    BLUR,
+    CONTRAST,
+    FIRST,
+    GROUND,
+    LAST,
+    UNKNOWNS,
+    add_edges,
+    pixels_beside,
+)
 
 _REACH = 48.0  # px
 _CLEAR = 3.0  # blurs that a pixel keeps from the other edges
@@ -137,23 +146,26 @@ def _fit_edges(grey: NDArray, edges: _Edges, blur: Array, noise: ImageNoise) -> 
     """Fit every edge, in chunks of like lengths."""
     length = np.linalg.norm(edges.end - edges.start, axis=1)
     order = np.argsort(length)
+    extremes = float(grey.min()), float(grey.max())
     found: list[PatchFit] = []
     for first in range(0, len(order), _CHUNK):
-        found.append(_fit_chunk(grey, edges, order[first : first + _CHUNK], blur, noise))
+        found.append(_fit_chunk(grey, extremes, edges, order[first : first + _CHUNK], blur, noise))
     back = np.argsort(order)
     parts = [np.concatenate([getattr(fit, name) for fit in found])[back] for name in PatchFit.__dataclass_fields__]
     return PatchFit(*parts)
 
 
-def _fit_chunk(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array, noise: ImageNoise) -> PatchFit:
+def _fit_chunk(
+    grey: NDArray, extremes: tuple[float, float], edges: _Edges, chosen: NDArray, blur: Array, noise: ImageNoise
+) -> PatchFit:
     picture, t, d, usable = _pixels(grey, edges, chosen, blur[chosen])
     width = edges.half_width[chosen]
-    top = grey.max()
-    usable &= (picture > grey.min()) & (picture < top)
+    bottom, top = extremes
+    usable &= (picture > bottom) & (picture < top)
     start = np.zeros((len(chosen), UNKNOWNS))
     start[:, BLUR] = blur[chosen]
     dark, light = usable & (d < -0.5 * width[:, None]), usable & (d > 0.5 * width[:, None])
-    start[:, GROUND] = _mean(picture, dark, grey.min())
+    start[:, GROUND] = _mean(picture, dark, bottom)
     start[:, CONTRAST] = _mean(picture, light, top) - start[:, GROUND]
     expected = start[:, GROUND, None] + start[:, CONTRAST, None] * ndtr(d / blur[chosen][:, None])
     weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
@@ -182,38 +194,27 @@ def _pixels(
     start, side = edges.start[chosen], edges.end[chosen] - edges.start[chosen]
     steep = np.abs(side[:, 1]) > np.abs(side[:, 0])
     lead = np.where(steep, 1, 0)
-    rows = np.arange(len(chosen))
-    span = side[rows, lead]
+    each = np.arange(len(chosen))
+    span = side[each, lead]
     longest = int(np.ceil(np.abs(span).max())) + 1
     # Columns of pixels across the edge, one for every pixel along the axis that the edge runs nearer to.
-    first = np.floor(np.minimum(start[rows, lead], start[rows, lead] + span)).astype(int)
+    first = np.floor(np.minimum(start[each, lead], start[each, lead] + span)).astype(int)
     main = first[:, None] + np.arange(longest + 1)
     middle = (
-        start[rows, 1 - lead][:, None] + (main - start[rows, lead][:, None]) * (side[rows, 1 - lead] / span)[:, None]
+        start[each, 1 - lead][:, None] + (main - start[each, lead][:, None]) * (side[each, 1 - lead] / span)[:, None]
     )
     height = int(np.ceil(edges.half_width[chosen].max() * np.sqrt(2.0))) + 1
-    other = np.round(middle).astype(int)[:, :, None] + np.arange(-height, height + 1)
-    main = np.broadcast_to(main[:, :, None], other.shape)
-    x = np.where(steep[:, None, None], other, main).reshape(len(chosen), -1)
-    y = np.where(steep[:, None, None], main, other).reshape(len(chosen), -1)
-    inside = (x >= 0) & (y >= 0) & (x < grey.shape[1]) & (y < grey.shape[0])
-    picture = grey[np.clip(y, 0, grey.shape[0] - 1), np.clip(x, 0, grey.shape[1] - 1)].astype(float)
-    length = np.linalg.norm(side, axis=1)[:, None]
-    fx, fy = x - start[:, :1], y - start[:, 1:]
-    t = (fx * side[:, :1] + fy * side[:, 1:]) / length**2
-    d = fx * edges.normal[chosen, :1] + fy * edges.normal[chosen, 1:]
-    margin = np.maximum(_CLEAR, _CLEAR * blur)[:, None]
-    usable = inside & (np.abs(d) <= edges.half_width[chosen][:, None]) & (t * length >= margin) & (t <= 1.0)
-    for normal, corner in ((edges.before, edges.start), (edges.after, edges.end)):
-        n, c = normal[chosen], corner[chosen]
-        depth = -((x - c[:, :1]) * n[:, :1] + (y - c[:, 1:]) * n[:, 1:])
-        usable &= ~n.any(1)[:, None] | (((1.0 - t) * length >= margin) if corner is edges.end else True) & (
-            (depth >= margin) | (d > 0.0)
-        )
-    most = int(usable.sum(1).max(initial=1))
-    order = np.argsort(~usable, axis=1, kind="stable")[:, :most]  # those that count come first, the others need no look
-    picture, t, d = (np.take_along_axis(values, order, axis=1) for values in (picture, t, d))
-    return picture, t, d, np.take_along_axis(usable, order, axis=1)
+    most = middle.shape[1] * (2 * height + 1)
+    columns, rows = np.zeros((2, len(chosen), most), np.int64)
+    t, d = np.zeros((2, len(chosen), most))
+    count = np.zeros(len(chosen), np.int64)
+    margin = np.maximum(_CLEAR, _CLEAR * blur)
+    own = (start, side, edges.end[chosen], edges.normal[chosen], edges.before[chosen], edges.after[chosen])
+    near = (first, np.round(middle).astype(int), height, steep, edges.half_width[chosen], margin)
+    pixels_beside(grey.shape, *own, *near, columns, rows, t, d, count)
+    columns, rows, t, d = (values[:, : max(int(count.max()), 1)] for values in (columns, rows, t, d))
+    picture = grey[rows, columns].astype(float)
+    return picture, np.ascontiguousarray(t), np.ascontiguousarray(d), np.arange(d.shape[1]) < count[:, None]
 
 
 def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> NDArray[np.bool_]:

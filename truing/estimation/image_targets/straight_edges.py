@@ -1,4 +1,4 @@
-"""The picture of a straight edge, compiled: what `quad_corners` fits to the pixels along the sides of a quadrangle.
+"""The picture of a straight edge, compiled, and the pixels beside one: what `quad_corners` fits along a quadrangle.
 
 A pixel at t along the edge (0 to 1), d across it and a share a of the band's half width aside shows
 
@@ -81,3 +81,59 @@ def add_edges(
                 if k < i:
                     normal[n, k, i] += product
         cost[n] += _product(rows, UNKNOWNS, UNKNOWNS, grey.shape[1])
+
+
+@inner
+def _depth(x: float, y: float, corner: NDArray, normal: NDArray) -> float:
+    """How far a point lies within the edge through a corner."""
+    return -((x - corner[0]) * normal[0] + (y - corner[1]) * normal[1])
+
+
+@compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
+def pixels_beside(
+    shape: tuple[int, int],
+    start: NDArray,
+    side: NDArray,
+    end: NDArray,
+    normal: NDArray,
+    before: NDArray,
+    after: NDArray,
+    first: NDArray,
+    middle: NDArray,
+    height: int,
+    steep: NDArray,
+    half_width: NDArray,
+    margin: NDArray,
+    columns: NDArray,
+    rows: NDArray,
+    t: NDArray,
+    d: NDArray,
+    count: NDArray,
+) -> None:
+    """Fill columns, rows, t and d (n, M), and how many (n,), with the pixels of an image of a shape (h, w) in the bands
+    of half widths (n,) px along n edges, a margin (n,) px clear of the neighbours with normals before and after (n, 2),
+    zero where there is none. ``middle`` (n, L): where an edge is in column (row, where steep) first (n,) and those that
+    follow; up to ``height`` px aside is looked."""
+    for n in range(len(start)):
+        length = math.sqrt(side[n, 0] ** 2 + side[n, 1] ** 2)
+        has_before, has_after = np.any(before[n] != 0.0), np.any(after[n] != 0.0)
+        k = 0
+        for i in range(middle.shape[1]):
+            for other in range(middle[n, i] - height, middle[n, i] + height + 1):
+                x, y = (other, first[n] + i) if steep[n] else (first[n] + i, other)
+                if x < 0 or y < 0 or x >= shape[1] or y >= shape[0]:
+                    continue
+                fx, fy = x - start[n, 0], y - start[n, 1]
+                across = fx * normal[n, 0] + fy * normal[n, 1]
+                along = (fx * side[n, 0] + fy * side[n, 1]) / length**2
+                if abs(across) > half_width[n] or along * length < margin[n] or along > 1.0:
+                    continue
+                if has_before and across <= 0.0 and _depth(x, y, start[n], before[n]) < margin[n]:
+                    continue
+                if has_after and (1.0 - along) * length < margin[n]:
+                    continue
+                if has_after and across <= 0.0 and _depth(x, y, end[n], after[n]) < margin[n]:
+                    continue
+                columns[n, k], rows[n, k], t[n, k], d[n, k] = x, y, along, across
+                k += 1
+        count[n] = k
