@@ -87,3 +87,21 @@ def test_what_has_no_dark_border_or_no_contrast_gives_no_code():
     assert read_codes(255 - grey, corners, USUAL).quad.tolist() == []
     assert read_codes(np.full_like(grey, 100), corners, FAMILIES).quad.tolist() == []
     assert read_codes(grey, np.empty((0, 4, 2)), FAMILIES).quad.tolist() == []
+
+
+def test_corners_of_outlines_are_where_lines_through_their_pixels_meet():
+    grey = np.full((60, 80), 200, np.uint8)
+    grey[10:31, 20:51] = 20
+    grey[10, 20:24] = 200  # a bite at a corner
+    quads = find_quadrangles(grey, 80)
+    best = int(np.argmax([len(outline) for outline in quads.outlines]))
+    fitted = where_edges_meet(quads.corners[[best]], [quads.outlines[best]])[0]
+    expected = np.array([[20.0, 10.0], [50.0, 10.0], [50.0, 30.0], [20.0, 30.0]])
+    assert_close(fitted[np.lexsort(fitted.round().T)], expected[np.lexsort(expected.T)], atol=0.5)
+    assert where_edges_meet(np.empty((0, 4, 2)), []).shape == (0, 4, 2)
+
+
+def test_lines_that_do_not_meet_leave_corners_where_they_are():
+    flat = np.array([[0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [5, 0], [6, 0], [7, 0]], np.int32)
+    corners = flat[::2].astype(float)[None]
+    assert_close(where_edges_meet(corners, [flat]), corners, atol=0.0)

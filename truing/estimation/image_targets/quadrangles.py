@@ -60,27 +60,43 @@ def _clockwise(corners: Array) -> Array:
 
 def where_edges_meet(corners: Array, outlines: list[NDArray[np.int32]]) -> Array:
     """Corners (Q, 4, 2) to a part of a pixel: of lines fitted to what of the outlines (Q,) lies between the corners."""
-    return np.array([_meet(*pair) for pair in zip(corners, outlines, strict=True)]).reshape(-1, 4, 2)
+    if not outlines:
+        return np.empty((0, 4, 2))
+    quad = np.repeat(np.arange(len(outlines)), [len(outline) for outline in outlines])
+    points = np.concatenate(outlines)
+    at = _where(points, quad, corners)
+    order = np.argsort(at, axis=1)  # as the outline meets them
+    at = np.take_along_axis(at, order, axis=1)
+    met = np.take_along_axis(corners, order[..., None], axis=1)
+    edge = ((np.arange(len(points))[:, None] >= at[quad]).sum(1) - 1) % 4  # before the first corner: of the last edge
+    middle = corners.mean(1)
+    line = _lines(points - middle[quad], 4 * quad + edge, np.roll(met, -1, axis=1) - met)
+    (a, b, c), (p, q, r) = (np.moveaxis(lines, 2, 0) for lines in (line, np.roll(line, 1, axis=1)))
+    crossing = a * q - b * p
+    meet = np.abs(crossing) > 1e-3  # of three or four pixels lines may run anyhow: corners stay where they are
+    fitted = np.stack([c * q - b * r, a * r - c * p], 2) / np.where(meet, crossing, 1.0)[..., None] + middle[:, None]
+    found = np.empty_like(corners)
+    np.put_along_axis(found, order[..., None], np.where(meet[..., None], fitted, met), axis=1)
+    return found
 
 
-def _meet(corners: Array, outline: NDArray[np.int32]) -> Array:
-    """Corners (4, 2) of one outline (n, 2)."""
-    at = (outline[:, None] == corners).all(2).argmax(0)  # where along the outline the corners are
-    order = np.argsort(at)
-    ring = np.roll(outline, -at[order[0]], axis=0).astype(float)
-    line = np.array([_line(points) for points in np.split(ring, (at[order] - at[order[0]])[1:])])
-    before = np.roll(line, 1, axis=0)
-    met = np.empty((4, 2))
-    pairs = np.stack([line, before], 1)
-    met[order] = np.linalg.solve(pairs[..., :2], pairs[..., 2:])[..., 0]
-    return met
+def _where(points: NDArray[np.int32], quad: NDArray[np.intp], corners: Array) -> NDArray[np.intp]:
+    """Which of the points (P, 2) of quadrangles (P,) are the corners (Q, 4, 2): numbers (Q, 4)."""
+    at = np.empty(corners.shape[:2], dtype=np.intp)
+    for corner in range(4):
+        same = np.flatnonzero((points == corners[quad, corner]).all(1))
+        at[:, corner] = same[np.unique(quad[same], return_index=True)[1]]
+    return at
 
 
-def _line(points: Array) -> Array:
-    """Normal and distance (3,) of the line through points (n, 2), fitted across the axis that it runs nearer to."""
-    mean = points.mean(0)
-    lead = int(np.argmax(np.ptp(points, axis=0)))
-    off = points - mean
-    slope = (off[:, 0] @ off[:, 1]) / max(float(off[:, lead] @ off[:, lead]), 1e-12)
-    normal = np.array([slope, -1.0]) if lead == 0 else np.array([-1.0, slope])
-    return np.array([*normal, normal @ mean])
+def _lines(points: Array, edge: NDArray[np.intp], side: Array) -> Array:
+    """Normals and distances (Q, 4, 3) of lines through the points (P, 2) of edges (P,), fitted across the axis that
+    their sides (Q, 4, 2) run nearer to."""
+    x, y = points.T
+    sums = [np.bincount(edge, weight, side.shape[0] * 4).reshape(-1, 4) for weight in (None, x, y, x * x, x * y, y * y)]
+    count, mean_x, mean_y = sums[0], sums[1] / sums[0], sums[2] / sums[0]
+    xx, xy, yy = sums[3] - count * mean_x**2, sums[4] - count * mean_x * mean_y, sums[5] - count * mean_y**2
+    level = np.abs(side[..., 0]) > np.abs(side[..., 1])
+    slope = xy / np.maximum(np.where(level, xx, yy), 1e-9)
+    normal_x, normal_y = np.where(level, slope, -1.0), np.where(level, -1.0, slope)
+    return np.stack([normal_x, normal_y, normal_x * mean_x + normal_y * mean_y], -1)
