@@ -10,14 +10,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
 from docs.experiments.marked_tables import renew, table
+from schemas.photographs import MARKERS, RINGS, USUAL
+from tests.estimation.image_targets.planes import CORNERS, exposed, homography, marker_pattern, plane_picture
 from tests.estimation.image_targets.scenes import GROUND, dots, errors, rings
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
-from truing.estimation.image_targets.ring_codes import ring_code
+from truing.estimation.image_targets.image_noise import estimate_noise
+from truing.estimation.image_targets.ring_codes import family_of_rings, ring_code
+from truing.estimation.image_targets.square_markers import measure_markers
+from truing.formats.image_heads import read_head
+from truing.formats.image_pixels import read_grey
 
 PAGE = Path(__file__).parents[1] / "targets-in-images.md"
 # semi-minor axis px, tilt degrees, blur px, noise grey levels
@@ -63,27 +70,54 @@ def codes() -> str:
 
 
 def speed() -> str:
-    """Seconds of one core for a photograph of twelve million pixels with some hundred coded targets."""
+    """Seconds of one core for photographs of twelve million pixels: of circles and their codes, and of all there is."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng(0)
-    code = ring_code(12)
     rows = []
-    for minor, blur, times in ((4, 1.0, 12), (8, 1.0, 12)):
-        tile = rings(rng, (minor * 1.2, minor), blur, 2.0, 12, rng.choice(code.words, CODES)).grey
-        grey = np.clip(np.rint(GROUND + 2.0 * rng.normal(size=(HEIGHT, WIDTH))), 0, 255).astype(np.uint8)
-        h, w = tile.shape
-        for k in range(times):
-            y, x = (k // 4) * (HEIGHT // 3), (k % 4) * (WIDTH // 4)
-            grey[y : y + h, x : x + w] = tile[: HEIGHT - y, : WIDTH - x]
-        plan = CirclePlan(codes=(code,))
-        measure_circles(grey, plan)
-        spent = []
-        for _ in range(3):
+    for minor, blur in ((4, 1.0), (8, 1.0)):
+        word = rng.choice(ring_code(12).words, CODES)
+        tile = rings(rng, (minor * 1.2, minor), blur, 2.0, 12, word).grey
+        for across in (0, 2):
+            grey = np.clip(np.rint(GROUND + 2.0 * rng.normal(size=(HEIGHT, WIDTH))), 0, 255).astype(np.uint8)
+            for k in range(12):
+                spot = grey[(k // 4) * (HEIGHT // 3) :, (k % 4) * (WIDTH // 4) :]
+                spot[: tile.shape[0], : tile.shape[1]] = tile
+                for n in range(across**2):
+                    y, x = 140 * (n // 2), 600 + 140 * (n % 2)
+                    spot[y : y + 140, x : x + 140] = _marker(
+                        rng, "aruco4x4_50" if k < 6 else "apriltag36h11", 4 * k + n
+                    )
+            targets, markers, circles, everything = _timed(grey)
+            rows.append([str(targets), f"{minor}", str(markers), f"{circles:.2f}", f"{everything:.2f}"])
+    return table(["circles", "semi-minor axis, px", "markers", "circles alone, s", "all kinds, from the file, s"], rows)
+
+
+def _marker(rng: np.random.Generator, family: str, code: int) -> np.ndarray:
+    """A photograph (140, 140) of a marker 80 px wide, turned."""
+    a = rng.uniform(0.0, 6.28)
+    turn = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+    corners = 80.0 * (CORNERS - 0.5) @ turn.T + 69.5
+    return exposed(plane_picture(marker_pattern(family, code), homography(corners), 140, 0.8, fine=4), rng)
+
+
+def _timed(grey: np.ndarray) -> tuple[int, int, float, float]:
+    """How many circles and markers there are, and seconds for the usual circles, and for all kinds from a JPEG."""
+    plan = CirclePlan(codes=tuple(map(family_of_rings, [family for family in USUAL if family in RINGS])))
+    families = tuple(family for family in USUAL if family in MARKERS)
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "photograph.jpg")
+        cv2.imwrite(str(path), grey, [cv2.IMWRITE_JPEG_QUALITY, 92])
+        circles, everything = [], []
+        for _ in range(4):
             start = time.process_time()
-            found = measure_circles(grey, plan)
-            spent.append(time.process_time() - start)
-        rows.append([str(found.count), f"{minor}", f"{blur}", f"{min(spent):.2f}"])
-    return table(["targets", "semi-minor axis, px", "blur, px", "s"], rows)
+            seen = read_grey(path, read_head(path))
+            noise = estimate_noise(seen)
+            markers = len(measure_markers(seen, families, noise).code) // 4
+            between = time.process_time()
+            found = measure_circles(seen, plan, noise)
+            circles.append(time.process_time() - between)
+            everything.append(time.process_time() - start)
+    return found.count, markers, min(circles), min(everything)
 
 
 TABLES: Mapping[str, Callable[[], str]] = {"centres": centres, "codes": codes, "speed": speed}
