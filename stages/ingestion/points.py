@@ -79,6 +79,7 @@ class Points:
     def __post_init__(self) -> None:
         self._ledger = PointLedger(self.expected.poses, self.source.scratch)
         self._declared: pa.Array | None = None
+        self._with_own_names: set[str] = set()
 
     def stream(self) -> pa.RecordBatchReader:
         """The observations; raises CampaignFaults at their end where anything in the campaign is wrong."""
@@ -118,6 +119,7 @@ class Points:
             self.progress(0, total, f"{self.rows:,} points")
             named = self._under_own_names(self._named_part(file, batch))
             if named.rows:
+                self._with_own_names.update(named.columns["body"].unique().to_pylist())
                 yield self._taken(file, named)
         yield from self._labelled()
 
@@ -170,7 +172,11 @@ class Points:
         for pose, count in self.unlabelled.too_many.items():
             said = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
             self.log.add(Fault(file, said, value=f"{count} in pose {pose}"))
+        # in photographs, screws and holes are circles as well: beside targets with names they are only left out
+        bodies_by_codes = self._with_own_names if self.source.has_photographs else set()
         for body, why in self.unlabelled.hopeless().items():
+            if body in bodies_by_codes:
+                continue
             self.log.add(Fault(file, f"points that can be named as targets of body {body}", column="target", value=why))
 
     @property

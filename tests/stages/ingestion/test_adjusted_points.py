@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -87,3 +88,29 @@ def test_a_name_on_two_bodies_is_a_fault_that_names_it() -> None:
     (fault,) = log.faults()
     assert found == []
     assert (fault.value, fault.column) == ("both", "target")
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_circles_of_screws_and_holes_are_left_out_beside_targets_with_codes_and_a_fault_alone(
+    named: bool, tmp_path: Path
+) -> None:
+    told = '[campaign]\nname = "x"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
+    (tmp_path / "campaign.toml").write_text(told, encoding="utf-8")
+    (tmp_path / "image_points.csv").write_text("pose,image,x_px,y_px\n1,a,1,1\n", encoding="utf-8")
+    places = np.random.default_rng(1).uniform(-300, 300, (14, 3)).round(3)
+    survey = [f"base,B{k},{x},{y},{z}" for k, (x, y, z) in enumerate(places[:7])]
+    (tmp_path / "targets.csv").write_text("\n".join(["body,target,x_mm,y_mm,z_mm", *survey]), encoding="utf-8")
+    codes = [(f"base/B{k}", "base", f"B{k}") for k in range(7)] if named else []
+    table = rows_of(*codes, *((f"circle-{k}", "", "") for k in range(7)))
+    for axis, name in enumerate(("x_mm", "y_mm", "z_mm")):
+        at = table.schema.get_field_index(name)
+        table = table.set_column(at, table.schema.field(at), pa.array(places[-table.num_rows :, axis]))
+    campaign = open_campaign(tmp_path)
+    settings = campaign.validated()
+    files = CampaignFiles(campaign.folder, settings)
+    if not named:
+        with pytest.raises(CampaignFaults, match="named as targets of body base"):
+            call_stage("ingest", {"object_points": table}, settings, files)
+        return
+    outcome = call_stage("ingest", {"object_points": table}, settings, files)
+    assert "7 rows: points without a name that fit no target of the survey" in str(outcome.left_out)
