@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -151,7 +151,7 @@ def _fitted(
     known = points.seen & fit.ok[:, None]
     places = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
-    loose = looseness(shape, trusted)
+    loose = _loose_corners(name, points.targets, shape, trusted)
     seen = judged.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
     changes = changes_of_place(places, seen, order, sigma, loose)
     seen &= ~stray_places(places, seen, order, sigma, changes, loose)
@@ -161,6 +161,15 @@ def _fitted(
     return BodyTargets(
         name, points.targets, shape, shape_cov, surveyed, points.points, cov, seen, R, t, ok, (*swapped, *moved)
     )
+
+
+def _loose_corners(body: str, targets: Sequence[str], shape: Array, trusted: Mask) -> Array:
+    """Return how many times less surely places (B, k) are known: of a marker's corners, which leave a body together,
+    what the rest of it tells; targets by themselves leave the rest as sure as it was."""
+    loose = np.ones(trusted.shape)
+    corners = [k for own in markers_of([body] * len(targets), targets).values() for k in own]
+    loose[:, corners] = looseness(shape, trusted)[:, corners]
+    return loose
 
 
 def moved_for_certain(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-# Of so many poses before, or after, so many must agree; or the one next to it on either side.
+# Of so many poses before, or after, so many must agree; of the second and the last but one, both neighbours will do.
 _NEIGHBOURS, _AGREE = 3, 2
 # Points agree within so many of the target's own spread from pose to pose; one that is suspect already, within fewer.
 _REACH, _SUSPECT_REACH = 12.0, 3.5
@@ -51,6 +51,7 @@ def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
         agree[1, :-distance] += near <= reach[:-distance]
         if distance == 1:
             between |= agree.all(0)
+    between[2:-2] = False
     return np.asarray((agree < _AGREE).all(0) & ~between)
 
 
