@@ -82,6 +82,17 @@ def test_a_code_without_a_table_names_itself(folder):
     assert {"ring12-1", "aruco4x4_50-7.0", "aruco4x4_50-7.3"} <= set(rays["point"])
 
 
+def test_a_copy_of_a_photograph_adds_no_rays(folder):
+    original = folder / "images" / "1" / "p1.png"
+    (original.parent / "p3.png").write_bytes(original.read_bytes())
+    found = measured(folder).tables
+    images = found["image_points"].column("image").to_pylist()
+    copied = [row for row in found["image_rejections"].to_pylist() if row["reason"].endswith("a copy of another")]
+    assert len(images) == 3 * 5
+    assert {row["image"] for row in copied} & set(images) == set()
+    assert sum(row["rows"] for row in copied) == 5
+
+
 def test_only_what_is_asked_for_is_looked_for(folder):
     (folder / "campaign.toml").write_text(f'{CAMPAIGN}[photographs]\ntargets = ["ring12"]\nuncoded = false\n')
     assert set(measured(folder).tables["image_points"].column("point").to_pylist()) == {"ring12-1"}
