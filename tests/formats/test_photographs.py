@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import zlib
 from contextlib import suppress
@@ -26,8 +27,10 @@ PLANE_X, PLANE_UNIT, WIDTH_TAKEN, TAKEN, SPLIT = 0xA20E, 0xA210, 0xA002, 0x9003,
 GREY = np.random.default_rng(1).integers(0, 255, (40, 60)).astype(np.uint8)
 
 
-def saved(path, pixels=GREY, tags=None, exposure=None, **more):
+def saved(path, pixels=None, tags=None, exposure=None, **more):
     path.parent.mkdir(parents=True, exist_ok=True)
+    if pixels is None:  # none is the copy of another
+        pixels = np.roll(GREY, zlib.crc32(str(path).encode()) % GREY.size)
     if path.suffix == ".tif":
         more["tiffinfo"] = ImageFileDirectory_v2()
         more["tiffinfo"].update({**(tags or {}), **({EXIF: exposure} if exposure else {})})
@@ -170,6 +173,19 @@ def bomb(width, height):
         struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in (*chunks, (b"IEND", b""))
     ]
     return b"\x89PNG\r\n\x1a\n" + b"".join(body)
+
+
+def test_a_copy_in_a_pose_counts_once_and_in_another_pose_is_a_fault(tmp_path):
+    for name in ("images/1/a.png", "images/1/b.png", "images/2/a.png"):
+        saved(tmp_path / name)
+    shutil.copy(tmp_path / "images/1/a.png", tmp_path / "images/1/c.png")
+    found = listed(tmp_path)
+    assert [one.image for one in found.found] == ["1/a", "1/b", "2/a"]
+    assert found.left_out == {("images/1/c.png", "a copy of another photograph of its pose"): 1}
+    shutil.copy(tmp_path / "images/1/b.png", tmp_path / "images/2/b.png")
+    (fault,) = told(tmp_path)[1]
+    assert (fault.file, fault.value) == ("images/2/b.png", "2")
+    assert fault.expected == "a photograph of its own; images/1/b.png of pose 1 is the same"
 
 
 def test_everything_that_is_wrong_is_told_at_once(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import os
 import re
 from collections import Counter, defaultdict
@@ -24,6 +25,7 @@ _WANTED = "a pose in its name: images/<pose>/<file>, images/<pose>_<number>.jpg,
 _ENDINGS = tuple(f".{ending}" for ending in PICTURES)
 _KINDS = ", ".join(_ENDINGS)
 _FOLDER = "images/"
+_GLIMPSE = 256  # bytes
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
                 if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
                     found.found.append(one)
     _check_names(found.found, log)
-    found.found = _cameras_apart(found.found)
+    found.found = _cameras_apart(_once(found, log))
     return found
 
 
@@ -161,6 +163,32 @@ def _check_names(found: Iterable[Photograph], log: FaultLog) -> None:
             expected = f"one photograph of each name; {first[one.image].name} has it, too"
             log.add(Fault(one.file.name, expected, value=one.image))
         first.setdefault(one.image, one.file)
+
+
+def _once(photographs: Photographs, log: FaultLog) -> list[Photograph]:
+    """The photographs without copies: what a picture tells counts once. A copy in another pose is a fault."""
+    kept: list[Photograph] = []
+    alike: dict[tuple[int, bytes], list[Photograph]] = defaultdict(list)
+    for one in photographs.found:
+        others = alike[_glimpse(one.file)]
+        same = next((other for other in others if filecmp.cmp(other.file.path, one.file.path, shallow=False)), None)
+        if same is None:
+            others.append(one)
+            kept.append(one)
+        elif same.pose == one.pose:
+            photographs.left_out[(one.file.name, "a copy of another photograph of its pose")] += 1
+        else:
+            expected = f"a photograph of its own; {same.file.name} of pose {same.pose} is the same"
+            log.add(Fault(one.file.name, expected, value=one.pose))
+    return kept
+
+
+def _glimpse(raw: RawFile) -> tuple[int, bytes]:
+    """The size of a file and some bytes of its middle: two that differ in these are not the same."""
+    size = raw.path.stat().st_size
+    with raw.path.open("rb") as file:
+        file.seek(size // 2)
+        return size, file.read(_GLIMPSE)
 
 
 def _cameras_apart(found: list[Photograph]) -> list[Photograph]:
