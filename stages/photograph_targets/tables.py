@@ -77,7 +77,6 @@ def read_photographs(
             log.add(Fault(str(piece), one.fault.expected, value=one.fault.value))
     if log:
         return None
-    _drop_copies(photographs.found, measured)
     identifier = "int64" if photographs.poses_are_numbers else "string"
     return PhotographTables(
         _image_points(photographs, measured, targets, identifier),
@@ -107,20 +106,6 @@ def _measured(pieces: Sequence[Piece], progress: Progress, each: Each | None) ->
     for done, piece in enumerate(pieces):
         progress(done, len(pieces), str(piece))
         yield measure(piece)
-
-
-def _drop_copies(found: Sequence[Photograph], measured: list[Measured]) -> None:
-    """Take the targets of photographs that show, to the last digit, what an earlier one of pose and camera shows.
-
-    Noise never repeats itself: such a file is a copy, and its rays would count twice.
-    """
-    seen = set()
-    for k, (photograph, one) in enumerate(zip(found, measured, strict=True)):
-        key = (photograph.pose, photograph.camera, tuple(one.names), one.xy_px.tobytes(), one.cov_px2.tobytes())
-        if one.names and key in seen:
-            rejected = one.rejected + Counter((kind, "photograph is a copy of another") for kind in one.kinds)
-            measured[k] = Measured(rejected=rejected)
-        seen.add(key)
 
 
 def _poses(photographs: Photographs, identifier: str, counts: Sequence[int]) -> list[Any]:
