@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.image_targets import edge_kernel as edge
 from truing.estimation.image_targets.candidates import Candidates, find_candidates
+from truing.estimation.image_targets.edge_descent import SLOPE_X, SLOPE_Y
 from truing.estimation.image_targets.fitted_ellipses import (
     about_others,
     axes_of,
@@ -199,7 +200,7 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     # the light's slope, from the centre to the edge
     turn = (np.arange(ROUND) + 0.5) * 2 * np.pi / ROUND
     to_edge = np.linalg.inv(A) @ np.stack([np.cos(turn), np.sin(turn)]) * np.sqrt(np.linalg.det(A))[:, None, None]
-    slope = np.einsum("ni,nik->nk", fit[:, [edge.SLOPE_X, edge.SLOPE_Y]], to_edge)
+    slope = np.einsum("ni,nik->nk", fit[:, [SLOPE_X, SLOPE_Y]], to_edge)
     # of a narrow ring the blur leaves this much
     width = axes_of(fit)[0].prod(1) ** 0.5
     whole_light = np.ones(len(fit))

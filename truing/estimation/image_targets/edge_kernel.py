@@ -1,14 +1,7 @@
-"""The picture of a blurred ellipse fitted to the pixels of its edge, compiled: one target after the other.
+"""Edges of circles fitted in a photograph, compiled: one target after the other.
 
-A pixel at x shows
-
-    I = (ground + contrast (M + T)) (1 + slope . (x - x_start) / size),        M = Phi(-(d + s^2 k / 2) / s)
-
-with d the distance of x from the ellipse |A (x - centre)| = 1 (outside positive), s the standard deviation of the blur
-(optics, and the pixel's own area with 1/12 px^2), and k the curvature there: a blurred edge recedes towards its hollow
-side. T is the light of the code's ring, where its word is known. Every pixel counts once, with its own noise, so that
-the inverse normal equations are the covariance. Above the top of the range the picture is clipped, and says nothing.
-Importing this module imports numba.
+Pixels are gathered about each edge, the picture of a blurred ellipse is fitted to them (`edge_descent`), pixels far
+from it are left out, and what is left tells how much like an ellipse the edge is. Importing this module imports numba.
 """
 
 from __future__ import annotations
@@ -18,45 +11,46 @@ import math
 import numpy as np
 
 from truing.estimation import lane_arithmetic
-from truing.estimation.image_targets import edge_picture
+from truing.estimation.image_targets import edge_descent, edge_picture
+from truing.estimation.image_targets.edge_descent import (
+    AXX,
+    AXY,
+    AYY,
+    BLUR,
+    CONTRAST,
+    CX,
+    CY,
+    GROUND,
+    LEVEL,
+    REGISTERS,
+    UNKNOWNS,
+    descend,
+    lay,
+    solve,
+)
 from truing.estimation.image_targets.edge_picture import (
     BLOCK,
     BY,
-    DX,
-    DY,
     MOST_NODES,
-    SHARE,
     count_nodes,
     decay,
-    edge_light,
     ring_light,
     set_nodes,
     set_spokes,
     upper_tail,
 )
-from truing.estimation.lane_arithmetic import LANES, compiled, inner, summing
+from truing.estimation.lane_arithmetic import LANES, compiled, inner
 
-# Unknowns: centre x, y; A xx, xy, yy; blur s; ground; contrast; slope x, y
-UNKNOWNS = 10
-CX, CY, AXX, AXY, AYY, BLUR, GROUND, CONTRAST, SLOPE_X, SLOPE_Y = range(UNKNOWNS)
 # What a fit leaves after its unknowns: covariance xx xy yy of the centre; mean square of weighted residuals and its
 # degrees of freedom, the same of arcs of the edge; by how much the worst arc lies outside the ellipse, px; share of
 # outlying pixels inside and outside the edge; rms of residuals over the contrast; settled
 RESULTS = UNKNOWNS + 12
 C_XX, C_XY, C_YY, CHI2, FREEDOM, ARC_CHI2, ARC_FREEDOM, DENT, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
-_MIN_BLUR, _MAX_BLUR = 0.3, 6.0
-_STEPS = 16
-# Registers after the edge's own: derivatives by all unknowns begin at BY; level, what the photograph has more, weight,
-# and a row of the normal equations
-_LEVEL, _LEFT, _WEIGHT, _WEIGHTED, _REGISTERS = range(BY + UNKNOWNS, BY + UNKNOWNS + 5)
 # px: a step of the centre after which the next is far below the best scatter there is; and where another fit follows.
 _SMALL_STEP, _COARSE_STEP = 1e-3, 2e-2
 _RELAID, _BRIGHT = 2, 0.01  # times; where the light of a ring is more than this share of the contrast
 _ARC, _ARCS_LEAST, _ARCS_MOST = 3.0, 8, 24  # px, length of an arc; how many there are
 _DENT_SIGMAS = 4.0
-# Illumination changes by so much of itself from one pixel to the next, one sigma: what is known of it beforehand. The
-# picture of a small blurred target cannot tell a slope from a shift.
-_SLOPE_SIGMA = 0.001
 _HELD_BLUR = 0.5  # px, where levels are held: a narrow strip cannot tell blur, levels and size apart
 # Of the contrast: least and largest limit beyond which a pixel is left out; what sharpens a picture in a camera
 # overshoots by up to 0.2.
@@ -65,117 +59,6 @@ _OUTLYING_LEAST, _OUTLYING = 0.03, 0.25
 # other thing; inside, where small dots have few pixels, one or two may be off by more.
 _FEW, _OTHER = 2, 0.1
 _OUTLYING_SIGMAS = 5.0
-
-
-@inner
-def _solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
-    """Replace normal (n, n) by its Cholesky factor and step by the solution; False where it is not positive."""
-    for i in range(n):
-        for j in range(i + 1):
-            total = normal[i, j]
-            for k in range(j):
-                total -= normal[i, k] * normal[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                normal[i, i] = math.sqrt(total)
-            else:
-                normal[i, j] = total / normal[j, j]
-    for i in range(n):
-        total = rhs[i]
-        for k in range(i):
-            total -= normal[i, k] * step[k]
-        step[i] = total / normal[i, i]
-    for i in range(n - 1, -1, -1):
-        total = step[i]
-        for k in range(i + 1, n):
-            total -= normal[k, i] * step[k]
-        step[i] = total / normal[i, i]
-    return True
-
-
-@inner
-def _lay(p, origin, size, n, pixels, first, nodes, count, lane):  # type: ignore[no-untyped-def]
-    """Fill the level that a block of pixels from the first should have, not clipped, and its derivatives.
-
-    Return how many there are, with those that fill the lanes.
-    """
-    many = min(BLOCK, n - first + -n % LANES)
-    cx, cy, ground, contrast, slope_x, slope_y = p[CX], p[CY], p[GROUND], p[CONTRAST], p[SLOPE_X], p[SLOPE_Y]
-    for j in range(many):
-        lane[DX * BLOCK + j], lane[DY * BLOCK + j] = pixels[0, first + j] - cx, pixels[1, first + j] - cy
-    edge_light(p, nodes, count, lane, many)
-    from_x, from_y = origin[0] - cx, origin[1] - cy
-    for j in range(many):
-        lane[_LEVEL * BLOCK + j] = pixels[4, first + j]
-    for j in range(many):
-        edge = lane[SHARE * BLOCK + j] + lane[_LEVEL * BLOCK + j]
-        rx, ry = (lane[DX * BLOCK + j] - from_x) / size, (lane[DY * BLOCK + j] - from_y) / size
-        light = 1.0 + slope_x * rx + slope_y * ry
-        flat, factor = ground + contrast * edge, contrast * light
-        lane[_LEVEL * BLOCK + j] = flat * light
-        lane[(BY + CX) * BLOCK + j] *= factor
-        lane[(BY + CY) * BLOCK + j] *= factor
-        lane[(BY + AXX) * BLOCK + j] *= factor
-        lane[(BY + AXY) * BLOCK + j] *= factor
-        lane[(BY + AYY) * BLOCK + j] *= factor
-        lane[(BY + BLUR) * BLOCK + j] *= factor
-        lane[(BY + GROUND) * BLOCK + j], lane[(BY + CONTRAST) * BLOCK + j] = light, edge * light
-        lane[(BY + SLOPE_X) * BLOCK + j], lane[(BY + SLOPE_Y) * BLOCK + j] = flat * rx, flat * ry
-    return many
-
-
-@summing
-def _product(lane, row, other, many):  # type: ignore[no-untyped-def]
-    """Return the scalar product of two registers."""
-    total = 0.0
-    for j in range(many):
-        total += lane[row * BLOCK + j] * lane[other * BLOCK + j]
-    return total
-
-
-@inner
-def _add_products(pixels, first, many, top, lane, normal, rhs):  # type: ignore[no-untyped-def]
-    """Add what a block of pixels tells to normal equations; return its weighted square sum."""
-    for j in range(many):
-        lane[_WEIGHT * BLOCK + j], lane[_LEFT * BLOCK + j] = pixels[3, first + j], pixels[2, first + j]
-    for j in range(many):
-        level, weight = lane[_LEVEL * BLOCK + j], lane[_WEIGHT * BLOCK + j]
-        left = lane[_LEFT * BLOCK + j] - min(level, top)
-        lane[_LEFT * BLOCK + j], lane[_WEIGHTED * BLOCK + j] = left, weight * left
-        lane[_WEIGHT * BLOCK + j] = weight if level < top else 0.0
-    cost = _product(lane, _WEIGHTED, _LEFT, many)
-    for i in range(UNKNOWNS):
-        own = (BY + i) * BLOCK
-        for j in range(many):
-            lane[_WEIGHTED * BLOCK + j] = lane[_WEIGHT * BLOCK + j] * lane[own + j]
-        rhs[i] += _product(lane, _WEIGHTED, _LEFT, many)
-        for k in range(i + 1):
-            normal[i, k] += _product(lane, _WEIGHTED, BY + k, many)
-    return cost
-
-
-@inner
-def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs):  # type: ignore[no-untyped-def]
-    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal and rhs."""
-    for i in range(UNKNOWNS):
-        rhs[i] = 0.0
-        for j in range(UNKNOWNS):
-            normal[i, j] = 0.0
-    if count:
-        set_nodes(p, nodes, count)
-    known = 1.0 / (_SLOPE_SIGMA * size) ** 2
-    cost = known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
-    for i in (SLOPE_X, SLOPE_Y):
-        normal[i, i], rhs[i] = known, -known * p[i]
-    for i in range(3):
-        away = p[BLUR + i] - held[i]
-        cost += held[3 + i] * away * away
-        normal[BLUR + i, BLUR + i], rhs[BLUR + i] = held[3 + i], -held[3 + i] * away
-    for first in range(0, n, BLOCK):
-        many = _lay(p, origin, size, n, pixels, first, nodes, count, lane)
-        cost += _add_products(pixels, first, many, top, lane, normal, rhs)
-    return cost
 
 
 @inner
@@ -227,47 +110,6 @@ def _is_lit(pixels, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[no-untyped-def]
-    """Copy a trial to where the descent stands; copies of slices would take five seconds longer to compile."""
-    for i in range(UNKNOWNS):
-        p[i], rhs[i] = trial[i], trial_rhs[i]
-        for j in range(UNKNOWNS):
-            normal[i, j] = trial_normal[i, j]
-
-
-@inner
-def _descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
-    """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
-    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes, lane = work
-    count = count_nodes(p)
-    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs)
-    damping, moved = 1e-3, 0.0
-    for _ in range(_STEPS):
-        for i in range(UNKNOWNS):
-            for j in range(i + 1):
-                factor[i, j] = normal[i, j]
-            factor[i, i] = normal[i, i] * (1 + damping) + 1e-30
-        if not _solve(factor, rhs, step, UNKNOWNS):
-            return -1.0
-        for i in range(UNKNOWNS):
-            trial[i] = p[i] + step[i]
-        trial[BLUR] = min(max(trial[BLUR], _MIN_BLUR), _MAX_BLUR)
-        moved = abs(step[CX]) + abs(step[CY])
-        if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > size:
-            damping *= 10
-            continue
-        trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, lane, trial_normal, trial_rhs)
-        gained = cost - trial_cost
-        if gained >= 0:
-            _take_over(p, normal, rhs, trial, trial_normal, trial_rhs)
-            cost = trial_cost
-        damping *= 0.1 if gained >= 0 else 10.0
-        if moved < small and abs(gained) < 0.1 * small * cost:
-            return cost
-    return cost if moved < 10 * small else -1.0
-
-
-@inner
 def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # type: ignore[no-untyped-def]
     """Take the weight from pixels far from the picture; set shares of them inside and outside. Return what is left."""
     inside = outside = hidden = merged = 0
@@ -278,8 +120,8 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
     off = np.empty(n)
     for m in range(n):
         if m % BLOCK == 0:
-            _lay(p, origin, size, n, pixels, m, nodes, count, lane)
-        off[m] = abs(pixels[2, m] - min(lane[_LEVEL * BLOCK + m % BLOCK], top))
+            lay(p, origin, size, n, pixels, m, nodes, count, lane)
+        off[m] = abs(pixels[2, m] - min(lane[LEVEL * BLOCK + m % BLOCK], top))
     # five sigmas of what is usual, by the mean of absolute values
     usual = _OUTLYING if first else min(max(6.25 * off.mean() / abs(p[CONTRAST]), _OUTLYING_LEAST), _OUTLYING)
     for m in range(n):
@@ -318,8 +160,8 @@ def _set_dents(p, origin, size, n, pixels, top, work, arcs, result):  # type: ig
     for m in range(n):
         j = m % BLOCK
         if j == 0:
-            _lay(p, origin, size, n, pixels, m, nodes, count, lane)
-        level = lane[_LEVEL * BLOCK + j]
+            lay(p, origin, size, n, pixels, m, nodes, count, lane)
+        level = lane[LEVEL * BLOCK + j]
         if pixels[3, m] == 0.0 or level >= top:
             continue
         x, y = pixels[0, m], pixels[1, m]
@@ -343,7 +185,7 @@ def _set_dents(p, origin, size, n, pixels, top, work, arcs, result):  # type: ig
     return seen, weights
 
 
-@compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
+@compiled(__file__, edge_descent.__file__, edge_picture.__file__, lane_arithmetic.__file__)
 def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, results):  # type: ignore[no-untyped-def]
     """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
     to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a
@@ -353,7 +195,7 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
     normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     nodes = np.empty((6, MOST_NODES))
-    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, np.empty(_REGISTERS * BLOCK))
+    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, np.empty(REGISTERS * BLOCK))
     unit, held, arcs = np.empty(UNKNOWNS), np.zeros(6), np.empty((2, _ARCS_MOST))
     for t in range(len(start)):
         result = results[t]
@@ -368,12 +210,12 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         if held_share > 0:
             held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
             held[5] = held[4]
-        cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
+        cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
         # the light of a ring is laid where the dot is thought to be: that is repeated
         for _ in range(_RELAID):
             if cost >= 0 and coded[t] and _is_lit(pixels, n):
                 n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-                cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
+                cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
         if cost < 0:
             continue
         first = held_share > 0
@@ -383,7 +225,7 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         if left <= 2 * UNKNOWNS:
             continue
         if not first or left < n:
-            cost = _descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
+            cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
         if cost < 0:
             continue
         seen, weights = _set_dents(p, origin, size, n, pixels, top, work, arcs, result)
@@ -402,7 +244,7 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
                 for j in range(i + 1):
                     factor[i, j] = normal[i, j]
             unit[axis] = 1.0
-            good = good and _solve(factor, unit, step, UNKNOWNS)
+            good = good and solve(factor, unit, step, UNKNOWNS)
             result[C_XX + axis], result[C_XY + axis] = step[0], step[1]
         if good:
             result[SETTLED] = 1.0
