@@ -185,66 +185,72 @@ def _set_dents(p, origin, size, n, pixels, top, work, arcs, result):  # type: ig
     return seen, weights
 
 
+@inner
+def _set_covariance(work, result):  # type: ignore[no-untyped-def]
+    """Set the covariance of the centre, of the normal equations where the descent ended; return whether it has one."""
+    normal, factor, step, unit = work[0], work[2], work[5], work[6]
+    good = True
+    for axis in range(2):
+        for i in range(UNKNOWNS):
+            unit[i] = 0.0
+            for j in range(i + 1):
+                factor[i, j] = normal[i, j]
+        unit[axis] = 1.0
+        good = good and solve(factor, unit, step, UNKNOWNS)
+        result[C_XX + axis], result[C_XY + axis] = step[0], step[1]
+    return good
+
+
+@inner
+def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, work, result):  # type: ignore[no-untyped-def]
+    """Fit one result, which begins with the unknowns to start from; return whether it settled."""
+    p, first = result[:UNKNOWNS], held_share > 0
+    origin, size = (p[CX], p[CY]), 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
+    n = _gather(grey, p, ring, coded, outer, noise, pixels)
+    held[0], held[1], held[2] = p[BLUR], p[GROUND], p[CONTRAST]
+    if first:
+        held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
+        held[5] = held[4]
+    cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
+    # the light of a ring is laid where the dot is thought to be: that is repeated
+    for _ in range(_RELAID):
+        if cost >= 0 and coded and _is_lit(pixels, n):
+            n = _gather(grey, p, ring, coded, outer, noise, pixels)
+            cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
+    if cost < 0:
+        return False
+    if not first:
+        n = _gather(grey, p, ring, coded, outer, noise, pixels)
+    left = _drop_outlying(p, origin, size, n, pixels, top, first, work, result)
+    if left <= 2 * UNKNOWNS:
+        return False
+    if not first or left < n:
+        cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
+    if cost < 0:
+        return False
+    seen, weights = _set_dents(p, origin, size, n, pixels, top, work, arcs, result)
+    if seen <= UNKNOWNS:
+        return False
+    visible = abs(min(p[GROUND] + p[CONTRAST], top) - min(p[GROUND], top))
+    result[CHI2], result[FREEDOM] = cost / (seen - UNKNOWNS), seen - UNKNOWNS
+    result[MISFIT] = math.sqrt(cost / weights) / max(visible, 1e-9)
+    return first or _set_covariance(work, result)
+
+
 @compiled(__file__, edge_descent.__file__, edge_picture.__file__, lane_arithmetic.__file__)
 def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, results):  # type: ignore[no-untyped-def]
     """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
     to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a
     share of the contrast, 0: free; most pixels."""
-    pixels = np.empty((5, most + LANES))
     shape = (UNKNOWNS, UNKNOWNS)
     normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
-    nodes = np.empty((6, MOST_NODES))
-    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, np.empty(REGISTERS * BLOCK))
-    unit, held, arcs = np.empty(UNKNOWNS), np.zeros(6), np.empty((2, _ARCS_MOST))
+    nodes, lane = np.empty((6, MOST_NODES)), np.empty(REGISTERS * BLOCK)
+    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, lane)
+    pixels, held, arcs = np.empty((5, most + LANES)), np.zeros(6), np.empty((2, _ARCS_MOST))
     for t in range(len(start)):
         result = results[t]
-        p = result[:UNKNOWNS]
         for i in range(UNKNOWNS):
-            p[i] = start[t, i]
-        result[SETTLED] = 0.0
-        origin = (p[CX], p[CY])
-        size = 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
-        n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-        held[0], held[1], held[2] = p[BLUR], p[GROUND], p[CONTRAST]
-        if held_share > 0:
-            held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
-            held[5] = held[4]
-        cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
-        # the light of a ring is laid where the dot is thought to be: that is repeated
-        for _ in range(_RELAID):
-            if cost >= 0 and coded[t] and _is_lit(pixels, n):
-                n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-                cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
-        if cost < 0:
-            continue
-        first = held_share > 0
-        if not first:
-            n = _gather(grey, p, ring[t], coded[t], outer[t], noise, pixels)
-        left = _drop_outlying(p, origin, size, n, pixels, top, first, work, result)
-        if left <= 2 * UNKNOWNS:
-            continue
-        if not first or left < n:
-            cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
-        if cost < 0:
-            continue
-        seen, weights = _set_dents(p, origin, size, n, pixels, top, work, arcs, result)
-        if seen <= UNKNOWNS:
-            continue
-        visible = abs(min(p[GROUND] + p[CONTRAST], top) - min(p[GROUND], top))
-        result[CHI2], result[FREEDOM] = cost / (seen - UNKNOWNS), seen - UNKNOWNS
-        result[MISFIT] = math.sqrt(cost / weights) / max(visible, 1e-9)
-        if first:
-            result[SETTLED] = 1.0
-            continue
-        good = True
-        for axis in range(2):
-            for i in range(UNKNOWNS):
-                unit[i] = 0.0
-                for j in range(i + 1):
-                    factor[i, j] = normal[i, j]
-            unit[axis] = 1.0
-            good = good and solve(factor, unit, step, UNKNOWNS)
-            result[C_XX + axis], result[C_XY + axis] = step[0], step[1]
-        if good:
-            result[SETTLED] = 1.0
+            result[i] = start[t, i]
+        one = ring[t], coded[t], outer[t]
+        result[SETTLED] = _fit(grey, *one, noise, top, held_share, pixels, held, arcs, work, result)
