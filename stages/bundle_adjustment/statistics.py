@@ -15,6 +15,8 @@ from truing.estimation.bundle.variance_components import POOLED, VarianceCompone
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_SIMILARITY = 7  # freedoms of a pose whose scale nothing gives, either
+
 
 def statistics_table(found: AdjustedNetwork) -> pa.Table:
     """The table bundle_statistics."""
@@ -95,9 +97,10 @@ def _regions(found: AdjustedNetwork) -> list[Figure]:
 
 
 def _origins(found: AdjustedNetwork) -> list[Figure]:
-    """What gave each pose its scale; 1 behind each."""
-    poses = found.named.poses
-    return [(f"scale from {scale}", f"pose {poses[p]}", 1.0, "1") for p, scale in enumerate(found.start.scale)]
+    """What gives each pose its scale; 1 behind each. Known points that are no datum give it to the start alone."""
+    poses, free = found.named.poses, found.adjustment.defect == _SIMILARITY
+    scales = ["none" if free[p] else scale for p, scale in enumerate(found.start.scale)]
+    return [(f"scale from {scale}", f"pose {poses[p]}", 1.0, "1") for p, scale in enumerate(scales)]
 
 
 def _sizes(found: AdjustedNetwork) -> list[Figure]:

@@ -251,6 +251,10 @@ def test_known_points_give_the_frame_and_the_scale(tmp_path: Path) -> None:
     rows = [f"{names[k]},{','.join(f'{v:.5f}' for v in truth[k])},0.01,0.01,0.01" for k in (0, 5, 11, 20, 28)]
     head = "point,x_mm,y_mm,z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm"
     (folder / "known_points.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    (folder / "targets.csv").rename(folder / "survey.csv")
+    origins = run_line(folder, "images", "bundle")[0]["bundle_statistics"].to_pandas()["figure"]
+    assert (origins == "scale from none").sum() == 1  # as no datum they give it to the start alone
+    (folder / "survey.csv").rename(folder / "targets.csv")
     with (folder / "campaign.toml").open("a", encoding="utf-8") as file:
         file.write('\n[photographs]\ndatum = "known"\n')
     tables = run_line(folder, "images", "bundle")[0]
