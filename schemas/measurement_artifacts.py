@@ -179,6 +179,14 @@ MEASUREMENT = (
         optional=("accepted",),
     ),
     parquet(
+        "belonging",
+        "one row per tested relation between parts of the campaign, with the slips of the hand that explain the data",
+        (
+            *("relation", "subject", "state", "reason_code", "misfit", "misfit_explained", "limit", "unit"),
+            *("slips", "rivals", "hidden_slips", "tried", "accepted"),
+        ),
+    ),
+    parquet(
         "poses",
         "rigid-body poses by every estimator, with covariance",
         (

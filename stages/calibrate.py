@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 LEAST_POSES = 3
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
-READINGS_AGAINST_POSES = "readings-against-poses"  # the check that fails where they cannot be of one machine
-WRONG_SHARE = 0.5  # of the movement, by which no machine departs from its drawing
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
 OF_MECHANISM = (
@@ -52,6 +50,7 @@ DECLARATION = Stage(
         "reading_errors?",
         *("pose_sensitivities?", "pose_covariances?", "camera_correlations?"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
+        *("qa?", "belonging?"),
     ),
     leaves=(
         *(f"{name}?" for name in OF_MECHANISM),
@@ -90,9 +89,11 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, choose among them, and hold them against repeats."""
+    from stages.belonging import withheld
+
+    if why := withheld(tables):
+        return _of_nothing(why, settings)
     found = _calibrated(tables, settings, progress)
-    if found.failed_checks:  # readings that are not of these poses do not say which of them repeat each other
-        return found
     if settings.campaign.kind == "interferometer":
         from stages.repeats.of_loads import repeats_of_loads as repeats_of
     else:
@@ -121,8 +122,6 @@ def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Pr
         return not_evaluated(str(why))
     if little := _too_little(gathered):
         return not_evaluated(little)
-    if apart := _apart(gathered):
-        return replace(not_evaluated(apart), failed_checks=(READINGS_AGAINST_POSES,))
     if unreached := _unreached(gathered):
         return not_evaluated(unreached)
     try:
@@ -173,28 +172,13 @@ def _unreached(gathered: Gathered) -> str:
     return ""
 
 
-def _apart(gathered: Gathered) -> str:
-    """Why readings and poses cannot be of the nominal machine, however it was made; empty where they can."""
-    import numpy as np
+def _of_nothing(why: str, settings: Campaign) -> Outcome:
+    """The outcome of a campaign of either kind whose data cannot be used."""
+    if settings.campaign.kind != "interferometer":
+        return not_evaluated(why)
+    from stages.sensor_calibration.run import nothing
 
-    from truing.simulation.kinematics import inverse
-
-    measured = gathered.measured
-    asked = inverse(gathered.machine.legs, measured.platform.p, measured.platform.R)
-    told = np.isfinite(asked).all(1)
-    if told.mean() < 0.5:
-        return (
-            "readings and poses do not belong together: the legs of [mechanism] do not reach these poses at any reading"
-        )
-    asked, read = (values[told] - values[told].mean(0) for values in (asked, measured.rho))
-    wanted, missed = (1e3 * float(np.sqrt(np.mean(moved**2))) for moved in (asked, read - asked))
-    if missed <= WRONG_SHARE * wanted:
-        return ""
-    slope = f"{np.sum(asked * read) / np.sum(asked**2):.3g} times as far"
-    return (
-        f"readings and poses do not belong together: by [mechanism] actuators moved {wanted:.3g} mm rms between these "
-        f"poses, read is {slope}, {missed:.3g} mm rms apart; unit, sign or order of the readings, legs or frames?"
-    )
+    return nothing(why)
 
 
 def not_evaluated(why: str) -> Outcome:

@@ -29,6 +29,7 @@ DECLARATION = Stage(
         "reading_residuals?",
         "run_terms?",
         "positions?",
+        *("qa?", "belonging?"),
         *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
     ),
     leaves=(
@@ -59,6 +60,10 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit the deformation models that the campaign's instrument and mechanism allow."""
+    from stages.belonging import withheld
+
+    if why := withheld(tables):
+        return _of_nothing(why, settings)
     progress(0, 1, "deformation models")
     if settings.campaign.kind == "interferometer":
         return _with_positioning(_of_loads(tables, settings), tables, settings)
@@ -114,20 +119,27 @@ def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.responses.load_deformation import load_deformation, without_loads
+    from stages.responses.load_deformation import load_deformation
 
     readings = tables.get("readings")
     if readings is None or not readings.num_rows:
-        why = "not evaluated: no readings of displacement under load"
-        return Outcome(without_loads(), read="nothing", left_out="nothing", figure=why)
+        return _of_nothing("no readings of displacement under load", settings)
     if set(_roles(readings)) == {"verification"}:
-        why = "not evaluated: every run is for verification, and nothing may be fitted to those"
-        return Outcome(without_loads(), read="nothing", left_out="nothing", figure=why)
+        return _of_nothing("every run is for verification, and nothing may be fitted to those", settings)
     return load_deformation(tables, settings)
 
 
 def _roles(readings: pa.Table) -> list[str]:
     return readings.column("role").to_pylist() if "role" in readings.column_names else []
+
+
+def _of_nothing(why: str, settings: Campaign) -> Outcome:
+    """The outcome of a campaign of either kind whose data cannot be used."""
+    if settings.campaign.kind != "interferometer":
+        return not_evaluated(why)
+    from stages.responses.load_deformation import without_loads
+
+    return Outcome(without_loads(), read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
 
 
 def not_evaluated(why: str) -> Outcome:

@@ -31,7 +31,7 @@ DECLARATION = Stage(
         "readings?",
         "signals?",
         "given_compliance?",
-        "qa?",
+        *("qa?", "belonging?"),
         "ray_statistics?",
         "ray_information?",
         "ray_effects?",
@@ -88,10 +88,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for what makes the campaign depart from its simulation."""
     import numpy as np
 
-    from stages.diagnosis.mistaken_readings import mistaken
+    from stages.belonging import withheld
     from stages.diagnosis.ray_findings import corrected, with_shared_errors
 
-    if why := mistaken(tables):
+    if why := withheld(tables):
         return _not_evaluated(why)
     rays = _rays(tables, settings, progress)
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import chain
 from typing import TYPE_CHECKING, cast
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from schemas.sections import Acceptance
     from stages.quality.bodies import BodyView
     from stages.quality.check import Check
+    from truing.belonging.relation import Tested
 
 DECLARATION = Stage(
     name="qa",
@@ -37,7 +38,7 @@ DECLARATION = Stage(
         *("photographs?", "object_points?", "image_orientations?", "image_residuals?", "scale_bar_lengths?"),
         *("bundle_statistics?", "ray_statistics?", "ray_information?"),
     ),
-    leaves=("qa", "likely_names?"),
+    leaves=("qa", "likely_names?", "belonging?"),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
         *(
@@ -61,9 +62,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return _of_loads(tables, settings, progress)
     if not tables["observations"].num_rows:
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
+    from stages.quality.belonging_of_points import relations_of_points
     from stages.quality.bodies import body_views, surroundings
     from stages.quality.checks import all_checks
     from stages.quality.limits import CampaignLimits
+    from stages.quality.of_belonging import belonging_checks
     from stages.quality.of_decisions import overruled_points
     from stages.quality.of_names import likely_names, likely_table, names_known, settled_names
     from stages.quality.of_photographs import photograph_checks
@@ -78,6 +81,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         tables.get("resurveys"),
         settled_names(tables.get("relabelled")),
     )
+    relations = relations_of_points(bodies, around, tables, settings)
     likely = likely_names(observations, bodies, around, settled)
     found = chain(
         all_checks(bodies, reference, around, attachments, settings, limits, tables),
@@ -85,9 +89,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         later_surveys(resurveys, settings.exclude, limits),
         overruled_points(observations, settings),
         photograph_checks(tables, limits),
+        belonging_checks(relations),
     )
     read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
-    outcome = _judged(found, read, settings, progress)
+    outcome = _judged(found, read, settings, progress, relations)
     suggested = {"likely_names": likely_table(likely)} if likely else {}
     return replace(outcome, artifacts={**outcome.artifacts, **suggested})
 
@@ -95,9 +100,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no readings and no signals")
+    from stages.quality.belonging_of_loads import relations_of_loads
     from stages.quality.limits import CampaignLimits
     from stages.quality.loading_checks import loading_checks
     from stages.quality.loading_view import loading_view
+    from stages.quality.of_belonging import belonging_checks
 
     view = loading_view(tables, settings)
     read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs"
@@ -111,10 +118,14 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
         from stages.quality.of_quadrature import quadrature_checks
 
         checks = chain(quadrature_checks(tables["quadrature"], limits), checks)
-    return _judged(checks, read, settings, progress)
+    relations = relations_of_loads(view, tables, settings)
+    return _judged(chain(belonging_checks(relations), checks), read, settings, progress, relations)
 
 
-def _judged(found: Iterable[Check], read: str, settings: Campaign, progress: Progress) -> Outcome:
+def _judged(
+    found: Iterable[Check], read: str, settings: Campaign, progress: Progress, relations: Sequence[Tested] = ()
+) -> Outcome:
+    from stages.belonging import belonging_table
     from stages.quality.check import FAIL, WARN, told
 
     checks = []
@@ -126,8 +137,10 @@ def _judged(found: Iterable[Check], read: str, settings: Campaign, progress: Pro
         f"{c.check} {c.subject}".strip() for c, a in zip(checks, accepted, strict=True) if c.verdict == FAIL and not a
     )
     warned = sum(c.verdict == WARN for c in checks)
+    signed = {(c.check, c.subject): who for c, who in zip(checks, accepted, strict=True)}
+    belonging = belonging_table(relations, [signed.get((one.relation, one.subject)) for one in relations])
     return Outcome(
-        {"qa": _table(checks, accepted)},
+        {"qa": _table(checks, accepted), "belonging": belonging},
         read=read,
         left_out="nothing",
         figure=f"{len(checks)} checks, {len(failed)} failed, {warned} warn, {sum(map(bool, accepted))} accepted",

@@ -31,7 +31,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     drawn = theory(settings, tables)
     found, fitted, why = _fitted(tables, settings, progress)
     if drawn is None and fitted is None:
-        return _nothing(why)
+        return nothing(why)
     sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
     legs = None if fitted is None else leg_matrix(fitted, sensitivity, tolerance)
     artifacts = {
@@ -84,6 +84,7 @@ def _figure(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
     )
 
 
-def _nothing(why: str) -> Outcome:
+def nothing(why: str) -> Outcome:
+    """Return the outcome of a campaign without anything to calibrate, or whose data cannot be used."""
     empty = {name: ARTIFACTS[name].empty() for name in LEAVES}
     return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")

@@ -20,8 +20,8 @@ def modules(folder: str) -> list[Path]:
 def text_files() -> Iterator[Path]:
     """Every text file that belongs to the project (what a run or an installation made is left out)."""
     candidates = [*PROJECT.iterdir(), *(path for folder in FOLDERS for path in (PROJECT / folder).rglob("*"))]
-    for path in candidates:
-        if path.is_file() and path.suffix in TEXT and "__pycache__" not in path.parts:
+    for path in candidates:  # in a linked work tree of git, `.git` is a file that names the place of the first
+        if path.is_file() and path.suffix in TEXT and path.name != ".git" and "__pycache__" not in path.parts:
             yield path
 
 

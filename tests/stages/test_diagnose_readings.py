@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from docs.experiments import force_sensor_campaign
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
-from stages.diagnosis.mistaken_readings import mistaken
+from stages.belonging import withheld
 from stages.diagnosis.reading_points import reading_model
 from stages.predict import predict
 from stages.sensor.reading_arrays import load_steps
@@ -190,7 +190,7 @@ def test_numbers_in_another_unit_are_given_no_cause_unless_a_person_says_so(tmp_
     assert "run 3 dz reads 0.001 times what is expected" in said["diagnose"].figure
     assert not made["diagnosis"].num_rows
     rows = [{**row, "accepted": "M. Keller: known"} for row in made["qa"].to_pylist()]
-    assert not mistaken({"qa": pa.Table.from_pylist(rows)})
+    assert not withheld({"qa": pa.Table.from_pylist(rows)})
 
 
 def test_runs_that_were_not_set_to_zero_are_given_no_cause(tmp_path: Path) -> None:

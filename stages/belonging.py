@@ -1,0 +1,66 @@
+"""The tests of belonging in tables: their rows, and which stages must not evaluate what rests on a failed one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from schemas.artifacts import ARTIFACTS
+from truing.belonging.relation import Slip, Tested
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+# Older checks of what a table says its numbers are; a finding on such numbers would be as large as the slip.
+_CHECKS = ("units", "signs", "channels-exchanged")
+
+
+def belonging_table(tested: Sequence[Tested], accepted: Sequence[str | None]) -> pa.Table:
+    """Return the artifact ``belonging``: one row per tested relation."""
+    import pyarrow as pa
+
+    rows = [_row(one, who) for one, who in zip(tested, accepted, strict=True)]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["belonging"].arrow_schema())
+
+
+def _row(tested: Tested, accepted: str | None) -> dict[str, object]:
+    return {
+        "relation": tested.relation,
+        "subject": tested.subject,
+        "state": tested.state.value,
+        "reason_code": tested.reason,
+        "misfit": tested.misfit,
+        "misfit_explained": tested.misfit_explained,
+        "limit": tested.limit,
+        "unit": tested.unit,
+        "slips": _json(tested.slips),
+        "rivals": _json(tested.rivals),
+        "hidden_slips": _json(tested.hidden),
+        "tried": tested.tried,
+        "accepted": accepted,
+    }
+
+
+def _json(slips: Sequence[Slip]) -> str:
+    return json.dumps([asdict(slip) for slip in slips])
+
+
+def withheld(tables: Mapping[str, pa.Table]) -> str:
+    """Return why nothing may rest on these tables: failed relations that nobody accepted; empty where none failed.
+
+    ``tables`` holds ``qa`` and, where relations were tested, ``belonging``.
+    """
+    rows = tables["belonging"].to_pylist() if "belonging" in tables else []
+    apart = {row["relation"] for row in rows if row["state"] == "fails" and not row["accepted"]}
+    checks = tables["qa"].to_pylist() if "qa" in tables else []
+    failed = [
+        row
+        for row in checks
+        if row["check"] in apart.union(_CHECKS) and row["verdict"] == "fail" and not row["accepted"]
+    ]
+    if not failed:
+        return ""
+    more = f"; {len(failed) - 1} more under Quality" if len(failed) > 1 else ""
+    return f"the data do not belong together: {failed[0]['message']} (check {failed[0]['check']}{more})"

@@ -1,0 +1,47 @@
+"""How well a hypothesis explains data whose physics is known in outline: evidence with a free noise level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_LEVELS = 48  # noise levels tried per octave span; the evidence is smooth in its logarithm
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Effects that a model may lack, as columns scaled by one prior standard deviation, in factored form.
+
+    ``left`` (N, K) orthonormal, ``size`` (K,) singular values of the scaled columns, in units of the data.
+    """
+
+    left: Array
+    size: Array
+
+
+def physics(columns: Array) -> Physics:
+    """Return effects (N, K), each column scaled by one standard deviation of its coefficient, in factored form."""
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    kept = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
+    return Physics(left[:, kept], size[kept])
+
+
+def log_evidence(misfit: Array, known: Physics, floor: float) -> Array:
+    """Return the log marginal likelihood of misfits (..., N) under known physics and white noise of unknown level.
+
+    The noise level is the most likely one not below ``floor`` (same unit as the misfit, positive). Constants that all
+    hypotheses about the same N numbers share are kept, so that evidences compare.
+    """
+    explained = misfit @ known.left
+    rest = np.maximum(np.sum(misfit**2, -1) - np.sum(explained**2, -1), 0.0)
+    count, free = misfit.shape[-1], misfit.shape[-1] - len(known.size)
+    top = max(float(np.sqrt(np.mean(misfit**2, -1)).max(initial=0.0)), floor) * 2.0
+    levels = np.geomspace(floor, max(top, 2.0 * floor), _LEVELS)
+    variance = known.size**2 + levels[:, None] ** 2
+    fixed = -0.5 * (np.log(variance).sum(-1) + 2.0 * free * np.log(levels) + count * np.log(2.0 * np.pi))
+    spent = np.tensordot(explained**2, 1.0 / variance, axes=(-1, -1)) + rest[..., None] / levels**2
+    return np.asarray((fixed - 0.5 * spent).max(-1))

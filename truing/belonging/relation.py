@@ -1,0 +1,82 @@
+"""A tested relation between two parts of a campaign, and the slips of the hand that could have broken it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class State(StrEnum):
+    """Result of the test of a relation."""
+
+    OK = "ok"
+    ATTENTION = "attention"
+    FAILS = "fails"
+    NOT_TESTED = "not tested"
+
+
+class SlipKind(StrEnum):
+    """What a person or an export does to numbers on their way from an instrument into a table."""
+
+    UNIT = "unit"  # all numbers times a factor between units
+    SIGN = "sign"  # all numbers times -1
+    ZERO = "zero"  # counted from another zero
+    COLUMNS = "columns-exchanged"
+    ROWS_SHIFTED = "rows-shifted"
+    ROWS_EXCHANGED = "rows-exchanged"
+    MIRRORED = "mirrored"
+    PARTS_EXCHANGED = "parts-exchanged"  # two parts of the description stand in each other's place
+    DIRECTION = "direction-reversed"
+    FROZEN = "frozen"  # the same number again and again while the machine moves
+    COPIED = "copied"
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One slip: its kind, the quantity that it changed, the subjects (columns, rows, runs), and its size.
+
+    ``factor``: recorded numbers times ``factor`` are right (kind unit), 1 for other kinds. ``shift``: rows by which
+    the recorded values stand too far down (kind rows-shifted).
+    """
+
+    kind: SlipKind
+    quantity: str
+    subjects: tuple[str, ...] = ()
+    factor: float = 1.0
+    shift: int = 0
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Result for one relation: which slips explain the data, and which a campaign of this kind cannot show.
+
+    ``relation`` is the name of the quality check. ``misfit`` is rms of what the relation leaves as recorded,
+    ``misfit_explained`` with ``slips`` undone (None without slips), both in ``unit``; a relation fails beyond
+    ``limit``. ``slips`` hold together, not one or the other; ``rivals`` explain the data as well as they do.
+    ``tried`` counts the hypotheses. ``hidden``: slips that would not be seen. ``reason`` is a code for the words.
+    """
+
+    relation: str
+    state: State
+    reason: str
+    subject: str = ""
+    misfit: float | None = None
+    misfit_explained: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    slips: tuple[Slip, ...] = ()
+    rivals: tuple[Slip, ...] = ()
+    tried: int = 0
+    hidden: tuple[Slip, ...] = ()
+
+
+# What numbers of one unit are in another, by which a slip multiplies; each may also be divided by.
+LENGTH_FACTORS = (1e3, 10.0, 25.4, 1e6)
+ANGLE_FACTORS = (57.29577951308232, 60.0, 3600.0)
+FORCE_FACTORS = (1e3, 9.80665, 4.4482216152605, 1e6)
+TORQUE_FACTORS = (1e3, 9.80665, 1.3558179483314, 0.1129848290276, 100.0)
+
+
+def both_ways(factors: tuple[float, ...]) -> tuple[float, ...]:
+    """Return factors and their reciprocals."""
+    return (*factors, *(1.0 / factor for factor in factors))

@@ -1,0 +1,131 @@
+"""Sentences for the test of a relation: do two parts of a campaign belong together, and which slip explains it?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.report.numbers import two_decimals
+
+_MOST = 6  # subjects that a sentence lists
+
+# What the two sides of a relation are called in a sentence.
+RELATIONS = {
+    "readings-against-poses": "Actuator readings and measured poses",
+    "points-against-survey": "Measured points and their survey",
+    "copied-poses": "Poses",
+    "legs-regular": "The legs of [mechanism]",
+    "loads-against-readings": "Loads and readings",
+    "signals-against-loads": "Signals and loads",
+    "copied-runs": "Runs",
+}
+
+# Names of factors by quantity: what was written, in place of what.
+_FACTORS = {
+    "length": {
+        1e3: "metres in place of mm",
+        1e-3: "µm in place of mm",
+        10.0: "cm in place of mm",
+        25.4: "inches in place of mm",
+        1e6: "a factor of a million",
+    },
+    "angle": {57.29577951308232: "radians in place of degrees", 0.017453292519943295: "degrees in place of radians"},
+    "force": {
+        1e3: "kN in place of N",
+        9.80665: "kgf in place of N",
+        4.4482216152605: "lbf in place of N",
+        1e-3: "mN in place of N",
+    },
+    "torque": {
+        1e3: "kN m in place of N m, or m in place of mm",
+        9.80665: "kgf m in place of N m",
+        1e-3: "N mm in place of N m",
+        1.3558179483314: "lbf ft in place of N m",
+        0.1129848290276: "lbf in in place of N m",
+        0.01: "N cm in place of N m",
+    },
+    "voltage": {1e3: "V in place of mV", 1e-3: "µV in place of mV"},
+}
+_REASONS = {
+    "agrees": "belong together",
+    "hardly-moved": "were not compared: the machine hardly moved",
+    "no-readings": "were not compared: the campaign has no actuator readings",
+    "no-mechanism": "were not compared: no [mechanism] relates them",
+    "no-inverse": "were not compared: this mechanism gives no reading for a pose",
+    "no-poses": "were not compared: fewer than three poses have both",
+    "no-slip": "do not belong together, and no slip that was tried explains it",
+    "departs": "depart from each other more than a calibration usually explains",
+    "legs-parallel": "are all parallel: they leave the platform free to move sideways",
+    "legs-singular": "are singular: at the measured poses they leave a motion of the platform free",
+    "regular": "hold the platform in all six directions",
+    "distinct": "are all different measurements",
+    "coarse": "were not compared: the resolution of the file is coarser than the noise",
+}
+
+
+def message(tested: Tested) -> str:
+    """Return the sentences for one tested relation: result, size, the slip that explains it, what stays hidden."""
+    subject = f" ({tested.subject})" if tested.subject else ""
+    sides = f"{RELATIONS[tested.relation]}{subject}"
+    if tested.slips:
+        return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
+    said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
+    if tested.tried and tested.state in (State.OK, State.ATTENTION, State.FAILS):
+        said += f" {tested.tried} slips were tried."
+    if tested.hidden:
+        said += f" This campaign cannot show: {'; '.join(slip_words(slip) for slip in tested.hidden)}."
+    return said
+
+
+def _size(tested: Tested) -> str:
+    if tested.misfit is None:
+        return ""
+    limit = "" if tested.limit is None else f", limit {two_decimals(tested.limit)} {tested.unit}"
+    return f" (rms misfit {two_decimals(tested.misfit)} {tested.unit}{limit})"
+
+
+def _meant(tested: Tested) -> str:
+    after = (
+        ""
+        if tested.misfit_explained is None
+        else f" The misfit is then {two_decimals(tested.misfit_explained)} {tested.unit}."
+    )
+    meant = f"Did you mean: {'; and '.join(slip_words(slip) for slip in tested.slips)}?"
+    rivals = f" As likely: {'; or '.join(slip_words(slip) for slip in tested.rivals)}." if tested.rivals else ""
+    return f"{meant}{after}{rivals}"
+
+
+def slip_words(slip: Slip) -> str:
+    """Return one slip as a phrase that says what was recorded and what to change."""
+    return _WORDS[slip.kind](slip)
+
+
+def _of(slip: Slip) -> str:
+    return f"{slip.quantity} {listed(slip.subjects)}".strip()
+
+
+def listed(names: Sequence[str], most: int = _MOST) -> str:
+    """Return the first names and the count of the others."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
+
+
+def _unit(slip: Slip) -> str:
+    known = [name for by in _FACTORS.values() for factor, name in by.items() if abs(slip.factor / factor - 1.0) < 1e-6]
+    named = f" ({' or '.join(dict.fromkeys(known))})" if known else ""
+    return f"{_of(slip)} in another unit: multiply by {slip.factor:.7g}{named}"
+
+
+_WORDS = {
+    SlipKind.UNIT: _unit,
+    SlipKind.SIGN: lambda slip: f"{_of(slip)} with the opposite sign",
+    SlipKind.ZERO: lambda slip: f"{_of(slip)} counted from another zero",
+    SlipKind.COLUMNS: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
+    SlipKind.ROWS_SHIFTED: lambda slip: f"{_of(slip)} shifted by {slip.shift:+d} rows",
+    SlipKind.ROWS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's rows: {listed(slip.subjects)}",
+    SlipKind.MIRRORED: lambda slip: f"{_of(slip)} mirrored (left-handed frame, or one axis with the opposite sign)",
+    SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's place: {listed(slip.subjects)}",
+    SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
+    SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen: the same numbers again while the machine moves",
+    SlipKind.COPIED: lambda slip: f"{slip.quantity} copied: {listed(slip.subjects)}",
+}
