@@ -33,6 +33,12 @@ from schemas.sections import (
 from schemas.sensor_mechanism import SensorMechanism
 
 
+def _is_first_format(value: Any) -> Any:
+    if value != 1 or not isinstance(value, int) or isinstance(value, bool):
+        raise ValueError("1")
+    return value
+
+
 def _tag(section: Any) -> str:
     kind = section.get("type", "none") if isinstance(section, dict) else getattr(section, "type", "none")
     return kind if kind in ("none", "6-upur") else "legged"
@@ -51,13 +57,17 @@ def _typed(section: Any) -> Any:
 
 
 def _listed(entry: Any) -> Any:
-    return (entry,) if isinstance(entry, dict) else entry
+    if isinstance(entry, dict):
+        return (entry,)
+    if not isinstance(entry, tuple) or not all(isinstance(one, dict) for one in entry):
+        raise ValueError("a table, or several: path = .., columns = ..")
+    return entry
 
 
 class Campaign(Section):
     """campaign.toml as a whole."""
 
-    format: Literal[1] = 1
+    format: Annotated[Literal[1], BeforeValidator(_is_first_format)] = 1
     campaign: CampaignSection
     mechanism: Annotated[Mechanism, BeforeValidator(_typed)] = NoMechanism()
     loading: Loading = Loading()
@@ -106,7 +116,7 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
     try:
         campaign = Campaign.model_validate(document)
     except ValidationError as error:
-        raise CampaignFaults(_fault(file, detail) for detail in error.errors()) from None
+        raise CampaignFaults(_fault(file, document, detail) for detail in error.errors()) from None
     if faults := tuple(limit_faults(file, campaign.campaign.kind, campaign.qa.limits)):
         raise CampaignFaults(faults)
     return campaign
@@ -114,25 +124,60 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
 
 # The library writes a bound with all its digits.
 _BOUNDS = {"less_than_equal": ("at most", "le"), "greater_than_equal": ("at least", "ge")}
+# What pydantic calls a value of another type, and what was expected.
+_KINDS = {
+    "float_type": "a number, without quotation marks",
+    "int_type": "a whole number, without quotation marks",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false, without quotation marks",
+    "string_type": "text, in quotation marks",
+    "tuple_type": "a list, in brackets",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+}
 _TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "none": NoMechanism}
 
 
-def _fault(file: str, detail: Any) -> Fault:
-    location = tuple(part for part in detail["loc"] if part not in _TYPES)
-    path = ".".join(str(part + 1) if isinstance(part, int) else part for part in location)
+def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
+    path = _dotted(detail["loc"], document)
     if detail["type"] == "extra_forbidden":
         return Fault(file, _suggestion(detail["loc"]), column=path)
     if detail["type"] == "missing":
         return Fault(file, "this key to be present", column=path)
-    value = detail["input"]
-    shown = None if isinstance(value, (dict, list, tuple)) else str(value)[:80]
-    return Fault(file, _wanted(detail), column=path, value=shown)
+    is_type = detail["type"] in _KINDS
+    return Fault(file, _wanted(detail), column=path, value=_shown(detail["input"], quoted=is_type))
+
+
+def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
+    """The place as campaign.toml has it: entries of a list count from 1, and a single table has no number."""
+    parts, place = [], document
+    for part in location:
+        if part in _TYPES or part == "[key]" or (isinstance(part, int) and isinstance(place, dict)):
+            continue
+        parts.append(str(part + 1) if isinstance(part, int) else part)
+        try:
+            place = place[part]  # type: ignore[index]
+        except (KeyError, IndexError, TypeError):
+            place = {}
+    return ".".join(parts)
+
+
+def _shown(value: Any, *, quoted: bool) -> str | None:
+    """A value as a fault shows it; where its type is at fault, as TOML writes it."""
+    if isinstance(value, (dict, list, tuple)):
+        return None
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"'[:80] if quoted and isinstance(value, str) else str(value)[:80]
 
 
 def _wanted(detail: Any) -> str:
     word, key = _BOUNDS.get(detail["type"], ("", ""))
     if word:
         return f"{word} {detail['ctx'][key]:g}"
+    if known := _KINDS.get(detail["type"]):
+        return known
     return str(detail["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
 
 

@@ -18,7 +18,7 @@ from pydantic.fields import FieldInfo
 from schemas.campaign import Campaign
 from schemas.column import LARGEST
 from schemas.mechanism import LeggedMechanism
-from schemas.section import Finite, NotNegative, Positive, Vector
+from schemas.section import Finite, NotNegative, Positive, Vector, Whole
 from schemas.sensor_mechanism import SensorMechanism
 
 _HEAD = """# What may campaign.toml hold, key by key?
@@ -50,7 +50,13 @@ _UNITS = {
     "_per_k": "1/K",
 }
 _NANOMETRES = ("wavelength_nm",)
-_NUMBERS = {Positive: "number above 0", NotNegative: "number from 0", Finite: "number", Vector: "three numbers"}
+_NUMBERS = {
+    Positive: "number above 0",
+    NotNegative: "number from 0",
+    Finite: "number",
+    Vector: "three numbers",
+    Whole: "whole number",
+}
 _WORDS = {str: "text", int: "whole number", float: "number", bool: "`true` or `false`", date: "date"}
 _SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le", "to")}
 

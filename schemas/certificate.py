@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import date
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.section import Finite, NotNegative, Section
+from schemas.section import Day, Finite, NotNegative, Section, Words
 
-Words = Annotated[str, Field(pattern=r"\S", max_length=2000)]
 Country = Annotated[str, Field(pattern=r"^[A-Z]{2}$")]
 Issuer = Literal["manufacturer", "calibrationLaboratory", "customer", "owner", "other"]
 
@@ -52,10 +50,10 @@ class Certificate(Section):
     location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] | None = Field(
         None, description="where it was measured"
     )
-    begin: date | None = Field(None, description="first day of the measurement")
-    end: date | None = Field(None, description="last day of the measurement")
-    received: date | None = Field(None, description="day on which the item was received")
-    issued: date | None = Field(None, description="day of issue")
+    begin: Day | None = Field(None, description="first day of the measurement")
+    end: Day | None = Field(None, description="last day of the measurement")
+    received: Day | None = Field(None, description="day on which the item was received")
+    issued: Day | None = Field(None, description="day of issue")
     order: Words | None = Field(None, description="the customer's order")
     laboratory_code: Words | None = Field(None, description="of its accreditation")
     temperature_c: Finite | None = Field(None, description="of the item, where the campaign has recorded none")

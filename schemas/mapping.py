@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import codecs
+import math
 import re
 import string
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from schemas.section import Name, RawText, Section, Whole, is_path, is_raw_text
 
 Format = Literal[
     "auto",
@@ -82,12 +85,37 @@ def _is_mark(text: str) -> bool:
     return len(text) == 1 and text.isascii() and text not in "\r\n\0"
 
 
-Pattern = Annotated[str, AfterValidator(_compiles)]
-GroupPattern = Annotated[str, AfterValidator(_has_groups)]
-Template = Annotated[str, AfterValidator(_is_template)]
+def _is_raw_column(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        raise ValueError("the raw column's name in quotation marks, or its position from 1")
+    return value if isinstance(value, int) else is_raw_text(value)
 
 
-class FileMapping(BaseModel):
+def _is_path(value: Any) -> Any:
+    several = value if isinstance(value, tuple) else (value,)
+    if not several or not all(isinstance(one, str) for one in several):
+        raise ValueError("a file or glob in quotation marks, or a list of these")
+    for one in several:
+        is_path(one)
+    return value
+
+
+def _is_constant(value: Any) -> Any:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (isinstance(value, str) or (is_number and math.isfinite(value))):
+        raise ValueError("text in quotation marks, or a finite number")
+    return is_raw_text(value) if isinstance(value, str) else value
+
+
+Pattern = Annotated[RawText, AfterValidator(_compiles)]
+GroupPattern = Annotated[RawText, AfterValidator(_has_groups)]
+Template = Annotated[RawText, AfterValidator(_is_template)]
+RawColumn = Annotated[str | int, BeforeValidator(_is_raw_column)]
+Paths = Annotated[str | tuple[str, ...], BeforeValidator(_is_path)]
+Constant = Annotated[str | int | float, BeforeValidator(_is_constant)]
+
+
+class FileMapping(Section):
     """One [files.<table>] entry (or one of several): which raw files, in which format, which column is what.
 
     A column of the table is what ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join`` says it
@@ -95,60 +123,60 @@ class FileMapping(BaseModel):
     ``offset`` apply.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    path: str | tuple[str, ...] = Field(description="file or glob, relative to campaign.toml")
+    path: Paths = Field(description="file or glob, relative to campaign.toml")
     format: Format = Field("auto", description="auto goes by the file's name")
-    separator: Annotated[str, AfterValidator(_is_separator)] | None = Field(
+    separator: Annotated[RawText, AfterValidator(_is_separator)] | None = Field(
         None, description='one character, or "whitespace"; absent: found out'
     )
     header: bool | None = Field(None, description="whether the first line names the columns")
-    names: tuple[str, ...] = Field((), description="names for the columns of a file without header")
+    names: tuple[RawText, ...] = Field((), description="names for the columns of a file without header")
     decimal: Literal[".", ","] = Field(".", description="the decimal mark")
     thousands: Literal[",", ".", "'", " "] | None = Field(None, description="a blank: any kind of blank")
-    encoding: Annotated[str, AfterValidator(_is_encoding)] = Field("utf-8", description="of the files")
-    quote: Annotated[str, AfterValidator(_is_quote)] = Field(
+    encoding: Annotated[RawText, AfterValidator(_is_encoding)] = Field("utf-8", description="of the files")
+    quote: Annotated[RawText, AfterValidator(_is_quote)] = Field(
         '"', description="empty where a quotation mark is a mark like any other"
     )
-    comment: str | None = Field(None, description="lines that begin with it are passed over")
+    comment: RawText | None = Field(None, description="lines that begin with it are passed over")
     skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
     keep_lines: Pattern | None = Field(None, description="expression of the lines to read")
-    columns: dict[str, str | int] = Field(default_factory=dict, description="column = raw name, or position from 1")
-    units: dict[str, str] = Field(default_factory=dict, description="column = unit it is given in")
-    unit: str | None = Field(None, description="unit of all coordinates")
-    constants: dict[str, str | int | float] = Field(default_factory=dict, description="column = its value")
-    missing: tuple[str, ...] = Field((), description='values that mean missing; "0 0 0" means all three coordinates')
+    columns: dict[Name, RawColumn] = Field(default_factory=dict, description="column = raw name, or position from 1")
+    units: dict[Name, RawText] = Field(default_factory=dict, description="column = unit it is given in")
+    unit: RawText | None = Field(None, description="unit of all coordinates")
+    constants: dict[Name, Constant] = Field(default_factory=dict, description="column = its value")
+    missing: tuple[RawText, ...] = Field(
+        (), description='values that mean missing; "0 0 0" means all three coordinates'
+    )
     from_name: GroupPattern | None = Field(
         None,
         description="regular expression on the file's name (on its path, where it holds a slash); "
         "named groups become columns",
     )
-    split: dict[str, GroupPattern] = Field(
+    split: dict[Name, GroupPattern] = Field(
         default_factory=dict,
         description="column = regular expression for its whole value; named groups become columns",
     )
-    number_rows: dict[str, int] = Field(default_factory=dict, description="column = number of a file's first row")
-    join: dict[str, Template] = Field(default_factory=dict, description='column = template, such as "{set}-{ID}"')
-    rename: dict[str, dict[Pattern, str]] = Field(
+    number_rows: dict[Name, Whole] = Field(default_factory=dict, description="column = number of a file's first row")
+    join: dict[Name, Template] = Field(default_factory=dict, description='column = template, such as "{set}-{ID}"')
+    rename: dict[Name, dict[Pattern, RawText]] = Field(
         default_factory=dict, description="column = expressions for whole values, and what they become"
     )
-    offset: dict[str, int] = Field(default_factory=dict, description="column = whole number to add")
-    select: dict[str, Pattern] = Field(
+    offset: dict[Name, Whole] = Field(default_factory=dict, description="column = whole number to add")
+    select: dict[Name, Pattern] = Field(
         default_factory=dict, description="column = expression for the whole value of the rows to read"
     )
     ignore: Pattern | None = Field(
         None, description="expression for the whole names of raw columns not to carry along as covariates"
     )
-    channels: dict[Channel, str | int] = Field(
+    channels: dict[Channel, RawColumn] = Field(
         default_factory=dict, description="interferometer: channel = raw column of its readings; a row per channel"
     )
     wide: Template | None = Field(
         None, description='template of the raw names of coordinates, "{target}_{axis}": a row per target'
     )
-    arrays: dict[str, tuple[str, ...]] = Field(
+    arrays: dict[RawText, tuple[Name, ...]] = Field(
         default_factory=dict, description="raw column whose cells hold several numbers = names for these"
     )
-    time_format: str | None = Field(None, description="strptime format of time_s, counted from the earliest")
+    time_format: RawText | None = Field(None, description="strptime format of time_s, counted from the earliest")
 
     @model_validator(mode="after")
     def _wide_names_targets(self) -> FileMapping:

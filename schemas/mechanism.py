@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from schemas.section import TYPED, Finite, NotNegative, Positive, Section, Vector
+from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Vector
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
@@ -51,7 +51,7 @@ class Tolerance(Section):
 class MechanismSection(Section):
     """[mechanism], whatever its type."""
 
-    type: str = Field(description="6-pus, ups, 6-upur, none, or what an installed package adds")
+    type: Name = Field(description="6-pus, ups, 6-upur, none, or what an installed package adds")
     reference_temperature_c: Finite = Field(20.0, description="of the survey and of the nominal geometry")
 
     @property
@@ -86,7 +86,7 @@ class LeggedMechanism(MechanismSection):
     leg_tube: Rod | None = Field(None, description="stiffness model: the legs")
     tolerance: Tolerance = Field(Tolerance(), description="how well the geometry is known beforehand")
     actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
-    model: str | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
+    model: Path | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
 
     @model_validator(mode="after")
     def _legs_fit_the_type(self) -> LeggedMechanism:

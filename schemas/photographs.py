@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from schemas.section import Finite, NotNegative, Positive, Section
+from schemas.section import Finite, Name, NotNegative, Positive, Section, Shown
 
 Parameter = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 
@@ -38,7 +38,7 @@ Corners = Annotated[int, Field(ge=2, le=200)]
 class Board(Section):
     """[[photographs.boards]]: a chessboard, or one with markers in its white squares."""
 
-    name: str = Field("", pattern=r"^[^/\s.]{0,60}$", description="names its corners; absent: its kind does")
+    name: Shown = Field("", pattern=r"^[^/\s.]{0,60}$", description="names its corners; absent: its kind does")
     kind: Literal["chessboard", "charuco"] = Field(description="charuco: a marker in every white square")
     columns: Corners = Field(description="inner corners along x")
     rows: Corners = Field(description="inner corners along y")
@@ -118,7 +118,7 @@ class Photographs(Section):
 class GivenCamera(Section):
     """[[cameras]]: what is known of a camera beforehand; x right, y down, the middle of the first pixel at 0."""
 
-    name: str = Field(min_length=1, description="the camera, as photographs or rays name it")
+    name: Name = Field(description="the camera, as photographs or rays name it")
     width_px: int | None = Field(
         None, ge=1, le=1_000_000, description="pixels along x; absent: as the photographs have"
     )

@@ -1,10 +1,16 @@
-"""What every section of campaign.toml is made of: closed tables, and numbers within bounds."""
+"""What every section of campaign.toml is made of: closed tables, numbers within bounds, names and sentences.
+
+A value has the type that it is written in: ``true`` is no 1, and ``"0.005"`` is no number.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+import unicodedata
+from datetime import date, datetime
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from schemas.column import LARGEST
 
@@ -14,9 +20,107 @@ Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
 # What a person types has four digits or so.
 TYPED = 1e-3
+LONGEST_NAME = 200  # characters; it becomes part of file names, tables and pages
+LONGEST_TEXT = 2000
+
+# Marks that reverse the order in which a line is shown.
+_REVERSING = {*"\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"}
+_OF_LINES = "\t\n\r"
+
+
+def _is_shown(text: str, allowed: str = "") -> str:
+    for mark in text:
+        if mark not in allowed and (unicodedata.category(mark) in ("Cc", "Zl", "Zp") or mark in _REVERSING):
+            raise ValueError(f"text without control characters; it holds U+{ord(mark):04X}")
+    return text
+
+
+def _is_said(text: str) -> str:
+    if not text.strip():
+        raise ValueError("text that says something")
+    return text
+
+
+def is_raw_text(text: str) -> str:
+    """Return text that may hold ends of lines and tabs; raises ValueError where it holds other control characters or
+    is too long."""
+    return _is_shown(_is_short(text, LONGEST_TEXT), _OF_LINES)
+
+
+def _is_short(text: str, longest: int) -> str:
+    if len(text) > longest:
+        raise ValueError(f"at most {longest} characters, not {len(text)}")
+    return text
+
+
+def is_path(text: str) -> str:
+    """Return a path or glob; raises ValueError where it is empty, or holds what no file's name does."""
+    return _is_shown(_is_said(text))
+
+
+def _one_or_several(value: Any) -> Any:
+    of_numbers = all(_is_number(one) for one in (value if isinstance(value, tuple) else (value,)))
+    if value == () or not of_numbers:
+        raise ValueError("one number above 0, or a list of such numbers")
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and math.isfinite(value) and 0.0 < value <= LARGEST
+
+
+def _is_identifier(value: Any) -> Any:
+    """Pydantic would tell of both kinds that a union has; here it is one sentence."""
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        raise ValueError("a whole number, or a name in quotation marks")
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        raise ValueError("a whole number below 2^63, or a name in quotation marks")
+    return value if isinstance(value, int) else _is_name(value)
+
+
+def _is_name(text: str) -> str:
+    return _is_shown(_is_said(_is_short(text, LONGEST_NAME)))
+
+
+def _is_date(value: Any) -> Any:
+    if isinstance(value, str):
+        try:
+            return date.fromisoformat(value)
+        except ValueError:
+            value = None
+    if isinstance(value, datetime) or not isinstance(value, date):
+        raise ValueError("a date, such as 2026-11-22")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_is_name)]
+# Whatever a pattern allows besides, on one line.
+Shown = Annotated[str, AfterValidator(_is_shown)]
+Identifier = Annotated[int | str, BeforeValidator(_is_identifier)]
+# A sentence or several, as a person writes them.
+Words = Annotated[str, AfterValidator(_is_said), AfterValidator(is_raw_text)]
+# What stands in a file of others: also a line's end in a column's name.
+RawText = Annotated[str, AfterValidator(is_raw_text)]
+Path = Annotated[str, AfterValidator(is_path)]
+Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
+OneOrSeveral = Annotated[Positive | tuple[Positive, ...], BeforeValidator(_one_or_several)]
+Day = Annotated[date, BeforeValidator(_is_date)]
 
 
 class Section(BaseModel):
-    """A table of campaign.toml: immutable, and closed to keys that it does not know."""
+    """A table of campaign.toml: immutable, closed to keys that it does not know, and strict about types."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists_are_tuples(cls, given: Any) -> Any:
+        return {key: _frozen(value) for key, value in given.items()} if isinstance(given, dict) else given
+
+
+def _frozen(value: Any) -> Any:
+    """A list as the tuple that a strict model takes."""
+    if isinstance(value, list | tuple):
+        return tuple(_frozen(one) for one in value)
+    return {key: _frozen(one) for key, one in value.items()} if isinstance(value, dict) else value

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from datetime import date
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.section import NotNegative, Positive, Section
+from schemas.section import Day, Identifier, Name, NotNegative, OneOrSeveral, Positive, Section, Shown, Words
 
 
 class CampaignSection(Section):
     """[campaign]: its name, its kind, and the columns that deformation may follow."""
 
-    name: str = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="names the run's folder")
+    name: Shown = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="names the run's folder")
     kind: Literal["photogrammetry", "interferometer"] = Field(
         description="photogrammetry: points of bodies; interferometer: motion of a platform under load"
     )
-    drives: tuple[str, ...] = Field((), description="columns of configurations.csv that deformation may follow")
+    drives: tuple[Name, ...] = Field((), description="columns of configurations.csv that deformation may follow")
 
 
 class Loading(Section):
@@ -34,7 +33,7 @@ class Loading(Section):
 class Signals(Section):
     """[signals]: what is known of the gain of the signal channels."""
 
-    sensitivity_mv_per_n: Positive | tuple[Positive, ...] | None = Field(
+    sensitivity_mv_per_n: OneOrSeveral | None = Field(
         None, description="gain of the channels, one number or one per channel; absent: unknown"
     )
     sensitivity_tolerance: NotNegative | None = Field(None, description="one sigma of it, relative")
@@ -86,11 +85,11 @@ class Bodies(Section):
     ``still`` names bodies that should stand still before an instrument whose frame is one for the campaign.
     """
 
-    reference: str | None = Field(
+    reference: Name | None = Field(
         None,
         description="the body that the others are seen from; absent: a mechanism's base, else the measurement's frame",
     )
-    still: tuple[str, ...] = Field(
+    still: tuple[Name, ...] = Field(
         (), description="bodies that should stand still before an instrument whose frame is one for the campaign"
     )
 
@@ -109,7 +108,7 @@ class SetLimits(Section):
 
     warn: NotNegative | None = Field(None, description="from where on the check warns; absent: as declared")
     fail: NotNegative | None = Field(None, description="from where on it fails; absent: as declared")
-    reason: str | None = Field(None, min_length=1, description="why; the check says it with its verdict")
+    reason: Words | None = Field(None, description="why; the check says it with its verdict")
 
 
 class QualityLimits(Section):
@@ -128,17 +127,17 @@ class Overrule(Section):
     channel = "dz"`` that channel in every step of the run.
     """
 
-    pose: int | str | None = Field(None, description="the pose")
-    body: str | None = Field(None, description="the body")
-    target: str | None = Field(None, description="the target")
-    run: int | str | None = Field(None, description="interferometer: the run")
+    pose: Identifier | None = Field(None, description="the pose")
+    body: Name | None = Field(None, description="the body")
+    target: Name | None = Field(None, description="the target")
+    run: Identifier | None = Field(None, description="interferometer: the run")
     step: int | None = Field(None, description="interferometer: the load step within its run")
     channel: Literal["dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v8"] | None = Field(
         None, description="interferometer: what was read"
     )
-    by: str = Field(min_length=1, description="who decided")
-    on: date | None = Field(None, description="when, as 2026-11-22")
-    reason: str = Field(min_length=1, description="why")
+    by: Name = Field(description="who decided")
+    on: Day | None = Field(None, description="when, as 2026-11-22")
+    reason: Words = Field(description="why")
 
     @property
     def signed(self) -> str:
@@ -149,11 +148,11 @@ class Overrule(Section):
 class Acceptance(Section):
     """[[accept]]: a QA verdict accepted by a person, by name and with a reason."""
 
-    check: str = Field(min_length=1, description="the check, as qa.parquet names it")
-    subject: str | None = Field(None, description="what it concerns; absent: whatever it concerns")
-    by: str = Field(min_length=1, description="who decided")
-    on: date | None = Field(None, description="when, as 2026-11-22")
-    reason: str = Field(min_length=1, description="why")
+    check: Name = Field(description="the check, as qa.parquet names it")
+    subject: Name | None = Field(None, description="what it concerns; absent: whatever it concerns")
+    by: Name = Field(description="who decided")
+    on: Day | None = Field(None, description="when, as 2026-11-22")
+    reason: Words = Field(description="why")
 
     @property
     def signed(self) -> str:
@@ -168,13 +167,13 @@ class Renamed(Section):
     last. All entries act at once, so two targets may take each other's names.
     """
 
-    body: str = Field(min_length=1, description="the body that carries it")
-    called: str = Field(min_length=1, description="what the files call it")
-    target: str = Field(min_length=1, description="which target it is")
-    from_pose: int | str | None = Field(None, description="the first pose of it; absent: the first of all")
-    to_pose: int | str | None = Field(None, description="the last pose of it; absent: the last of all")
-    by: str | None = Field(None, min_length=1, description="who says so")
-    reason: str | None = Field(None, min_length=1, description="why")
+    body: Name = Field(description="the body that carries it")
+    called: Name = Field(description="what the files call it")
+    target: Name = Field(description="which target it is")
+    from_pose: Identifier | None = Field(None, description="the first pose of it; absent: the first of all")
+    to_pose: Identifier | None = Field(None, description="the last pose of it; absent: the last of all")
+    by: Name | None = Field(None, description="who says so")
+    reason: Words | None = Field(None, description="why")
 
 
 class Resurvey(Section):
@@ -183,8 +182,8 @@ class Resurvey(Section):
     A target that lies elsewhere in it is another one from that pose on: ``P07@after``, for a survey called after.
     """
 
-    survey: str = Field(min_length=1, description="its name in the column survey of the table resurveys")
-    from_pose: int | str | None = Field(None, description="the first pose that it holds for; absent: a check alone")
-    moved: tuple[str, ...] = Field((), description="targets known to have been moved, however little")
-    by: str | None = Field(None, min_length=1, description="who says so")
-    reason: str | None = Field(None, min_length=1, description="why")
+    survey: Name = Field(description="its name in the column survey of the table resurveys")
+    from_pose: Identifier | None = Field(None, description="the first pose that it holds for; absent: a check alone")
+    moved: tuple[Name, ...] = Field((), description="targets known to have been moved, however little")
+    by: Name | None = Field(None, description="who says so")
+    reason: Words | None = Field(None, description="why")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from schemas.mechanism import MechanismSection
-from schemas.section import TYPED, Finite, NotNegative, Positive, Section, Vector
+from schemas.section import TYPED, Finite, NotNegative, Path, Positive, Section, Vector
 
 
 class SensorLeg(Section):
@@ -90,11 +90,11 @@ class SensorMechanism(MechanismSection):
     legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6, description="six entries, in leg order")
     height_mm: Positive = Field(description="platform's origin above that of the fixed frame, unloaded")
     elements: tuple[Element, ...] = Field((), description="of one leg, from the base to the platform")
-    compliance_file: str | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
+    compliance_file: Path | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
     tolerance: SensorTolerance = Field(
         SensorTolerance(), description="how well geometry and stiffness are known beforehand"
     )
-    model: str | None = Field(None, description="model.toml of an earlier campaign of this sensor, to start from")
+    model: Path | None = Field(None, description="model.toml of an earlier campaign of this sensor, to start from")
 
     @model_validator(mode="after")
     def _one_simulation(self) -> SensorMechanism:

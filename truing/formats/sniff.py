@@ -84,7 +84,7 @@ class Guess:
 def sniff_file(path: Path) -> Guess:
     """A proposal for one file, from its name and its first lines; never raises on what the file holds."""
     raw = RawFile(path.name, path)
-    file_format = format_of(raw, FileMapping(path=path.name))
+    file_format = format_of(raw, FileMapping(path="*"))
     if raw.suffix == ".eor":
         return Guess(
             notes=("AICON's orientations of images: read along with the image coordinates beside it",), known=True
