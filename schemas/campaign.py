@@ -151,13 +151,14 @@ def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
 
 def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
     """The place as campaign.toml has it: entries of a list count from 1, and a single table has no number."""
-    parts, place = [], document
+    parts: list[str] = []
+    place: Any = document
     for part in location:
         if part in _TYPES or part == "[key]" or (isinstance(part, int) and isinstance(place, dict)):
             continue
         parts.append(str(part + 1) if isinstance(part, int) else part)
         try:
-            place = place[part]  # type: ignore[index]
+            place = place[part]
         except (KeyError, IndexError, TypeError):
             place = {}
     return ".".join(parts)
