@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ Array = NDArray[np.float64]
 
 AXES = tuple(name[:2] for name in WRENCH)
 _KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
+_FURTHEST_TEST = 2.5  # of a range; beyond it, a wrong unit is likelier than an overload test
 _ROUNDED = 1e-9  # a load at its range is in it
-_EMPTY = "a load in every row; an empty cell has to be declared by missing"
+EMPTY_LOAD = "a load in every row; an empty cell has to be declared by missing"
 _ONE_LOAD = 1e-3  # of the largest of its component: as alike as two tables write the same load
 
 
@@ -44,12 +46,12 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
             texts(found, "load_axis"),
             numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS, log),
         )
-        found.fault(log, np.isnan(load), "load", _EMPTY)
+        found.fault(log, np.isnan(load), "load", EMPTY_LOAD)
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
     else:
         loads = np.column_stack([numbers(found, name) if name in six else _unloaded(found) for name in WRENCH])
         written = np.any([~np.isnan(numbers(found, name)) for name in six], axis=0)
-        found.fault(log, ~written, six[0], _EMPTY)
+        found.fault(log, ~written, six[0], EMPTY_LOAD)
         loads = np.nan_to_num(loads)
     _check_range(found, loads, "load" if one else None, loading, log)
     return loads
@@ -61,11 +63,19 @@ def _unloaded(found: Gathered) -> Array:
 
 def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
     for k, name in enumerate(WRENCH):
-        limit = getattr(loading, name)
+        limit = loading.allowed(name)
         if limit is not None:
             beyond = np.abs(loads[:, k]) > limit * (1.0 + _ROUNDED)
             expected = f"at most {limit:g} {_KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
-            found.fault(log, beyond, column or name, expected)
+            cure = _cure(np.abs(loads[beyond, k]).max(initial=0.0) / getattr(loading, name))
+            found.fault(log, beyond, column or name, expected + cure)
+
+
+def _cure(share: float) -> str:
+    """What to do of loads that go to this share of their range."""
+    if share > _FURTHEST_TEST:
+        return "; is its unit right?"
+    return f"; of an overload test, [loading] overload = {math.ceil(share * 100.0 - _ROUNDED) / 100.0:g} allows it"
 
 
 def check_one_load(found: Gathered, step: NDArray[np.int64], loads: Array, log: FaultLog) -> None:

@@ -12,13 +12,13 @@ from truing.formats.gather import Gathered
 Array = NDArray[np.float64]
 
 
-def check_once(found: Gathered, log: FaultLog, *key: str) -> None:
-    """A fault at every row whose key stood in a row before."""
+def check_once(found: Gathered, log: FaultLog, *key: str, cure: str = "") -> None:
+    """A fault at every row whose key stood in a row before; cure: what to do where that is meant."""
     rows = np.flatnonzero(found.sound(*key))
     _, first = np.unique(numbered(found, *key)[rows], return_index=True)
     again = found.sound(*key)
     again[rows[first]] = False
-    found.fault(log, again, key[-1], f"every {', '.join(key)} once")
+    found.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")
 
 
 def check_times(found: Gathered, log: FaultLog) -> None:

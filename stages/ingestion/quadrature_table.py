@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
-from stages.ingestion.gathered_columns import numbered, numbers, texts, without
+from stages.ingestion.gathered_columns import numbered, numbers, texts
 from stages.ingestion.load_steps import times_from_order
+from stages.ingestion.step_samples import averaged
 from truing.estimation.interferometry.fringes import count_fringes, length_from_phase
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.quadrature import (
@@ -46,7 +47,8 @@ class Lengths:
 
 
 def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
-    """Vacuum lengths since the first step of each run, um; several samples of a step are averaged.
+    """Vacuum lengths since the first step of each run, um; several samples of a step are averaged, as are
+    their loads and times.
 
     The ellipse of a channel is that of its electronics, one for all runs, from samples that no end of the converter's
     range cuts; fringes are counted from sample to sample of a run. None where something is wrong, which is noted.
@@ -73,7 +75,8 @@ def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
     import pyarrow as pa
 
     table = pa.Table.from_pylist(rows, schema=ARTIFACTS["quadrature"].arrow_schema())
-    return Lengths(_by_step(found, value, sigma), table)
+    readings = _by_step(found, value, sigma, log)
+    return None if log else Lengths(readings, table)
 
 
 def _signals(found: Gathered, step: float | None, log: FaultLog) -> Array:
@@ -134,24 +137,21 @@ def _followed(signals: Array, run: NDArray[np.int64], settings: Any) -> _Followe
     return _Followed(fit, length, _UM * per_rad * sigma, facts)
 
 
-def _by_step(found: Gathered, value: Array, sigma: Array) -> Gathered:
-    """One row per run, step and channel, with the mean of its samples as reading, and the sigma of one of them."""
+def _by_step(found: Gathered, value: Array, sigma: Array, log: FaultLog) -> Gathered:
+    """One row per run, step and channel, with the mean of its samples as reading, and the sigma of one of them.
+
+    Samples in transit were needed to count fringes; they enter no mean. Readings are since the first step that has one.
+    """
     import pyarrow as pa
 
-    key = numbered(found, "run", "step", "channel")
-    _, first, at = np.unique(key, return_index=True, return_inverse=True)
-    count = np.bincount(at)
-    means = [np.bincount(at, each) / count for each in (value, sigma)]
-    at_zero = means[0][_first_of_run(found)[first]]
-    means[0] = means[0] - at_zero
-    others = np.ones(len(key), dtype=bool)
-    others[first] = False
-    rows = without(found, others, "")
-    order = at[~others]
-    table = rows.table.append_column("reading", pa.array(means[0][order]))
+    table = found.table.append_column("reading", pa.array(value))
     if "sigma" not in table.column_names:
-        table = table.append_column("sigma", pa.array(means[1][order]))
-    made = replace(rows, table=table, left_out=found.left_out)
+        table = table.append_column("sigma", pa.array(sigma))
+    made = averaged(replace(found, table=table), log)
+    reading = numbers(made, "reading")
+    place = made.table.column_names.index("reading")
+    table = made.table.set_column(place, "reading", pa.array(reading - reading[_first_of_run(made)]))
+    made = replace(made, table=table)
     if "time_s" in table.column_names:
         return made
     _, once, at = np.unique(numbered(made, "run", "step"), return_index=True, return_inverse=True)
@@ -161,9 +161,8 @@ def _by_step(found: Gathered, value: Array, sigma: Array) -> Gathered:
 
 
 def _first_of_run(found: Gathered) -> NDArray[np.int64]:
-    """(N,) the number of the group (run, step, channel) of the first step of each row's run and channel."""
-    key = numbered(found, "run", "step", "channel")
-    pair, step = numbered(found, "run", "channel"), numbers(found, "step")
-    order = np.lexsort((step, pair))
+    """(N,) the row of the first step with a reading of each row's run and channel."""
+    pair = numbered(found, "run", "channel")
+    order = np.lexsort((numbers(found, "step"), ~np.isfinite(numbers(found, "reading")), pair))
     _, start = np.unique(pair[order], return_index=True)
-    return key[order[start]][pair]
+    return np.asarray(order[start][pair])

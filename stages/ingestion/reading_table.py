@@ -14,7 +14,7 @@ from stages.ingestion.gathered_columns import declared_missing, numbered, number
 from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
 from stages.ingestion.quadrature_table import lengths
-from stages.ingestion.step_samples import averaged
+from stages.ingestion.step_samples import averaged, without_transit
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -32,6 +32,7 @@ CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 UNITS = {channel: "um" if channel.startswith("d") else "arcsec" for channel in CHANNELS}
 _UM_PER_MM, _ARCSEC_PER_RAD = 1e3, 180.0 * 3600.0 / np.pi
 _FURTHEST = {"um": 1e6, "arcsec": _ARCSEC_PER_RAD}  # a loaded platform moves by less than a metre, and a radian
+_SAMPLES = "; of several samples of a step, [interferometer] average_samples = true takes the mean"
 _EMPTY = "a number in every row; an empty cell has to be declared by missing"
 
 
@@ -75,7 +76,9 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
             return None
         own, found, channels = raw, made.readings, made.channels
     elif own and settings.interferometer.average_samples and not log:
-        found = averaged(found)
+        found = averaged(found, log)
+        if log:
+            return None
     table = reading_table(found, settings, log, by_channel=bool(own))
     if table is None:
         return None
@@ -95,9 +98,9 @@ def _check_whole(optics: Interferometer, log: FaultLog) -> None:
 
 def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
     """The readings of a gathered table, a row per step and channel or a row per step; None where faults were noted."""
-    found = with_known_loads(found)
+    found = with_known_loads(without_transit(found))
     key = ("run", "step", "channel") if by_channel else ("run", "step")
-    check_once(found, log, *key)
+    check_once(found, log, *key, cure=_SAMPLES if by_channel else "")
     check_times(found, log)
     check_roles(found, log)
     loads = six_loads(found, settings.loading, log)

@@ -14,6 +14,7 @@ from stages.ingestion.gathered_columns import numbered, numbers, texts
 from stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
 from stages.ingestion.shown_wrench import with_leg_signals
+from stages.ingestion.step_samples import without_transit
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -38,7 +39,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
 
 def signal_table(found: Gathered, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The signals of a gathered table, a row per step; None where faults were noted."""
-    found = with_known_loads(found)
+    found = with_known_loads(without_transit(found))
     check_once(found, log, "run", "step")
     check_times(found, log)
     check_roles(found, log)

@@ -15,6 +15,7 @@ _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 _MOTION = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 _SHOWN = ("shown_fx_n", "shown_fy_n", "shown_fz_n", "shown_mx_nm", "shown_my_nm", "shown_mz_nm")
 _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
+TRANSIT = "transit"
 _DISTORTION = ("A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 # Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
@@ -26,6 +27,14 @@ _RAW = (
     *(Column(f"signal_{a}", "real", f"quadrature signal {a}, any unit", nullable=True) for a in "xy"),
     Column("phase_deg", "real", "phase of the quadrature signals", "deg", nullable=True),
     Column("radius", "real", "length of the quadrature signals together, any unit", nullable=True),
+    Column(
+        TRANSIT,
+        "integer",
+        "1 for a sample taken on the way to the next load: it counts fringes, and enters no mean; else 0",
+        minimum=0,
+        maximum=1,
+        nullable=True,
+    ),
     Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
     *(Column(f"shown_f{a}_n", "real", f"force along {a} as the sensor itself shows it", "N") for a in "xyz"),
     *(Column(f"shown_m{a}_nm", "real", f"torque about {a} as the sensor itself shows it", "N m") for a in "xyz"),
@@ -108,7 +117,7 @@ SURFACES = Shape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = Shape(
     "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of"), family="rho", covariates=True
 )
-_LOADED = (*_WRENCH, "load_axis", "load", "role")
+_LOADED = (*_WRENCH, "load_axis", "load", "role", TRANSIT)
 DISPLACEMENT = Shape("displacement", ("run", "step", "time_s"), (*_MOTION, *_LOADED, *_SURROUNDINGS), covariates=True)
 INTERFEROMETER = Shape(
     "interferometer",

@@ -54,3 +54,35 @@ def test_a_sample_that_is_missing_is_no_sample(tmp_path):
     text = "1,0,0,fz,0,dz,1.0,20\n1,0,1,fz,0,dz,x,20\n1,0,2,fz,0,dz,3.0,20\n1,1,9,fz,5,dz,x,20\n1,2,12,fz,0,dz,4.0,20\n"
     line = stage_line(campaign(tmp_path, text, averaged=True)).call("ingest")
     assert [(row["step"], row["reading"]) for row in line.tables["readings"].to_pylist()] == [(0, 2.0), (2, 4.0)]
+
+
+def test_a_sample_in_transit_enters_no_mean_and_is_counted(tmp_path):
+    (tmp_path / "campaign.toml").write_text(
+        f'{HEAD}[interferometer]\naverage_samples = true\n[files.interferometer]\npath = "log.csv"\n'
+        "[files.interferometer.rename]\ntransit = { moving = '1', held = '0' }\n"
+    )
+    rows = "1,0,0,fz,0,dz,1,held\n1,0,1,fz,1,dz,2,held\n1,0,2,fz,60,dz,50,moving\n1,1,3,fz,100,dz,90,held\n"
+    (tmp_path / "log.csv").write_text(f"run,step,time_s,load_axis,load,channel,reading,transit\n{rows}")
+    line = stage_line(tmp_path)
+    line.call("ingest")
+    found = line.tables["readings"].to_pylist()
+    assert [(row["step"], row["reading"], row["fz_n"], row["time_s"]) for row in found] == [
+        (0, 1.5, 0.5, 0.5),
+        (1, 90.0, 100.0, 3.0),
+    ]
+    assert "transit" not in line.tables["readings"].column_names
+    left = line.tables["exclusions"].to_pylist()
+    assert [(row["rows"], row["reason"]) for row in left] == [(1, "samples in transit between loads")]
+
+
+def test_loads_and_times_are_means_of_the_samples_that_have_a_reading(tmp_path):
+    text = "1,0,0,fz,0,dz,1.0,20\n1,0,9,fz,90,dz,x,29\n1,0,2,fz,2,dz,3.0,22\n"
+    line = stage_line(campaign(tmp_path, text, averaged=True)).call("ingest")
+    row = line.tables["readings"].to_pylist()[0]
+    assert (row["reading"], row["fz_n"], row["time_s"], row["room"]) == (2.0, 1.0, 1.0, 21.0)
+
+
+def test_samples_of_one_step_agree_in_what_they_say_in_words(tmp_path):
+    text = "1,0,0,fz,0,dz,1.0,20\n1,0,1,fx,0,dz,1.0,20\n"
+    with pytest.raises(CampaignFaults, match="row 3, column load_axis: found 'fx'; expected one load_axis for all"):
+        stage_line(campaign(tmp_path, text, averaged=True)).call("ingest")
