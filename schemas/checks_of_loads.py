@@ -37,7 +37,8 @@ _OF_PROGRAMME: Checks = {
     ),
     "load-range": QualityCheck(
         "How large is the largest load, over the range in [loading]?",
-        "Beyond the largest load everything is extrapolated. (Beyond 1 `ingest` refuses the load.)",
+        "Beyond the largest load everything is extrapolated. (Beyond 1 `ingest` refuses the load, unless "
+        "`[loading] overload` declares an overload test.)",
         Limits("largest load over the range", warn=0.5, below=True, most=1.0),
         "Load further, or declare the range that the sensor is used in.",
     ),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from schemas.section import Day, Identifier, Name, NotNegative, OneOrSeveral, Positive, Section, Shown, Words
+
+OverloadFactor = Annotated[float, Field(ge=1.0, le=10.0, allow_inf_nan=False)]
 
 
 class CampaignSection(Section):
@@ -19,8 +21,19 @@ class CampaignSection(Section):
     drives: tuple[Name, ...] = Field((), description="columns of configurations.csv that deformation may follow")
 
 
+class Overload(Section):
+    """[loading.overload]: how far an overload test goes beyond the range, as a multiple of it."""
+
+    fx: OverloadFactor = Field(1.0, description="of the force along x")
+    fy: OverloadFactor = Field(1.0, description="of the force along y")
+    fz: OverloadFactor = Field(1.0, description="of the force along z")
+    mx: OverloadFactor = Field(1.0, description="of the torque about x")
+    my: OverloadFactor = Field(1.0, description="of the torque about y")
+    mz: OverloadFactor = Field(1.0, description="of the torque about z")
+
+
 class Loading(Section):
-    """[loading]: the range of each load; beyond it a load is a fault."""
+    """[loading]: the range of each load; beyond it a load is a fault, but for an overload test."""
 
     fx_n: Positive | None = Field(None, description="largest force along x, either way")
     fy_n: Positive | None = Field(None, description="the same along y")
@@ -28,6 +41,24 @@ class Loading(Section):
     mx_nm: Positive | None = Field(None, description="largest torque about x, either way")
     my_nm: Positive | None = Field(None, description="the same about y")
     mz_nm: Positive | None = Field(None, description="the same about z")
+    overload: Overload = Field(
+        Overload(),
+        description="largest load of an overload test over the range (1.2: 120 %): one number, or one per load",
+    )
+
+    @field_validator("overload", mode="before")
+    @classmethod
+    def _one_for_all(cls, given: Any) -> Any:
+        if isinstance(given, int | float):
+            return dict.fromkeys(Overload.model_fields, given)
+        if not isinstance(given, dict | Overload):
+            raise ValueError("one number, or one per load: { fx = .., mz = .. }")
+        return given
+
+    def allowed(self, load: str) -> float | None:
+        """The largest load of a component by its column (fx_n), an overload test included; None where none is said."""
+        largest = getattr(self, load)
+        return None if largest is None else float(largest * getattr(self.overload, load.partition("_")[0]))
 
 
 class Signals(Section):

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
 _RUNS_ALIKE = 3
+_ROUNDED = 1e-9  # a load at its range is in it
 
 
 def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
@@ -99,11 +100,13 @@ def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> I
     largest = np.abs(view.steps.load).max(axis=0, initial=0.0)
     enough = limits.of("load-range")
     for k, name in enumerate(LOAD_COLUMNS):
-        full = getattr(loading, name)
-        if full is None or largest[k] == 0.0:
+        full, allowed = getattr(loading, name), loading.allowed(name)
+        if full is None or allowed is None or largest[k] == 0.0:
             continue
         share = float(largest[k] / full)
         said = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
+        if share > 1.0 + _ROUNDED:
+            said += f" [loading] declares an overload test up to {100.0 * allowed / full:.0f} %."
         if enough.verdict(share) != PASS:
             said += " Beyond that, everything is extrapolated."
         yield enough.row(f"load {LOADS[k]}", share, "1", said)

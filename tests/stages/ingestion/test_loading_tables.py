@@ -330,6 +330,27 @@ def test_positions_are_those_at_20_degrees_and_as_sure_as_the_expansion_is(tmp_p
     assert_close(lines["M", None]["sigma"], 1.0 * np.sqrt(1.0 - 2.0 / np.pi), atol=0.05)
 
 
+def test_an_overload_test_that_is_declared_is_read_and_one_that_is_not_is_a_fault(tmp_path):
+    """A sensor of 10 kN and 5 kN m with 120 % overload, loaded to just that; torques to 9 kN m are 180 %."""
+    rows = [HEAD, "1,0,0,fx,0,dx,0", "1,1,60,fx,12000,dx,2760", "2,0,0,mz,0,rz,0", "2,1,60,mz,-6000,rz,-402"]
+    loading = {"fx_n": 10000.0, "mz_nm": 5000.0}
+    said = faults(tmp_path, {"interferometer.csv": rows}, {"loading": loading})
+    assert len(said) == 2
+    assert all("[loading] overload = 1.2 allows it" in line for line in said)
+    readings = artifacts(tmp_path, {}, {"loading": {**loading, "overload": 1.2}})["readings"]
+    assert column(readings, "fx_n")[1] == 12000.0
+    further = [*rows[:-1], "2,1,60,mz,-9000,rz,-603"]
+    said = faults(tmp_path, {"interferometer.csv": further}, {"loading": {**loading, "overload": 1.2}})
+    assert len(said) == 1
+    assert "at most 6000 N m of mz either way, by [loading]; of an overload test" in said[0]
+    assert "overload = 1.8 allows it" in said[0]
+    own = {"loading": {**loading, "overload": {"fx": 1.2, "mz": 1.8}}}
+    assert column(artifacts(tmp_path, {}, own)["readings"], "mz_nm")[-1] == -9000.0
+    newtons = [HEAD, "1,0,0,fx,0,dx,0", "1,1,60,fx,12000000,dx,2760"]
+    said = faults(tmp_path, {"interferometer.csv": newtons}, own)
+    assert said[0].endswith("by [loading]; is its unit right?")
+
+
 def test_every_fault_of_bad_tables_is_told_at_once(tmp_path):
     rows = [HEAD, "1,0,0,fz,0,dz,0", "1,0,0,mx,4,dx,0", "1,1,60,fz,5,dz,1", "1,1,60,fz,5,dz,1", "1,2,50,fq,1,dw,nan",
             "1,3,99,fz,20,dz,", "1,4,100,fz,2,dz,2e6"]  # fmt: skip

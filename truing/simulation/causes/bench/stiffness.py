@@ -205,8 +205,11 @@ class Hysteresis(Deflection):
         return (0,)
 
     def course(self, steps: LoadSteps) -> NDArray:
-        """Return 4 (1 - x) where an axis is unloaded: times x, which the deflection is in proportion to, the loop."""
-        return np.where(steps.unloading, 4.0 * (1.0 - np.abs(steps.share)), 0.0)
+        """Return 4 (1 - x) where an axis is unloaded: times x, which the deflection is in proportion to, the loop.
+
+        Beyond the largest load, in an overload test, the loop is closed.
+        """
+        return np.where(steps.unloading, 4.0 * np.maximum(1.0 - np.abs(steps.share), 0.0), 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,29 @@
+"""Loads beyond the range, in an overload test that is declared."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from schemas.sections import Loading
+from stages.quality.limits import CampaignLimits
+from stages.quality.of_steps import load_range
+from tests.tolerance import assert_close
+from truing.simulation.causes.bench.stiffness import Hysteresis
+
+
+def test_how_far_an_overload_test_went_is_said():
+    load = np.zeros((3, 6))
+    load[:, 2] = 0.0, 12000.0, -3000.0
+    view = SimpleNamespace(steps=SimpleNamespace(load=load))
+    loading = Loading(fz_n=10000.0, overload=1.3)
+    (row,) = load_range(view, loading, CampaignLimits("interferometer"))
+    assert (row.verdict, row.value) == ("pass", 1.2)
+    assert row.message == "fz: loads go to 120 % of the range. [loading] declares an overload test up to 130 %."
+
+
+def test_a_loop_is_closed_beyond_the_largest_load():
+    share = np.array([[0.5], [1.0], [1.2], [-1.2]])
+    steps = SimpleNamespace(unloading=np.ones_like(share, bool), share=share)
+    assert_close(Hysteresis("fz").course(steps)[:, 0], [2.0, 0.0, 0.0, 0.0], atol=1e-15)
