@@ -92,7 +92,7 @@ def _check_samples(found: Gathered, log: FaultLog) -> None:
     six = [name for name in WRENCH if name in names]
     given = [numbers(found, name) for name in (six or ["load"] if "load" in names else six)]
     if given:
-        found.fault(log, np.isnan(given).all(axis=0), (six or ["load"])[0], EMPTY_LOAD)
+        found.fault(log, np.all(np.isnan(given), axis=0), (six or ["load"])[0], EMPTY_LOAD)
     empty = np.asarray(found.table.column("reading").is_null())
     found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY)
 
