@@ -45,7 +45,7 @@ class Artifact:
         found = find_column(name)
         if found is not None and found.family and found.name in self.families:
             return found
-        if self.covariates and found is None:
+        if self.covariates:
             return Column(name, "real", "covariate, carried along", nullable=True)
         return None
 

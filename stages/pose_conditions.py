@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import stand_in
 from stages.point_arrays import number_column, positions
 from truing.simulation.causes.following import APPROACH, LAST_STEP, MEMORY, ORDER
 from truing.simulation.unknowns import Conditions
@@ -34,7 +35,7 @@ def pose_conditions(
     names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]
     readings = dense(np.column_stack([number_column(configurations, name) for name in names]) * 1e-3)
     covariates = {
-        field.name: dense(number_column(configurations, field.name))
+        stand_in(field.name): dense(number_column(configurations, field.name))
         for field in configurations.schema
         if field.name not in ("pose", "role", *names) and _is_number(field.type)
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
+from schemas.covariates import own_name
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) ->
     model, legs = extended.model, extended.model.nominal.count
     needed = {f"rho{leg}_mm": f"the reading of leg {leg}" for leg in range(1, legs + 1)}
     for cause in filter(acts_on_poses, model.causes):
-        needed |= {name: f"which {cause.id} follows" for name in cause.needs(legs) if name not in needed}
+        needed |= {own_name(name): f"which {cause.id} follows" for name in cause.needs(legs) if name not in needed}
     _check(configurations, needed, file)
     return pose_conditions(configurations, pose_ids(configurations), model.nominal.count, model.known.reading_sigma)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import stand_in
 from stages.diagnosis.body_standing import Standing, standing
 from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
@@ -82,12 +83,12 @@ def known_of_poses(
             if field.name not in ("pose", "role") and str(field.type) in ("double", "int64"):
                 values = np.full(len(poses), np.nan)
                 values[place[place >= 0]] = number_column(table, field.name)[place >= 0]
-                covariates[field.name] = values
+                covariates[stand_in(field.name)] = values
     time = covariates.get("time_s")
     if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
         del covariates["time_s"]  # numbers of rows, and no seconds
     covariates["order"] = order_in_time(time, len(poses))
-    for drive in drives:
+    for drive in map(stand_in, drives):
         if drive in covariates and np.ptp(covariates[drive]) > 0:
             least = _MOVED * float(np.ptp(covariates[drive]))
             covariates[CAME_FROM + drive] = approach(covariates[drive][:, None], covariates["order"], least)[:, 0]
@@ -143,7 +144,7 @@ def _model(
         np.array([one.levels for one in stands]),
         np.stack([one.jitter for one in stands]),
         lead,
-        tuple(settings.campaign.drives),
+        tuple(map(stand_in, settings.campaign.drives)),
         tuple(body.name for body in found if place_columns(body.name)[0] in covariates),
         settings.mechanism.reference_temperature_c,
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import stand_in
 from truing.estimation.rotation import exp_so3, log_so3, skew
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def standing(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Arr
     named = body.name in settings.bodies.still
     if (named or body.name == settings.reference_body) and frame_is_common(body, order):
         return _standing(body, none, order)
-    drives = [covariates[d] for d in settings.campaign.drives if d in covariates]
+    drives = [covariates[d] for d in map(stand_in, settings.campaign.drives) if d in covariates]
     if named and drives:
         level = np.unique(np.column_stack(drives), axis=0, return_inverse=True)[1].ravel()
         if 2 * (level.max() + 1) <= len(level) + 1:  # most places are seen twice: else nothing can be compared

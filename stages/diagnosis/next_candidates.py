@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import own_name
 from truing.estimation.design.rival_design import Candidates, Fitted, Instrument, candidates
+from truing.simulation.causes.body_terms import CAME_FROM
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -57,7 +59,7 @@ class Possible:
     @property
     def settable(self) -> tuple[str, ...]:
         """Return the covariates that matter and have one number per pose to be set; time passes by itself."""
-        named = [name for name in self.matters if name not in (TIME, ORDER) and not name.startswith(APPROACH)]
+        named = [name for name in self.matters if name not in (TIME, ORDER) and not name.startswith(CAME_FROM)]
         return tuple(name for name in named if self.conditions.covariates[name].ndim == 1)
 
     def seen(self, fitted: Fitted) -> Candidates:
@@ -153,8 +155,8 @@ def _levels(name: str, value: NDArray) -> list[Level]:
         return []
     if value.ndim == 2:
         return _movements(name, value)
-    if name.startswith(APPROACH):
-        return _approaches(name.removeprefix(APPROACH).strip())
+    if name.startswith(CAME_FROM):
+        return _approaches(own_name(name.removeprefix(CAME_FROM)))
     low, high, middle = float(value.min()), float(value.max()), float(np.median(value))
     if name == TIME:
         return _times(value)
@@ -163,7 +165,8 @@ def _levels(name: str, value: NDArray) -> list[Level]:
     if name == TEMPERATURE:
         low, high = min(low, middle - _WARMER_K), max(high, middle + _WARMER_K)
         return [Level(middle), Level(low, f"at {low:.0f} °C"), Level(high, f"at {high:.0f} °C")]
-    return [Level(middle), Level(low, f"at {name} = {low:.4g}"), Level(high, f"at {name} = {high:.4g}")]
+    said = own_name(name)
+    return [Level(middle), Level(low, f"at {said} = {low:.4g}"), Level(high, f"at {said} = {high:.4g}")]
 
 
 def _times(value: NDArray) -> list[Level]:

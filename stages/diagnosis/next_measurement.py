@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import own_name
 from stages.diagnosis.next_candidates import possible
 from stages.diagnosis.next_plan import Plan, Reach, plan_table
 from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
@@ -225,7 +226,7 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
 
 def _name(cause: Any, legs: int) -> str:
     """Return what tells a cause from others in a sentence: its subject, or what it follows where it has no name."""
-    follows = cause.follows(legs)
+    follows = tuple(map(own_name, cause.follows(legs)))
     driven = f"following {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
     return " ".join(filter(None, (cause.id, cause.subject, driven)))
 

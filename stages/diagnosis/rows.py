@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
+from schemas.covariates import listed, own_name
 from stages.diagnosis.shown import POINTS, Channels, Shown
+from truing.simulation.causes.body_terms import CAME_FROM, ORDER, TIME
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -101,7 +103,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "p_value": verdict.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(parameters),
-        "follows": " ".join(cause.follows(legs)),
+        "follows": listed(cause.follows(legs)),
         "rms_before": facts.rms_before,
         "rms_after": facts.rms_after,
         "heldout_rms_before": held[0],
@@ -150,19 +152,25 @@ def _name(final: Stand, target: int) -> str:
     return str(final.model.targets.names[target])
 
 
+def _followed_column(column: str) -> tuple[str, ...]:
+    """The column of the configurations that noise follows: the order of poses is that of their times."""
+    plain = column.removeprefix(CAME_FROM)
+    return (TIME if plain == ORDER else plain,) if plain else ()
+
+
 def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
     """Noise that is larger in places, and the column or the target that it follows."""
     from truing.report.diagnosis.findings import noise_explanation
 
     names = [_name(final, target) for target in own.driver.targets]
     whose = final.model.scene.word_of_target
-    follows = own.driver.name or f"{whose} {names[0]}"
+    follows = own_name(own.driver.name) or f"{whose} {names[0]}"
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)
     said = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
     return _of_noise(own, final, shown) | {
         "subject": f"{whose} {names[0]}" if names else "",
-        "follows": own.driver.column,
+        "follows": listed(_followed_column(own.driver.column)),
         "explanation": said,
         "next_measurement": f"{shown.scatter} {where}.",
     }

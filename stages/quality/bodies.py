@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.columns import COLUMNS
 from stages.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
 from truing.estimation.response import keep_consistent
 from truing.estimation.rigid_poses.rigid import RigidFit, umeyama
@@ -88,7 +89,7 @@ def surroundings(observations: pa.Table, configurations: pa.Table | None, drives
     ids = configurations.column("pose").to_pylist()
     seen = set(observed)
     rows = np.array([i for i in order if ids[i] in seen], dtype=np.int64)
-    names = [n for n in configurations.schema.names if n.startswith("rho") or n in drives]
+    names = [n for n in configurations.schema.names if COLUMNS["rho"].matches(n) or n in drives]
     values = {n: number_column(configurations, n)[rows] for n in names}
     varying = tuple(n for n in names if np.nanstd(values[n]) > 0.0)
     has_temperature = "temperature_c" in configurations.schema.names

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.columns import COLUMNS
 from stages.point_arrays import number_column
 from stages.sensor.reading_arrays import RecordedSteps
 from truing.estimation.quality import repeated_groups
@@ -62,7 +63,7 @@ def repeated_runs(steps: RecordedSteps) -> list[Index]:
 
 def drive_readings(configurations: pa.Table, drives: tuple[str, ...]) -> Array:
     """(B, D) readings of actuators or drives, those that vary."""
-    names = [name for name in configurations.column_names if name.startswith("rho") or name in drives]
+    names = [name for name in configurations.column_names if COLUMNS["rho"].matches(name) or name in drives]
     columns = [number_column(configurations, name) for name in names]
     varying = [column for column in columns if np.isfinite(column).any() and np.nanstd(column) > 0.0]
     return np.column_stack(varying) if varying else np.zeros((configurations.num_rows, 0))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.covariates import own_name, stand_in
 from schemas.faults import CampaignFaults, Fault
 from stages.point_arrays import number_column
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI
@@ -61,7 +62,7 @@ def _order(table: pa.Table, keys: list[tuple[int | str, int]], row: int) -> tupl
 
 def _conditions(table: pa.Table, loads: Array, rows: NDArray[np.int64]) -> ReadingConditions:
     known = {
-        field.name: number_column(table, field.name)[rows]
+        stand_in(field.name): number_column(table, field.name)[rows]
         for field in table.schema
         if str(field.type) in ("double", "int64") and field.name not in (*LOAD_COLUMNS, *_TEXT, *_NUMBERS, "load")
     }
@@ -76,7 +77,7 @@ def _checked(extended: ExtendedSensor, table: pa.Table, file: str) -> Array:
     six = any(name in names for name in LOAD_COLUMNS)
     needed = {**_TEXT, **_NUMBERS, **({} if six else {"load_axis": "the axis that is loaded", "load": "the load"})}
     for cause in (own for own in extended.causes if not goes_with_a_run(own)):
-        needed |= {name: f"which {cause.id} follows" for name in cause.needs(len(LOADS)) if name not in LOADS}
+        needed |= {own_name(name): f"which {cause.id} follows" for name in cause.needs(len(LOADS)) if name not in LOADS}
     needed = {name: what for name, what in needed.items() if name not in LOAD_COLUMNS}
     faults += [Fault(file, f"a column of that name, {what}", column=n) for n, what in needed.items() if n not in names]
     if faults:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import stand_in
 from stages.point_arrays import number_column
 
 if TYPE_CHECKING:
@@ -23,7 +25,9 @@ SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct"
 ARCSECOND = np.pi / 180.0 / 3600.0
 # What one unit of a channel's readings is in SI.
 READING_SI = np.array([1e-6] * 3 + [ARCSECOND] * 3)
-_NOT_COVARIATES = {"run", "step", "role", "channel", "reading", "unit", "sigma", *LOAD_COLUMNS}
+_OWN = ("run", "step", "time_s", "role", *LOAD_COLUMNS)
+_OF_TABLE = {"readings": (*_OWN, "channel", "reading", "unit", "sigma"), "signals": _OWN}
+_SIGNAL = re.compile(r"v[1-8]_mv")
 
 
 @dataclass(frozen=True)
@@ -63,13 +67,13 @@ def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
 
     A step of both is one: they share run and step. Steps are in the order of time within the order of runs.
     """
-    found = [tables[name] for name in ("readings", "signals") if name in tables and tables[name].num_rows]
+    found = {name: tables[name] for name in _OF_TABLE if name in tables and tables[name].num_rows}
     if not found:
         raise ValueError("needs readings or signals")
-    keys = _keys(found)
+    keys = list(dict.fromkeys(key for table in found.values() for key in _key_rows(table)))
     place = {key: row for row, key in enumerate(keys)}
     runs = tuple(dict.fromkeys(run for run, _ in keys))
-    at = [np.array([place[key] for key in _key_rows(table)]) for table in found]
+    at = {name: np.array([place[key] for key in _key_rows(table)]) for name, table in found.items()}
     arrays = _common(found, at, len(keys))
     reading, sigma = _readings(found, at, len(keys))
     place_of = {run: number for number, run in enumerate(runs)}
@@ -90,23 +94,21 @@ def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
     )
 
 
-def _keys(tables: Sequence[pa.Table]) -> list[tuple[int | str, int]]:
-    return list(dict.fromkeys(key for table in tables for key in _key_rows(table)))
-
-
 def _key_rows(table: pa.Table) -> list[tuple[int | str, int]]:
     return list(zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True))
 
 
-def _common(tables: Sequence[pa.Table], at: Sequence[NDArray[np.int64]], count: int) -> dict[str, Array]:
-    """What every row of a step repeats, (B,) by column: time, loads, whether it is held out, surroundings."""
+def _common(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]], count: int) -> dict[str, Array]:
+    """What every row of a step repeats, (B,) by column: time, loads, whether it is held out, covariates."""
     found: dict[str, Array] = {"held_out": np.zeros(count)}
-    for table, rows in zip(tables, at, strict=True):
-        for name in table.schema.names:
-            if name in LOAD_COLUMNS or (name not in _NOT_COVARIATES and _is_number(table, name)):
-                known = found.setdefault(name, np.full(count, np.nan))
-                values = number_column(table, name)
-                known[rows] = np.where(np.isfinite(values), values, known[rows])
+    for kind, table in tables.items():
+        rows, covariates = at[kind], covariate_columns(kind, table)
+        for name in ("time_s", *LOAD_COLUMNS):
+            _complete(found, name, rows, number_column(table, name), count)
+        for name, column in covariates.items():
+            values = number_column(table, name)
+            apart = _differ(found.get(column), rows, values)
+            _complete(found, f"{kind}.{column}" if apart else column, rows, values, count)
         if "role" in table.schema.names:
             found["held_out"][rows] = np.asarray(table.column("role").to_pylist(), object) == "verification"
     for name in LOAD_COLUMNS:
@@ -114,29 +116,43 @@ def _common(tables: Sequence[pa.Table], at: Sequence[NDArray[np.int64]], count: 
     return found
 
 
-def _is_number(table: pa.Table, name: str) -> bool:
-    return str(table.schema.field(name).type) in ("double", "int64") and not _is_signal(name)
+def covariate_columns(kind: str, table: pa.Table) -> dict[str, str]:
+    """Return the covariates of the readings or signals: what each stands under, by its column of the table."""
+    own = _OF_TABLE[kind]
+    return {
+        field.name: stand_in(field.name)
+        for field in table.schema
+        if field.name not in own and str(field.type) in ("double", "int64")
+        if not (kind == "signals" and _SIGNAL.fullmatch(field.name))
+    }
 
 
-def _is_signal(name: str) -> bool:
-    return name.startswith("v") and name.endswith("_mv")
+def _complete(found: dict[str, Array], name: str, rows: NDArray[np.int64], values: Array, count: int) -> None:
+    known = found.setdefault(name, np.full(count, np.nan))
+    known[rows] = np.where(np.isfinite(values), values, known[rows])
 
 
-def _readings(tables: Sequence[pa.Table], at: Sequence[NDArray[np.int64]], count: int) -> tuple[Array, Array]:
+def _differ(known: Array | None, rows: NDArray[np.int64], values: Array) -> bool:
+    """Whether two tables have a column of one name that says different things of the same steps."""
+    if known is None:
+        return False
+    both = np.isfinite(known[rows]) & np.isfinite(values)
+    return not np.array_equal(known[rows][both], values[both])
+
+
+def _readings(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]], count: int) -> tuple[Array, Array]:
     reading, sigma = np.full((2, count, len(CHANNELS)), np.nan)
-    for table, rows in zip(tables, at, strict=True):
-        if "channel" in table.schema.names:
-            channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
-            reading[rows, channel] = number_column(table, "reading") * READING_SI[channel]
-            sigma[rows, channel] = number_column(table, "sigma") * READING_SI[channel]
+    if (table := tables.get("readings")) is not None:
+        channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
+        reading[at["readings"], channel] = number_column(table, "reading") * READING_SI[channel]
+        sigma[at["readings"], channel] = number_column(table, "sigma") * READING_SI[channel]
     return reading, sigma
 
 
-def _signals(tables: Sequence[pa.Table], at: Sequence[NDArray[np.int64]], count: int) -> Array:
-    for table, rows in zip(tables, at, strict=True):
-        names = sorted((name for name in table.schema.names if _is_signal(name)), key=lambda n: int(n[1:-3]))
-        if names:
-            signal = np.full((count, len(names)), np.nan)
-            signal[rows] = np.column_stack([number_column(table, name) for name in names]) * 1e-3
-            return signal
-    return np.empty((count, 0))
+def _signals(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]], count: int) -> Array:
+    table = tables.get("signals")
+    names = [] if table is None else sorted(filter(_SIGNAL.fullmatch, table.schema.names), key=lambda n: int(n[1:-3]))
+    signal = np.full((count, len(names)), np.nan)
+    if table is not None and names:
+        signal[at["signals"]] = np.column_stack([number_column(table, name) for name in names]) * 1e-3
+    return signal

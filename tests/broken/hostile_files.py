@@ -85,12 +85,6 @@ CASES = (
     ),
     Broken("points-line-without-end", "telescope", whole("points.csv", _HEAD + b"7" * (65 << 20)), ("lines of at",)),
     Broken(
-        "covariate-by-a-taken-name",
-        "telescope",
-        replaced("configurations.csv", "temperature_c", "sigma_x_mm"),
-        (r"configurations\.csv, column sigma_x_mm: expected a name that means nothing else",),
-    ),
-    Broken(
         "step-beyond-counting", "bench", cell("signals.csv", 3, "step", "9" * 19), ("column step: found '1e\\+19'",)
     ),
     Broken(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import find_column
-from schemas.faults import Fault
+from schemas.covariates import marked
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import CellFaults, FaultLog, Records
 from truing.formats.read import FileRows, read_table
@@ -79,17 +79,14 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
     parts = [(file, batch.records) for file, batch in batches]
     tables = [batch for _, batch in batches]
     table = _concatenated(tables)
-    taken = [name for name in table.column_names if shape.is_covariate(name) and find_column(name) is not None]
-    for name in taken:
-        expected = "a name that means nothing else in a run: another one under columns, or ignore to pass over it"
-        log.add(Fault(parts[0][0].raw.name, expected, column=name))
-    return Gathered(table.drop_columns(taken), parts, left_out, _faulty(tables))
+    kept = {name: marked(name) if shape.is_set_apart(name) else name for name in table.column_names}
+    return Gathered(table.rename_columns(list(kept.values())), parts, left_out, _faulty(tables, kept))
 
 
-def _faulty(batches: list[TableBatch]) -> dict[str, NDArray[np.bool_]]:
+def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, NDArray[np.bool_]]:
     names = {name for batch in batches for name in batch.faulty}
     return {
-        name: np.concatenate([batch.faulty.get(name, np.zeros(batch.rows, dtype=bool)) for batch in batches])
+        kept.get(name, name): np.concatenate([b.faulty.get(name, np.zeros(b.rows, dtype=bool)) for b in batches])
         for name in names
     }
 

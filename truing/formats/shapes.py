@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from schemas.column import Column
 from schemas.columns import COLUMNS, find_column
+from schemas.covariates import OF_LOADS, is_marked
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _SPREAD = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
@@ -82,6 +83,11 @@ class Shape:
         """Whether a column would be carried along, and is none of this table's own."""
         known = _defined(name)
         return self.covariates and not (known is not None and self._has(known, name))
+
+    def is_set_apart(self, name: str) -> bool:
+        """Whether a covariate bears a name that the run gives a column of its own: it stands under another."""
+        is_added = "run" in self.required and name in OF_LOADS
+        return (is_added or is_marked(name)) and self.is_covariate(name)
 
     def _has(self, known: Column, name: str) -> bool:
         return name in (*self.required, *self.optional) or self._is_member(known)

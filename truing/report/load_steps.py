@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from schemas.columns import COLUMNS
 from truing.report.tables import Tables, filled
 
 if TYPE_CHECKING:
@@ -66,4 +67,4 @@ def signal_names(tables: Tables) -> list[str]:
     """``v1``, ``v2``: the signal channels."""
     signals = filled(tables, "signals")
     columns = [] if signals is None else [str(c) for c in signals.columns]
-    return in_channel_order(c.removesuffix("_mv") for c in columns if c.startswith("v") and c.endswith("_mv"))
+    return in_channel_order(c.removesuffix("_mv") for c in columns if COLUMNS["signal"].matches(c))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from schemas.columns import COLUMNS
 from truing.report.load_steps import is_bench
 from truing.report.tables import Tables, filled, reason
 
@@ -38,7 +39,7 @@ def why_no_deformation(tables: Tables) -> str:
 
 def _has_readings(tables: Tables) -> bool:
     readings = filled(tables, "configurations")
-    return readings is not None and any(str(column).startswith("rho") for column in readings.columns)
+    return readings is not None and any(COLUMNS["rho"].matches(str(column)) for column in readings.columns)
 
 
 def why_no_calibration(tables: Tables) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause
+from truing.simulation.causes.following import drive_of
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
 from truing.simulation.targets import BASE, PLATFORM
@@ -134,7 +135,7 @@ def centred(information: NDArray, pull: NDArray) -> NDArray:
 def _is_told(cause: Cause, model: Unknowns) -> bool:
     """Return whether a campaign has the columns that an effect follows, with a number at every pose."""
     known = model.conditions.covariates
-    names = [name for name in cause.needs(model.nominal.count) if not name.startswith("rho")]
+    names = [name for name in cause.needs(model.nominal.count) if drive_of(name) is None]
     return all(name in known and bool(np.isfinite(known[name]).all()) for name in names)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from schemas.covariates import named
 from truing.report.diagnosis.effect_units import stem
 from truing.report.diagnosis.findings import subject_words
 from truing.report.tables import Tables, cell, filled
@@ -19,8 +20,6 @@ EQUAL_ODDS = 20.0
 _COLUMNS = {
     "temperature_c": "the temperature",
     "time_s": "time",
-    "order": "the order in which it was measured",
-    "approach": "the direction of approach",
     "air_temperature_c": "the temperature of the air",
     "material_temperature_c": "the temperature of the material",
     "air_pressure_hpa": "the pressure of the air",
@@ -127,7 +126,7 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
         verdict=str(row["verdict"]),
         subject=cell(row["subject"]).strip(),
         sizes=_sizes(cell(row["parameters"])),
-        follows=tuple(cell(row["follows"]).split()),
+        follows=named(cell(row["follows"])),
         rms=(_number(row["rms_before"]), _number(row["rms_after"])),
         held_out=(_number(row["heldout_rms_before"]), _number(row["heldout_rms_after"])),
         floor=_number(row["noise_floor"]),

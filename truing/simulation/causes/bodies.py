@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import own_name
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause, Parameter, Scene, Step, Told
 from truing.simulation.causes.body_terms import (
@@ -23,6 +24,7 @@ from truing.simulation.causes.body_terms import (
     place_columns,
     proposed_terms,
     runs_with_time,
+    told_term,
 )
 from truing.simulation.chain import State
 from truing.simulation.legs import Change
@@ -139,7 +141,8 @@ class BodyDeformation(OfBody):
     def says(self) -> str:
         """Return what the body does."""
         if self.columns[0].startswith(CAME_FROM):
-            way = f"after {self.columns[0].removeprefix(CAME_FROM)} went up than after it went down (hysteresis)"
+            drive = own_name(self.columns[0].removeprefix(CAME_FROM))
+            way = f"after {drive} went up than after it went down (hysteresis)"
             return f"body {self.body} {'stands elsewhere' if self.whole else 'keeps another shape'} {way}"
         if self.whole:
             return f"body {self.body}, which should stand still, moves as a whole with {in_words(self.terms)}"
@@ -149,7 +152,7 @@ class BodyDeformation(OfBody):
     @property
     def confirm(self) -> str:
         """Return what to measure to confirm it."""
-        column = self.columns[0].removeprefix(CAME_FROM)
+        column = own_name(self.columns[0].removeprefix(CAME_FROM))
         return f"Change {column} alone, up and down through its range, and measure {self.body} at every step."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
@@ -184,7 +187,7 @@ class BodyDeformation(OfBody):
     def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
         """Return the pattern, and what it follows."""
         found = super().told(*self._free_of_motion(values, covariance), legs)
-        return (*found, Told("driver", " ".join(self.terms), None, ""))
+        return (*found, Told("driver", " ".join(map(told_term, self.terms)), None, ""))
 
     def _functions(self, state: State) -> NDArray:
         """Return the terms' values (B, m)."""

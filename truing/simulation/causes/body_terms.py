@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from schemas.covariates import own_name
 from truing.simulation.cause import Scene
 
 TEMPERATURE, TIME, ORDER = "temperature_c", "time_s", "order"
@@ -60,13 +61,22 @@ def runs_with_time(scene: Scene, terms: tuple[str, ...]) -> bool:
     return all(abs(np.corrcoef(time, values)[0, 1]) > _SAME_COURSE for values in columns if values is not None)
 
 
+def told_term(term: str) -> str:
+    """Return a term with the laboratory's names of its columns."""
+    return TIMES.join(
+        f"{CAME_FROM if column.startswith(CAME_FROM) else ''}{own_name(column.removeprefix(CAME_FROM))}"
+        for column in term.split(TIMES)
+    )
+
+
 def in_words(terms: tuple[str, ...]) -> str:
     """Return the terms in words that fit "deforms with ..."."""
-    names = list(dict.fromkeys(column for term in terms for column in term.split(TIMES)))
+    columns = dict.fromkeys(column for term in terms for column in term.split(TIMES))
+    names = list(map(own_name, columns))
     if len(names) == 1 and len(terms) == 1 and TIMES in terms[0]:
         return f"the square of {'the temperature' if names == [TEMPERATURE] else names[0]}"
-    if names == list(place_columns(names[0].removesuffix(" x"))):
-        return f"where body {names[0].removesuffix(' x')} is"
+    if tuple(columns) == place_columns(body := next(iter(columns)).removesuffix(" x")):
+        return f"where body {body} is"
     said = "the temperature" if names == [TEMPERATURE] else " and ".join(names)
     if len(names) == 2 and len(terms) == 1:
         return f"the product of {said}"

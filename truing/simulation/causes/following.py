@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import own_name
 from truing.simulation.chain import State
 
 OWN_DRIVE, APPROACH, ORDER, TIME = "own drive", "approach", "order", "time_s"
@@ -121,4 +122,4 @@ def _words(column: str) -> str:
         TIME: "time",
         "temperature_c": "the temperature",
     }
-    return known.get(column, column)
+    return known.get(column, own_name(column))

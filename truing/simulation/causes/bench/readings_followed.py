@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import own_name
 from truing.simulation.bench.reading_state import (
     AIR,
     CHANNELS,
@@ -169,7 +170,7 @@ def words(column: str) -> str:
         return f"the direction in which {words(column.removeprefix(WAY))} changes"
     if column.startswith(SO_FAR):
         return f"the largest size of {words(column.removeprefix(SO_FAR))} so far in a run"
-    return f"the load {column.partition('_')[0]}" if column in LOADS else known.get(column, column)
+    return f"the load {column.partition('_')[0]}" if column in LOADS else known.get(column, own_name(column))
 
 
 def remembered(steps: LoadSteps, load: str) -> NDArray:

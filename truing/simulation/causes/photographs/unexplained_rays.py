@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.covariates import own_name
 from truing.simulation.cause import Cause, Parameter, Scene
 from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
@@ -66,7 +67,7 @@ class UnexplainedRays(Undeclared, RayCause):
 
     @property
     def _followed(self) -> str:
-        said = [column.removesuffix("_s").removesuffix("_c").replace("_", " ") for column in self.columns]
+        said = [own_name(column).removesuffix("_s").removesuffix("_c").replace("_", " ") for column in self.columns]
         if len(said) == 1:
             return said[0]
         return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
