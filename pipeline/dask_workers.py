@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.executor import LOCAL, TRIES, Piece, Result, Workforce
 from pipeline.problems import EnvironmentProblem
+from truing.child_processes import safe_children
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -106,6 +107,7 @@ def _local_cluster(workers: int | None) -> Iterator[str]:
         # Dask's scratch folder would stay behind where everybody's temporary files are.
         scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="truing-", ignore_cleanup_errors=True))
         stack.enter_context(dask.config.set({"temporary-directory": scratch}))
+        stack.enter_context(safe_children())
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

@@ -18,6 +18,7 @@ from typing import Any
 from pipeline.executor import TRIES, Piece, Result
 from pipeline.interruption import interruptible
 from pipeline.problems import Interrupted
+from truing.child_processes import safe_children
 
 _SECONDS_TO_LEAVE = 10.0
 # So often a wait looks up: where a signal cannot end the waiting itself, it is heard then.
@@ -92,14 +93,15 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A pool of fresh processes; whatever ends its use ends them, too."""
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")  # a fork would carry this process's locks and threads along
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_become_worker)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        _end([child for child in multiprocessing.active_children() if child not in others])
-        raise
-    pool.shutdown()
+    with safe_children():  # they are started when there is work for them
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_become_worker)
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            _end([child for child in multiprocessing.active_children() if child not in others])
+            raise
+        pool.shutdown()
 
 
 def _end(children: list[Any]) -> None:

@@ -79,7 +79,7 @@ def test_markers_that_end_the_process_of_their_library(tmp_path, monkeypatch):
     entry = {"path": "take.c3d", "constants": {"body": "b"}}
     assert len(read(tmp_path, entries=entry).records) == 11
     ended = subprocess.CompletedProcess([], -11)
-    monkeypatch.setattr("truing.formats.motion_capture.subprocess.run", lambda *_, **__: ended)
+    monkeypatch.setattr("truing.formats.c3d_file.subprocess.run", lambda *_, **__: ended)
     (fault,) = read(tmp_path, entries=entry).faults
     assert (fault.file, fault.expected) == ("take.c3d", "a whole C3D file; this one is damaged")
 
@@ -96,3 +96,44 @@ def test_rows_that_cannot_be_found_again_are_told_without_their_line(tmp_path):
     assert [(fault.row, fault.value) for fault in log.faults()] == [(2, "x"), (None, "x"), (None, "x")]
     (tmp_path / "points.csv").unlink()
     assert [fault.row for fault in log.faults()] == [None] * 3
+
+
+MARKERS = {"path": "take.c3d", "constants": {"body": "b"}}
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [
+        (300, "begins with a header of 512 bytes"),
+        (700, "its header announces"),
+        (1600, "its header announces 1728 bytes"),
+        (1727, "its header announces 1728 bytes"),
+    ],
+)
+def test_markers_that_are_cut_short(tmp_path, length, expected):
+    """Of the 1600 bytes ezc3d reads one frame of four, and of the 700 it never ends to read."""
+    write_c3d(tmp_path / "take.c3d")
+    (tmp_path / "take.c3d").write_bytes((tmp_path / "take.c3d").read_bytes()[:length])
+    (fault,) = read(tmp_path, entries=MARKERS).faults
+    assert fault.file == "take.c3d"
+    assert expected in fault.expected
+
+
+def test_markers_whose_reading_never_ends_are_given_up(tmp_path, monkeypatch):
+    """The header says that there is nothing behind 700 bytes, so nothing is missing; ezc3d reads on and on."""
+    write_c3d(tmp_path / "take.c3d")
+    content = bytearray((tmp_path / "take.c3d").read_bytes()[:700])
+    content[2:4], content[16:18], content[514] = bytes(2), b"\1\0", 0
+    (tmp_path / "take.c3d").write_bytes(content)
+    monkeypatch.setattr("truing.formats.c3d_file.SECONDS", 1.0)
+    (fault,) = read(tmp_path, entries=MARKERS).faults
+    assert fault.expected == "a whole C3D file; this one is damaged: it was not read after 1 s"
+
+
+def test_a_header_of_other_frames_than_the_file_holds(tmp_path):
+    write_c3d(tmp_path / "take.c3d")
+    content = bytearray((tmp_path / "take.c3d").read_bytes())
+    content[8:10] = b"\3\0"
+    (tmp_path / "take.c3d").write_bytes(content + bytes(512))
+    (fault,) = read(tmp_path, entries=MARKERS).faults
+    assert fault.expected.startswith("a whole C3D file; its header announces 3 frames, 4 could be read")

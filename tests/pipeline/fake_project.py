@@ -258,7 +258,10 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
         "truing/estimation/mean.py": "def mean(values):\n    return sum(values) / len(values)\n",
         "truing/estimation/unused.py": "",
     }
-    for name in ("stages/declaration.py", "truing/formats/source.py", "truing/formats/companions.py"):
+    for name in (
+        *("stages/declaration.py", "truing/child_processes.py"),
+        *("truing/formats/source.py", "truing/formats/companions.py"),
+    ):
         files[name] = (PROJECT / name).read_text()
     for name, text in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)

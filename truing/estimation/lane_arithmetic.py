@@ -13,7 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core import config
 from numpy.typing import NDArray
+
+# numba takes settings from `.numba_config.yaml` in the current folder, among them where compiled code is loaded from.
+# Its environment variables say the same; a file that came with somebody's data says nothing.
+config._config_fname = os.devnull
+config.reload_config()
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
