@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-import math
-import os
-import re
-import sys
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from pipeline.entry import main as main  # scripts of installations made before pipeline.entry look for it here
+from pipeline.options import (
+    Anew,
+    Campaigns,
+    Gate,
+    Method,
+    OneCampaign,
+    Out,
+    QaGate,
+    Quiet,
+    Scheduler,
+    Within,
+    Workers,
+    pair,
+    workforce,
+)
 from pipeline.problems import ExitCode
-
-if TYPE_CHECKING:
-    from pipeline.executor import Workforce
 
 # Without rich's formatting of help: it would cost a third of a second before the first word.
 app = typer.Typer(
@@ -28,46 +36,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-
-class QaGate(StrEnum):
-    """What a failed QA check does to the exit code."""
-
-    WARN = "warn"
-    FAIL = "fail"
-
-
-class Method(StrEnum):
-    """How `design` searches."""
-
-    EXCHANGE = "exchange"
-    DIRECT = "direct"
-    IOOPS = "ioops"
-    RANDOM = "random"
-
-
-class Within(StrEnum):
-    """What limits the configurations that `design` may choose."""
-
-    WORKSPACE = "workspace"
-    ACTUATORS = "actuators"
-
-
-Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders that hold a campaign.toml.")]
-OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="A folder that holds a campaign.toml.")]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="The run's folder; default: runs/<campaign name>.")
-]
-Gate = Annotated[QaGate, typer.Option("--qa", help="Whether a failed check is exit code 3 or only told.")]
-Anew = Annotated[bool, typer.Option("--check", help="Read every file anew instead of trusting size, time and inode.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Say only what went wrong.")]
-Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Do so many at a time, each in a process.")
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port; local: one for this call."),
-]
 
 
 def _tell_version(wanted: bool) -> None:
@@ -111,7 +79,7 @@ def run(
     of one campaign are measured on all cores, or in as many processes as --workers says.
 
     Exit codes: 0 done; 1 a defect of the software; 2 the campaign cannot be used; 3 done, but a QA check failed;
-    4 the environment prevented it.
+    4 the environment prevented it; 130 Ctrl-C ended it.
 
     Example: truing run sample_data/telescope --from pose
     """
@@ -122,7 +90,7 @@ def run(
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
     wish = Wish(Selection(first, only, force), distrust=check, accept_failed_checks=qa is QaGate.WARN)
-    raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=_workforce(workers, scheduler)))
+    raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=workforce(workers, scheduler)))
 
 
 @app.command()
@@ -278,7 +246,7 @@ def power(
         from pipeline.power_command import PowerWish, power_campaign
 
         names = tuple(name.strip() for name in causes.split(",") if name.strip())
-        return power_campaign(campaign, PowerWish(names, draws, gross, seed), _workforce(workers, scheduler), out)
+        return power_campaign(campaign, PowerWish(names, draws, gross, seed), workforce(workers, scheduler), out)
 
     _end(tell)
 
@@ -337,23 +305,12 @@ def plan(
         from pipeline.plan_command import PlanFiles, plan_campaign
         from stages.photograph_plan import PlanWish
 
-        near, far = _pair("--distance", distance) if distance else (None, None)
-        bounds = _pair("--elevation", elevation)
+        near, far = pair("--distance", distance) if distance else (None, None)
+        bounds = pair("--elevation", elevation)
         wish = PlanWish(stations, wanted, near, far, bounds, directions, incidence, least)
         return plan_campaign(campaign, wish, PlanFiles(camera, run, normals, out))
 
     _end(choose)
-
-
-def _pair(option: str, text: str) -> tuple[float, float]:
-    """Two numbers by a comma; raises typer.BadParameter."""
-    try:
-        low, high = (float(word) for word in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"{option}: two numbers by a comma, as 500,1500; found {text!r}") from None
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise typer.BadParameter(f"{option}: finite numbers; found {text!r}")
-    return low, high
 
 
 @app.command()
@@ -401,29 +358,8 @@ def compare(
     _end(lambda: compare_runs(runs, out))
 
 
-def _workforce(workers: int | None, scheduler: str | None) -> Workforce:
-    from pipeline.executor import LOCAL, Workforce
-
-    if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
-        raise typer.BadParameter(
-            f"--scheduler: found {scheduler!r}; expected tcp://host:port, tls://host:port or local"
-        )
-    return Workforce(workers, scheduler)
-
-
 def _end(*actions: Callable[[], ExitCode]) -> None:
     from pipeline.endings import end_all
     from pipeline.voice import Voice
 
     raise typer.Exit(end_all(list(actions), Voice(quiet=False)))
-
-
-def main() -> None:
-    """The entry point of `truing` and of `python -m pipeline`."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a console that lacks Δ shall not end a run
-    # Matrices are small here: threads within one product cost more than they give, and change its last bits.
-    for library in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
-        os.environ.setdefault(library, "1")  # read when numpy is first imported, which is later
-    app()

@@ -10,6 +10,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from pipeline.executor import LOCAL, TRIES, Piece, Result, Workforce
+from pipeline.interruption import children_without_interrupts
 from pipeline.problems import EnvironmentProblem
 from truing.child_processes import safe_children
 
@@ -108,14 +109,15 @@ def _local_cluster(workers: int | None) -> Iterator[str]:
         scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="truing-", ignore_cleanup_errors=True))
         stack.enter_context(dask.config.set({"temporary-directory": scratch}))
         stack.enter_context(safe_children())
-        cluster = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",
-            silence_logs=logging.CRITICAL,
-            local_directory=scratch,
-        )
+        with children_without_interrupts():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",
+                silence_logs=logging.CRITICAL,
+                local_directory=scratch,
+            )
         try:
             yield cluster.scheduler_address
         finally:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.interruption import interruptible
+from pipeline.interruption import answered, exit_code_of, heard, interruptible
 from pipeline.problems import (
     Defect,
     EnvironmentProblem,
@@ -19,13 +19,14 @@ from pipeline.problems import (
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults
 
-KEPT = "what was whole is whole still, and the same command carries on from there"
+KEPT = "finished artifacts are intact; run again to resume"
 
 
 def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
     """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
     try:
-        return action()
+        with heard():
+            return action()
     except CampaignFaults as error:
         for line in dict.fromkeys(map(str, error.faults)):
             voice.warn(" ".join(line.split("\n")))
@@ -55,16 +56,23 @@ def end_all(actions: list[Callable[[], ExitCode]], voice: Voice) -> ExitCode:
     try:
         with interruptible():
             return gravest([end(action, voice) for action in actions])
-    except (Interrupted, KeyboardInterrupt) as error:
-        voice.warn(f"interrupted ({error or 'SIGINT'}); {KEPT}")
-        return ExitCode.ENVIRONMENT
+    except Interrupted as error:
+        return end_interrupted(error, voice)
+
+
+def end_interrupted(error: Interrupted, voice: Voice) -> ExitCode:
+    """The exit code of a call that a signal has ended, said on stderr."""
+    answered()
+    voice.warn(f"interrupted ({error}); {KEPT}")
+    return exit_code_of(str(error))
 
 
 @contextmanager
 def defects_logged(log: Path, doing: str) -> Iterator[None]:
     """Turn what nobody expected into a Defect, its traceback in ``log``; blame the environment where it is to blame."""
     try:
-        yield
+        with heard():
+            yield
     except (CampaignFaults, EnvironmentProblem, Defect):
         raise
     except Exception as error:

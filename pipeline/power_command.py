@@ -63,7 +63,7 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     try:
         for given in _answers(plan, settings, asked, wish, workforce, voice):
             answers.append(given)
-    except (Interrupted, KeyboardInterrupt):
+    except Interrupted:
         if answers:
             _tell(campaign, asked, answers, (file, beside), voice)  # hours may lie behind them
         raise

@@ -17,10 +17,14 @@ class ExitCode(IntEnum):
     UNUSABLE_CAMPAIGN = 2
     FAILED_CHECK = 3
     ENVIRONMENT = 4
+    KEYBOARD = 130  # Ctrl-C: 128 + SIGINT, as shells expect it
 
 
 # Of several campaigns in one call the gravest ending is the call's.
-GRAVITY = (ExitCode.DONE, ExitCode.FAILED_CHECK, ExitCode.UNUSABLE_CAMPAIGN, ExitCode.ENVIRONMENT, ExitCode.DEFECT)
+GRAVITY = (
+    *(ExitCode.DONE, ExitCode.FAILED_CHECK, ExitCode.UNUSABLE_CAMPAIGN, ExitCode.ENVIRONMENT),
+    *(ExitCode.KEYBOARD, ExitCode.DEFECT),
+)
 
 
 def gravest(codes: list[ExitCode]) -> ExitCode:
@@ -29,7 +33,7 @@ def gravest(codes: list[ExitCode]) -> ExitCode:
 
 
 class EnvironmentProblem(Exception):
-    """Disk, permissions, another run or an interruption prevented the work; what was whole is whole still."""
+    """Disk, memory, permissions or another run prevented the work; finished artifacts are intact."""
 
 
 class Defect(Exception):

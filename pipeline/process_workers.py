@@ -16,7 +16,7 @@ from multiprocessing import connection
 from typing import Any
 
 from pipeline.executor import TRIES, Piece, Result
-from pipeline.interruption import interruptible
+from pipeline.interruption import children_without_interrupts, heard, interruptible
 from pipeline.problems import Interrupted
 from truing.child_processes import safe_children
 
@@ -72,7 +72,8 @@ class _Queue:
 
     def _submit(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], number: int) -> None:
         try:
-            under_way[pool.submit(_in_good_order, self.work, self.pieces[number])] = number
+            with children_without_interrupts():
+                under_way[pool.submit(_in_good_order, self.work, self.pieces[number])] = number
         except BrokenProcessPool as error:  # a worker vanished before it was given anything
             failed: Future[Any] = Future()
             failed.set_exception(error)
@@ -117,9 +118,9 @@ def _in_good_order(work: Callable[[Any], Any], piece: Any) -> Any:
     """The result of a piece; asked to end, a worker leaves nothing half made, and vanishes as if it had been killed."""
     try:
         # A pool that misses one worker asks the others to end, which were asked already and are tidying.
-        with interruptible(again=signal.SIG_IGN):
+        with interruptible(once=True), heard():
             return work(piece)
-    except (Interrupted, KeyboardInterrupt):
+    except Interrupted:
         os._exit(1)
 
 

@@ -22,7 +22,7 @@ SETUPTOOLS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-
 PATTERNS = SETUPTOOLS["package-data"]["*"]
 _BUILD = "import sys; from setuptools import build_meta as b; to = sys.argv[1]; b.build_wheel(to); b.build_sdist(to)"
 _WHEEL = f"truing-{truing.__version__}-py3-none-any.whl"
-_CALL = "import truing; assert 'installed' in truing.__file__; from pipeline.command_line import main; main()"
+_CALL = "import truing; assert 'installed' in truing.__file__; from pipeline.entry import main; main()"
 
 
 def _kept(room: Path) -> list[Path]:
@@ -74,7 +74,7 @@ def test_the_wheel_tells_what_the_project_tells(built: Path) -> None:
     assert (told["License-Expression"], told["Requires-Python"]) == (project["license"], project["requires-python"])
     assert f"\nlicense: {project['license']}\n" in (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
     assert told.get_payload() == (PROJECT / "README.md").read_text(encoding="utf-8")
-    assert "truing = pipeline.command_line:main" in commands
+    assert "truing = pipeline.entry:main" in commands
 
 
 def test_the_source_archive_builds_and_tells_of_its_changes(built: Path) -> None:

@@ -30,7 +30,7 @@ def test_help_lists_every_command_there_is() -> None:
 def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; sys.argv = ['truing', '--help']\n"
-        "from pipeline.command_line import main\n"
+        "from pipeline.entry import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'pydantic', 'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly'} & set(sys.modules)\n"
@@ -43,7 +43,7 @@ def test_help_imports_nothing_heavy() -> None:
 def test_nothing_to_do_imports_nothing_heavy(ran: FakeProject) -> None:
     code = (
         f"import sys; sys.argv = ['truing', 'run', {str(ran.campaign)!r}]\n"
-        "from pipeline.command_line import main\n"
+        "from pipeline.entry import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly', 'schemas.campaign'} & set(sys.modules)\n"
