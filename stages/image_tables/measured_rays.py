@@ -26,6 +26,7 @@ ONE_CAMERA = "camera"
 """What the camera is called where nothing names it."""
 
 _MARGIN = 0.01
+_ABOVE_ZERO = "a standard deviation above 0, or an empty cell where none is known: [noise] image_px holds there"
 _COVARIANCE = ("cov_xx_px2", "cov_xy_px2", "cov_yy_px2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
@@ -138,7 +139,7 @@ def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
     for k, name in ((0, "sigma_x_px"), (2, "sigma_y_px")):
         if name in names:
             sigma = _numbers(found, name)
-            found.fault(log, sigma == 0.0, name, "a standard deviation above 0")
+            found.fault(log, sigma == 0.0, name, _ABOVE_ZERO)
             out[:, k] = np.where(np.isfinite(sigma), sigma**2, out[:, k])
             out[:, 1] = 0.0
     for k, name in enumerate(_COVARIANCE):

@@ -120,3 +120,11 @@ def test_known_by_their_names(tmp_path, ending):
     found = read(tmp_path, guess.table, {"path": f"station.{ending}", **guess.mapping})
     assert found.faults == ()
     assert found.rows
+
+
+def test_a_row_is_the_line_of_its_file(tmp_path):
+    station(tmp_path)
+    written(tmp_path, "station.scale", "\n" + SCALE)
+    written(tmp_path, "two.ior", IOR + IOR.replace("1", "2", 1))
+    assert read(tmp_path, "scale_bars", {"path": "station.scale"}).records == [1]
+    assert read(tmp_path, "cameras", {"path": "two.ior"}).records == [0, 5]

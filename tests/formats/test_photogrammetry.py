@@ -157,10 +157,10 @@ def test_gsi_in_the_unit_of_each_word(tmp_path):
         ("p.txt", PHOTOMODELER, "20 2000 1500", "20", "width and height of the photos", 2),
         ("p.txt", PHOTOMODELER, "   4   7.400", "   5   7.400", "a photo in six lines", 12),
         ("p.txt", PHOTOMODELER, "1217.8557", "oops", "a mark: photo, point", 25),
-        ("p.txt", PHOTOMODELER, "   4        2 1217", "   9        2 1217", "marks on photos of the file", None),
+        ("p.txt", PHOTOMODELER, "   4        2 1217", "   9        2 1217", "marks on photos of the file", 25),
         ("p.xml", XML, "</chunk>", "", "a whole XML file", 25),
-        ("p.xml", XML, 'camera_id="3"', 'camera_id="8"', "markers and cameras that the file lists", None),
-        ("p.xml", XML, 'x="10.25"', 'x="inf"', "a number", None),
+        ("p.xml", XML, 'camera_id="3"', 'camera_id="8"', "markers and cameras that the file lists", 20),
+        ("p.xml", XML, 'x="10.25"', 'x="inf"', "a number", 22),
         ("p.xml", XML, "<document", "<!DOCTYPE d [<!ENTITY a 'a'>]><document", "without declarations", None),
     ],
 )
@@ -195,3 +195,54 @@ def test_known_by_their_look(tmp_path, name, text):
     guess = sniff_file(tmp_path / name)
     assert guess.table == "image_points"
     assert len(read(tmp_path, "image_points", {"path": name, **guess.mapping}).rows) == 2
+
+
+MARKS = """
+   0        2 1429.1871 1456.4278  0.10000  0.20000
+   0        2  300.5000  400.5000  0.00000  0.00000
+   0        3  310.5000  410.5000  0.00000  0.00000
+   4        2 1217.8557 1456.1798  0.10000  0.10000
+   4        2  320.5000  420.5000  0.00000  0.00000
+   4        3  330.5000  430.5000  0.00000  0.00000
+"""
+
+
+def test_photomodelers_marks_without_a_sigma_state_none_and_may_bear_the_number_of_another_point(tmp_path):
+    """Matched points have marks of sigma 0 and numbers of their own, on the photos and among the object points."""
+    before, _, after = PHOTOMODELER.partition("\n   0        2 1429")
+    matched = "       2    0.11428    0.24304   -0.00199   0.000144   0.000143   0.000175\n"
+    written(tmp_path, "export.txt", f"{before}{matched}{MARKS}{after.partition('0.10000  0.10000')[2]}")
+    entry = {"path": "export.txt", "format": "photomodeler", **POSE}
+    found = read(tmp_path, "image_points", entry)
+    assert found.faults == ()
+    assert found.columns["point"] == ["2", "smart 2", "3", "2", "smart 2", "3"]
+    assert found.columns["sigma_x_px"] == [0.1, None, None, 0.1, None, None]
+    points = read(tmp_path, "points", {**entry, "constants": {"pose": 1, "body": "b"}})
+    assert points.columns["target"] == ["2", "1001", "smart 2"]
+
+
+def test_a_number_that_no_photo_shows_twice_is_one_point_with_and_without_a_sigma(tmp_path):
+    text = PHOTOMODELER.replace("1217.8557 1456.1798  0.10000  0.10000", "1217.8557 1456.1798  0.00000  0.00000")
+    written(tmp_path, "export.txt", text)
+    found = read(tmp_path, "image_points", {"path": "export.txt", "format": "photomodeler", **POSE})
+    assert found.columns["point"] == ["2", "2"]
+    assert found.columns["sigma_x_px"] == [0.1, None]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "table", "column", "begins"),
+    [
+        ("p.txt", PHOTOMODELER, "image_points", "x_px", ["   0        2 1429", "   4        2 1217"]),
+        ("p.txt", PHOTOMODELER, "points", "target", ["       2   -0.21", "    1001   -0.50"]),
+        ("p.txt", PHOTOMODELER, "cameras", "camera", ["   0 e:"]),
+        ("p.xml", XML, "image_points", "x_px", ['        <location camera_id="0"', '      <marker marker_id="5"']),
+    ],
+)
+def test_a_row_of_an_export_is_the_line_of_its_file(tmp_path, name, text, table, column, begins):
+    written(tmp_path, name, text)
+    constants = {} if table == "cameras" else {"pose": 1, **({"body": "b"} if table == "points" else {})}
+    entry = {"path": name, **({"format": "photomodeler"} if name == "p.txt" else {}), "constants": constants}
+    found = read(tmp_path, table, entry)
+    lines = text.splitlines()
+    assert [lines[record][: len(start)] for record, start in zip(found.records, begins, strict=False)] == begins
+    assert len(found.records) == len(found.columns[column])

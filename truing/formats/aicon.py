@@ -23,6 +23,7 @@ from truing.formats.source import RawFile
 from truing.formats.whole_file import one_batch, whole_numbers
 
 _LARGEST = 1 << 28
+_PER_CAMERA = 5
 _RAY = "image, point, x y in mm, their sigmas, residuals, three flags"
 _INTERIOR = (
     "five lines of a camera: number, -999, Ck, xh, yh, A1, A2, R0; A3; B1, B2; C1, C2; "
@@ -74,15 +75,18 @@ def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 def read_ior(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """The cameras of a .ior, in px; raises Unusable where the file is damaged."""
-    rows = [camera.row for camera in _cameras(_lines(path))]
-    yield from one_batch({name: [row[name] for row in rows] for name in rows[0]}, wanted)
+    lines = _lines(path)
+    rows = [camera.row for camera in _cameras(lines)]
+    first = [row for row, _ in lines[::_PER_CAMERA]]
+    yield from one_batch({name: [row[name] for row in rows] for name in rows[0]}, wanted, lines=first)
 
 
 def read_scale(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """The scale bars of a .scale: number, name in quotation marks, two points, length, sigma, 1 where it is used."""
     bars: list[tuple[Any, ...]] = []
     expected = 'a scale bar: number, "name", two points, length, sigma, flag'
-    for row, line in _lines(path):
+    lines = _lines(path)
+    for row, line in lines:
         before, _, after = line.rpartition('"')
         number, _, name = before.partition('"')
         words = after.split()
@@ -91,7 +95,9 @@ def read_scale(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
         length, sigma = _numbers([(row, " ".join(words[2:4]))], 2, expected)[0]
         bars.append((f"{name} {number.strip()}", words[0], words[1], length, sigma, words[4]))
     names = ("bar", "first", "second", "length_mm", "sigma_mm", "used")
-    yield from one_batch({name: [bar[i] for bar in bars] for i, name in enumerate(names)}, wanted)
+    yield from one_batch(
+        {name: [bar[i] for bar in bars] for i, name in enumerate(names)}, wanted, lines=[row for row, _ in lines]
+    )
 
 
 def _lines(path: Path, name: str | None = None) -> list[tuple[int, str]]:
@@ -119,9 +125,9 @@ def _numbers(lines: list[tuple[int, str]], count: int, expected: str) -> NDArray
 
 def _cameras(lines: list[tuple[int, str]]) -> list[AiconCamera]:
     """Cameras of five lines each."""
-    if not lines or len(lines) % 5:
+    if not lines or len(lines) % _PER_CAMERA:
         raise Unusable(_INTERIOR, value=f"{len(lines)} lines")
-    return [_camera(lines[first : first + 5]) for first in range(0, len(lines), 5)]
+    return [_camera(lines[first : first + _PER_CAMERA]) for first in range(0, len(lines), _PER_CAMERA)]
 
 
 def _camera(lines: list[tuple[int, str]]) -> AiconCamera:

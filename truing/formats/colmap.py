@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from truing.formats.colmap_model import ColmapCamera, read_cameras, read_images, read_points
+from truing.formats.colmap_model import ColmapCamera, ColmapImage, ColmapPoint, read_cameras, read_images, read_points
 from truing.formats.colmap_network import Estimate, read_network
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_pinhole
 from truing.formats.raw import RawBatch, Unusable, Wanted
@@ -42,18 +42,27 @@ def read_colmap(path: Path, wanted: Wanted, table: str, raw: Path, estimate: Est
     Raises Unusable where the file is damaged or holds another table.
     """
     if table == "image_points":
-        yield from one_batch(_rays(path), wanted)
+        images = read_images(path)
+        lines = [image.line for image in images for _ in image.point]
+        yield from one_batch(_rays(images), wanted, lines=_known(lines))
     elif table == "cameras":
-        rows = [camera_of(camera) for camera in read_cameras(path)]
-        yield from one_batch(
-            {name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}, wanted
-        )
+        cameras = read_cameras(path)
+        rows, lines = [camera_of(camera) for camera in cameras], [camera.line for camera in cameras]
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}
+        yield from one_batch(columns, wanted, lines=_known(lines))
     else:
-        yield from one_batch({**_points(path), **_spread(raw, estimate)}, wanted)
+        points = read_points(path)
+        lines = [point.line for point in points]
+        yield from one_batch({**_points(points), **_spread(raw, estimate)}, wanted, lines=_known(lines))
 
 
-def _rays(path: Path) -> dict[str, Any]:
-    images = read_images(path)
+def _known(lines: list[int | None]) -> list[int] | None:
+    """The lines of a text; None of a binary file, which has none."""
+    known = [line for line in lines if line is not None]
+    return known if len(known) == len(lines) else None
+
+
+def _rays(images: list[ColmapImage]) -> dict[str, Any]:
     counts = [len(image.point) for image in images]
     at = np.repeat(np.arange(len(images)), counts)
     xy = np.concatenate([np.empty((0, 2)), *(image.xy for image in images)])
@@ -85,8 +94,7 @@ def camera_of(camera: ColmapCamera) -> Row:
     return {**camera_row(str(camera.number), camera.size, ten), "free": _FREE[camera.model]}
 
 
-def _points(path: Path) -> dict[str, Any]:
-    points = read_points(path)
+def _points(points: list[ColmapPoint]) -> dict[str, Any]:
     xyz = np.array([point.xyz for point in points]).reshape(-1, 3)
     return {
         "target": np.array([str(point.number) for point in points], dtype=object),

@@ -42,18 +42,21 @@ _LARGEST = 1 << 30
 
 @dataclass(frozen=True)
 class ColmapCamera:
-    """A camera: its number, the name of its model, its format in px, its parameters."""
+    """A camera: its number, the name of its model, its format in px, its parameters; ``line`` as of an image."""
 
     number: int
     model: str
     size: tuple[int, int]
     parameters: tuple[float, ...]
+    line: int | None = None
 
 
 @dataclass(frozen=True)
 class ColmapImage:
     """An image: quaternion (4,) w x y z and translation (3,) from world to camera, its camera, its name, its rays
-    xy (N, 2) in px from the format's corner, and the point (N,) of each, -1 where it has none."""
+    xy (N, 2) in px from the format's corner, and the point (N,) of each, -1 where it has none.
+
+    ``line`` is where its rays stand in a text, from 1; None in a binary file."""
 
     number: int
     quaternion: NDArray[np.float64]
@@ -62,16 +65,19 @@ class ColmapImage:
     name: str
     xy: NDArray[np.float64]
     point: NDArray[np.int64]
+    line: int | None = None
 
 
 @dataclass(frozen=True)
 class ColmapPoint:
-    """A point: coordinates in the model's own unit, mean reprojection error in px, how many rays it has."""
+    """A point: coordinates in the model's own unit, mean reprojection error in px, how many rays it has; ``line`` as of
+    an image."""
 
     number: int
     xyz: tuple[float, float, float]
     error: float
     rays: int
+    line: int | None = None
 
 
 def read_cameras(path: Path) -> list[ColmapCamera]:
@@ -190,7 +196,7 @@ def _camera_of_line(row: int, words: list[str]) -> ColmapCamera:
         raise Unusable(f"{_PARAMETERS[words[1]]} parameters of {words[1]}", row=row, value=f"{len(words) - 4} of them")
     given = _numbers(row, [words[0], *words[2:4]], expected)
     number, width, height = whole_numbers(given, "cameras and pixels", [row] * 3).tolist()
-    return ColmapCamera(number, words[1], (width, height), tuple(_numbers(row, words[4:], expected).tolist()))
+    return ColmapCamera(number, words[1], (width, height), tuple(_numbers(row, words[4:], expected).tolist()), row)
 
 
 def _images_of_lines(path: Path) -> Iterator[ColmapImage]:
@@ -208,7 +214,7 @@ def _images_of_lines(path: Path) -> Iterator[ColmapImage]:
             raise Unusable("the image's rays in threes, x y point", row=second, value=f"{len(rays or ())} numbers")
         found = _numbers(second, rays, "rays: x y point").reshape(-1, 3)
         name, xy, point = " ".join(words[9:]), found[:, :2], whole_numbers(found[:, 2], "points", [second] * len(found))
-        yield ColmapImage(number, numbers[1:5], numbers[5:8], camera, name, xy, point)
+        yield ColmapImage(number, numbers[1:5], numbers[5:8], camera, name, xy, point, second)
 
 
 def _point_of_line(row: int, words: list[str]) -> ColmapPoint:
@@ -217,7 +223,7 @@ def _point_of_line(row: int, words: list[str]) -> ColmapPoint:
         raise Unusable(expected, row=row, value=" ".join(words)[:80])
     number, x, y, z, *_, error = _numbers(row, words[:8], expected)
     (named,) = whole_numbers(np.array([number]), "points", [row]).tolist()
-    return ColmapPoint(named, (float(x), float(y), float(z)), float(error), (len(words) - 8) // 2)
+    return ColmapPoint(named, (float(x), float(y), float(z)), float(error), (len(words) - 8) // 2, row)
 
 
 def _numbers(row: int, words: list[str], expected: str) -> NDArray[np.float64]:

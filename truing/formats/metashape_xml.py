@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row
 from truing.formats.raw import RawBatch, Unusable, Wanted
 from truing.formats.whole_file import one_batch, whole_numbers
+
+Lines = dict[ElementTree.Element, int]
 
 _LARGEST = 1 << 27
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
@@ -25,28 +28,49 @@ def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBa
     """The rows of ``table``, image_points or cameras; raises Unusable where the file is damaged or holds none."""
     if table not in ("image_points", "cameras"):
         raise Unusable(_ONLY)
-    root = _root(path)
+    root, lines = _root(path)
     if table == "image_points":
-        yield from one_batch(_rays(root), wanted)
+        rays = _rays(root, lines)
+        yield from one_batch(rays, wanted, lines=rays.pop("line"))
         return
-    rows = [row for sensor in root.iter("sensor") if (row := _camera(sensor)) is not None]
-    yield from one_batch({name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}, wanted)
+    found = [(row, lines[sensor]) for sensor in root.iter("sensor") if (row := _camera(sensor, lines)) is not None]
+    names = found[0][0] if found else {"camera": 0}
+    columns = {name: [row[name] for row, _ in found] for name in names}
+    yield from one_batch(columns, wanted, lines=[line for _, line in found])
 
 
-def _root(path: Path) -> ElementTree.Element:
-    """The document; one with declarations of its own is none of Metashape's, and may grow without end."""
+def _root(path: Path) -> tuple[ElementTree.Element, Lines]:
+    """The document, and the line of every element.
+
+    One with declarations of its own is none of Metashape's, and may grow without end.
+    """
     with path.open("rb") as stream:
         content = stream.read(_LARGEST + 1)
     if len(content) > _LARGEST or b"\0" in content or b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise Unusable(f"XML of at most {_LARGEST >> 20} MB, in UTF-8 and without declarations")
     try:
-        return ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        row = error.position[0] if isinstance(error, ElementTree.ParseError) else None
+        return _parsed(content)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        row = error.lineno if isinstance(error, expat.ExpatError) else None
         raise Unusable("a whole XML file", row=row, value=str(error)[:80]) from None
 
 
-def _rays(root: ElementTree.Element) -> dict[str, Any]:
+def _parsed(content: bytes) -> tuple[ElementTree.Element, Lines]:
+    """A document, and the line of every element, from 1; raises ExpatError where it is no whole one."""
+    parser, builder = expat.ParserCreate(), ElementTree.TreeBuilder()
+    lines: Lines = {}
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(content, True)
+    return builder.close(), lines
+
+
+def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
     labels = {
         marker.get("id"): marker.get("label") or f"marker {marker.get('id')}"
         for marker in root.iter("marker")
@@ -60,35 +84,37 @@ def _rays(root: ElementTree.Element) -> dict[str, Any]:
             camera = cameras.get(place.get("camera_id"))
             if camera is None or number not in labels:
                 expected = "markers and cameras that the file lists, label by label"
-                raise Unusable(expected, value=f"marker {number}, camera {place.get('camera_id')}"[:80])
+                found = f"marker {number}, camera {place.get('camera_id')}"
+                raise Unusable(expected, row=lines[place], value=found[:80])
             seen = place.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
             rows.append(
                 (
                     camera.get("label") or f"camera {camera.get('id')}",
                     camera.get("sensor_id") or "camera",
                     labels[number],
-                    _number(place, "x") - CORNER,
-                    _number(place, "y") - CORNER,
+                    _number(place, "x", lines) - CORNER,
+                    _number(place, "y", lines) - CORNER,
                     place.get("pinned", "true"),
                     "1" if seen else "0",
+                    lines[place],
                 )
             )
-    names = ("image", "camera", "point", "x_px", "y_px", "pinned", "used")
+    names = ("image", "camera", "point", "x_px", "y_px", "pinned", "used", "line")
     return {name: [row[i] for row in rows] for i, name in enumerate(names)}
 
 
-def _number(element: ElementTree.Element, name: str) -> float:
+def _number(element: ElementTree.Element, name: str, lines: Lines) -> float:
     text = element.get(name, "")
     try:
         value = float(text)
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise Unusable("a number", column=name, value=text[:40])
+        raise Unusable("a number", row=lines[element], column=name, value=text[:40])
     return value
 
 
-def _camera(sensor: ElementTree.Element) -> Row | None:
+def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
     """A sensor with a calibration as a camera: the adjusted one where there is one; None where there is none."""
     found = sensor.findall("calibration")
     calibration = next((one for one in found if one.get("class") == "adjusted"), found[0] if found else None)
@@ -97,21 +123,24 @@ def _camera(sensor: ElementTree.Element) -> Row | None:
         return None
     name = f"sensor {sensor.get('id')}"
     if calibration.get("type", sensor.get("type", "frame")) != "frame":
-        raise Unusable("a camera of type frame", column="type", value=f"{name}: {calibration.get('type')}")
-    value = {key: _child(calibration, key) for key in _CALIBRATION}
+        raise Unusable(
+            "a camera of type frame", row=lines[calibration], column="type", value=f"{name}: {calibration.get('type')}"
+        )
+    value = {key: _child(calibration, key, lines) for key in _CALIBRATION}
     f = value["f"]
     if f <= 0.0 or value["k4"]:
-        raise Unusable("f above 0 and no k4", column="calibration", value=f"{name}: f = {f}, k4 = {value['k4']}")
-    sides = np.array([_number(resolution, side) for side in ("width", "height")])
+        found_f = f"{name}: f = {f}, k4 = {value['k4']}"
+        raise Unusable("f above 0 and no k4", row=lines[calibration], column="calibration", value=found_f)
+    sides = np.array([_number(resolution, side, lines) for side in ("width", "height")])
     width, height = whole_numbers(sides, "pixels").tolist()
     radial = [value[f"k{i}"] / f ** (2 * i) for i in (1, 2, 3)]
     ten = [f, value["cx"], value["cy"], *radial, value["p1"] / f, value["p2"] / f, value["b1"] / f, value["b2"] / f]
     pixel = next((one for one in sensor.findall("property") if one.get("name") == "pixel_width"), None)
-    pixel_um = None if pixel is None else 1e3 * _number(pixel, "value")
+    pixel_um = None if pixel is None else 1e3 * _number(pixel, "value", lines)
     return {**camera_row(str(sensor.get("id")), (width, height), ten, pixel_um=pixel_um), "free": _FREE}
 
 
-def _child(calibration: ElementTree.Element, name: str) -> float:
+def _child(calibration: ElementTree.Element, name: str, lines: Lines) -> float:
     child = calibration.find(name)
     if child is None:
         return 0.0
@@ -120,5 +149,5 @@ def _child(calibration: ElementTree.Element, name: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise Unusable("a number", column=name, value=(child.text or "")[:40])
+        raise Unusable("a number", row=lines[child], column=name, value=(child.text or "")[:40])
     return value

@@ -3,6 +3,9 @@
 One file, in blocks that a blank line ends: a head of five lines, six lines per photo (name; position and angles;
 their sigmas; covariances, or nothing; interior orientation; its sigmas), control points, object points, marks. Saved
 tables of 2-D and of 3-D points are text with names of columns, and need no reader.
+
+A mark has a sigma of 0 where the program states none. Points matched by the program (SmartPoints) have such marks, and
+numbers of their own: a number may stand for one of them and for another point that a person marked.
 """
 
 from __future__ import annotations
@@ -31,26 +34,41 @@ class _Photo:
     name: str
     number: int
     interior: NDArray[np.float64]
+    line: int
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Lines of numbers (N, K), and where the first of them stands in the file, from 1."""
+
+    rows: NDArray[np.float64]
+    first: int
+
+    @property
+    def lines(self) -> list[int]:
+        return list(range(self.first, self.first + len(self.rows)))
 
 
 @dataclass(frozen=True)
 class _Export:
     size: tuple[int, int]
     photos: list[_Photo]
-    points: NDArray[np.float64]
-    marks: NDArray[np.float64]
+    points: _Block
+    marks: _Block
 
 
 def read_photomodeler(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
     """The rows of ``table``: image_points, cameras, else points; raises Unusable where the file is no such export."""
     export = _read(path)
     if table == "image_points":
-        yield from one_batch(_rays(export), wanted)
+        yield from one_batch(_rays(export), wanted, lines=export.marks.lines)
     elif table == "cameras":
-        rows = list({str(row["camera"]): row for row in (_camera(export, photo) for photo in export.photos)}.values())
-        yield from one_batch({name: [row[name] for row in rows] for name in rows[0]}, wanted)
+        photos = list({tuple(photo.interior): photo for photo in reversed(export.photos)}.values())[::-1]
+        rows = [_camera(export, photo) for photo in photos]
+        lines = [photo.line for photo in photos]
+        yield from one_batch({name: [row[name] for row in rows] for name in rows[0]}, wanted, lines=lines)
     else:
-        yield from one_batch(_points(export), wanted, "m")
+        yield from one_batch(_points(export), wanted, "m", export.points.lines)
 
 
 def _read(path: Path) -> _Export:
@@ -83,22 +101,22 @@ def _photos(lines: list[str]) -> tuple[list[_Photo], int]:
         interior = _row(lines, at + 4, _PHOTO)
         if not number.isdigit() or len(interior) != 11 or interior[0] != int(number):
             raise Unusable(_PHOTO, row=at + 1, value=lines[at][:80])
-        photos.append(_Photo(PureWindowsPath(name.strip()).name or number, int(number), interior[1:]))
+        photos.append(_Photo(PureWindowsPath(name.strip()).name or number, int(number), interior[1:], at + 1))
         at += _PER_PHOTO
     if not photos:
         raise Unusable(_PHOTO, row=_HEAD + 1)
     return photos, at + 1
 
 
-def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[NDArray[np.float64], int]:
-    """Lines of ``count`` numbers up to a blank one (N, count), and the line after that."""
-    rows = []
+def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_Block, int]:
+    """Lines of ``count`` numbers up to a blank one, and the line after that."""
+    rows, first = [], at + 1
     while at < len(lines) and lines[at].strip():
         rows.append(_row(lines, at, expected))
         if len(rows[-1]) != count:
             raise Unusable(expected, row=at + 1, value=lines[at][:80])
         at += 1
-    return np.array(rows).reshape(-1, count), at + 1
+    return _Block(np.array(rows).reshape(-1, count), first), at + 1
 
 
 def _row(lines: list[str], at: int, expected: str) -> NDArray[np.float64]:
@@ -112,20 +130,49 @@ def _row(lines: list[str], at: int, expected: str) -> NDArray[np.float64]:
 
 
 def _rays(export: _Export) -> dict[str, Any]:
-    photo = whole_numbers(export.marks[:, 0], "photos")
+    marks, lines = export.marks.rows, export.marks.lines
+    photo, point = whole_numbers(marks[:, 0], "photos", lines), whole_numbers(marks[:, 1], "points", lines)
     photos = {one.number: one for one in export.photos}
-    if unknown := sorted(set(photo.tolist()) - set(photos)):
-        raise Unusable("marks on photos of the file", column="photo", value=str(unknown[0]))
+    unknown = np.flatnonzero(~np.isin(photo, list(photos)))
+    if len(unknown):
+        row = int(unknown[0])
+        raise Unusable("marks on photos of the file", row=lines[row], column="photo", value=str(photo[row]))
     cameras = {number: str(_camera(export, one)["camera"]) for number, one in photos.items()}
+    stated = _stated(marks)
+    shared = np.isin(point, point[stated]) & np.isin(point, _numbered_twice(export))
     return {
         "image": np.array([photos[number].name for number in photo.tolist()], dtype=object),
         "camera": np.array([cameras[number] for number in photo.tolist()], dtype=object),
-        "point": whole_numbers(export.marks[:, 1], "points").astype(str).astype(object),
-        "x_px": export.marks[:, 2] - CORNER,
-        "y_px": export.marks[:, 3] - CORNER,
-        "sigma_x_px": export.marks[:, 4],
-        "sigma_y_px": export.marks[:, 5],
+        "point": _names(point, shared & ~stated),
+        "x_px": marks[:, 2] - CORNER,
+        "y_px": marks[:, 3] - CORNER,
+        "sigma_x_px": _or_empty(marks[:, 4], stated),
+        "sigma_y_px": _or_empty(marks[:, 5], stated),
     }
+
+
+def _numbered_twice(export: _Export) -> NDArray[np.float64]:
+    """Numbers that stand for two points: twice among object points, or on one photo with a sigma and without one."""
+    numbers, times = np.unique(export.points.rows[:, 0], return_counts=True)
+    marks = export.marks.rows
+    kinds = np.column_stack([marks[:, :2], _stated(marks)])
+    on_photo, kinds_on_photo = np.unique(np.unique(kinds, axis=0)[:, :2], axis=0, return_counts=True)
+    return np.concatenate([numbers[times > 1], on_photo[kinds_on_photo > 1, 1]])
+
+
+def _names(numbers: NDArray[np.int64], matched: NDArray[np.bool_]) -> NDArray[np.object_]:
+    """Names of points: their numbers, and ``smart 6`` of a matched point whose number another point has, too."""
+    plain = numbers.astype(str).astype(object)
+    return np.where(matched, "smart " + plain, plain)
+
+
+def _stated(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which lines (N, K) end in sigmas above 0: others state none, or are held fixed (below 0)."""
+    return np.asarray((rows[:, 4:] > 0.0).all(axis=1))
+
+
+def _or_empty(values: NDArray[np.float64], there: NDArray[np.bool_]) -> list[float | None]:
+    return [float(value) if known else None for value, known in zip(values, there, strict=True)]
 
 
 def _camera(export: _Export, photo: _Photo) -> Row:
@@ -160,10 +207,17 @@ def _camera(export: _Export, photo: _Photo) -> Row:
 
 
 def _points(export: _Export) -> dict[str, Any]:
-    """Object points; what was held fixed has no sigma here, and a negative one in the file."""
-    sigmas = np.where((export.points[:, 4:] > 0).all(axis=1, keepdims=True), export.points[:, 4:], np.nan)
+    """Object points; what was held fixed has no sigma here, and a negative one in the file.
+
+    A number that stands twice is that of a matched point the second time.
+    """
+    points = export.points.rows
+    number = whole_numbers(points[:, 0], "points", export.points.lines)
+    again = np.ones(len(number), dtype=bool)
+    again[np.unique(number, return_index=True)[1]] = False
+    stated = _stated(points)
     return {
-        "target": whole_numbers(export.points[:, 0], "points").astype(str).astype(object),
-        **{name: export.points[:, 1 + axis] for axis, name in enumerate(("x", "y", "z"))},
-        **{name: [None if np.isnan(v) else v for v in sigmas[:, i]] for i, name in enumerate(("sx", "sy", "sz"))},
+        "target": _names(number, again),
+        **{name: points[:, 1 + axis] for axis, name in enumerate(("x", "y", "z"))},
+        **{name: _or_empty(points[:, 4 + axis], stated) for axis, name in enumerate(("sx", "sy", "sz"))},
     }
