@@ -17,14 +17,13 @@ _LIBUSB = "libusb-1.0.so.0"
 _GRAPHICS = {"libEGL.so.1": r"egl[A-Z]\w*", "libGL.so.1": r"gl[A-Z]\w*", "libX11.so.6": r"X[A-Z]\w*"}
 
 _NOT_INSTALLED = (
-    "point-cloud files and dense scans need Open3D, which is not installed here. Its wheels exist for "
+    "dense scans need Open3D, which is not installed here. Its wheels exist for "
     "Python 3.11 to 3.14 on Linux (glibc 2.35 or newer), Windows on x86-64 and macOS on Apple silicon: use one of "
     "these and install again (`make setup`, or `pip install open3d`). Everything else works without it"
 )
 _NOT_LOADED = (
     "Open3D is installed and does not load: {}. Where a system library is missing, install it "
-    "(Debian and Ubuntu: apt-get install libegl1 libgl1 libusb-1.0-0 libx11-6). Only point-cloud files and dense "
-    "scans need it"
+    "(Debian and Ubuntu: apt-get install libegl1 libgl1 libusb-1.0-0 libx11-6). Only dense scans need it"
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 
 import pytest
@@ -9,9 +10,8 @@ import pytest
 from schemas.campaign import read_campaign
 from tests.formats.reading import SHAPES, read
 from tests.formats.test_other_formats import write_c3d
-from truing.formats.cloud_heads import check_cloud_head
 from truing.formats.faultlog import FaultLog
-from truing.formats.raw import Unusable
+from truing.formats.pcd import lzf_decompressed
 from truing.formats.read import read_table
 from truing.formats.source import CampaignFiles
 
@@ -36,41 +36,159 @@ def clouds(tmp_path, suffix, content):
     return tmp_path / f"p.{suffix}"
 
 
+CLOUD = {"path": "p.*", "constants": {"pose": 1, "body": "b"}}
+
+
+def refused(tmp_path, suffix, content):
+    """The only fault of a cloud, of which no point is read."""
+    clouds(tmp_path, suffix, content)
+    found = read(tmp_path, entries=CLOUD)
+    (fault,) = found.faults
+    assert fault.file == f"p.{suffix}"
+    return fault
+
+
 @pytest.mark.parametrize(
     ("suffix", "head"),
     [
         ("ply", ply(more="property end_header\n")),
         ("ply", ply(more="")),
         ("ply", ply(more=XYZ.replace("float z", "floot z"))),
+        ("ply", ply(more=XYZ + "property float x\n")),
+        ("ply", ply(more=XYZ + "property list uchar float w\n")),
         ("ply", ply(count="-3")),
         ("ply", ply(count="9" * 30)),
         ("ply", ply(count=100)),
+        ("ply", ply(form="ascii 1.0\nformat binary_big_endian")),
         ("ply", ply().replace("element vertex 20\n", "")),
+        ("ply", ply(count=0)),
         ("pcd", pcd(count="0")),
         ("pcd", pcd(field=" i")),
         ("pcd", pcd(field=" i", size=" 3", kind=" F", count="1 1")),
+        ("pcd", pcd(field=" x", size=" 4", kind=" F", count="1 1")),
         ("pcd", pcd(width=21)),
-        ("pcd", pcd(width="9" * 15, points="9" * 15)),
+        ("pcd", pcd(width=0, points=0)),
+        ("pcd", pcd(width="9" * 15, points="9" * 15, data="binary")),
+        ("pcd", pcd(data="packed")),
         ("pcd", pcd().replace("WIDTH 20\n", "")),
+        ("pcd", pcd().replace("POINTS 20\n", "SIZE 4 4 4\n")),
     ],
 )
 def test_a_head_that_contradicts_itself_or_the_files_size(tmp_path, suffix, head):
-    with pytest.raises(Unusable, match="a whole"):
-        check_cloud_head(clouds(tmp_path, suffix, head.encode() + bytes(240)))
+    expected = refused(tmp_path, suffix, head.encode() + bytes(240)).expected
+    assert "a whole" in expected or "single numbers" in expected
+
+
+ROWS = [(i, i + 0.5, 2 * i) for i in range(1, 21)]
+TEXT = "".join("{} {} {}\n".format(*row) for row in ROWS)
+FACE = "element face 2\nproperty list uchar int vertex_indices\n"
 
 
 @pytest.mark.parametrize(
-    ("suffix", "head"),
+    ("suffix", "content"),
     [
-        ("ply", ply()),
-        ("ply", ply(more="comment by hand\n" + XYZ + "element face 2\nproperty list uchar int vertex_indices\n")),
-        ("pcd", pcd()),
-        ("pcd", pcd(field=" _", size=" 1", kind=" U", count="1 4", data="binary")),
-        ("pcd", pcd().replace("POINTS 20\n", "")),
+        ("ply", ply(form="ascii") + TEXT),
+        ("ply", (ply(form="ascii") + TEXT).replace("\n", "\r\n")),
+        ("ply", ply(form="ascii", more="comment by hand\n" + XYZ + FACE) + TEXT + "3 0 1 2\n4 0 1 2 3\n"),
+        ("ply", ply(form="ascii").replace("element vertex", FACE + "element vertex") + "3 0 1 2\n3 0 1 2\n" + TEXT),
+        ("pcd", pcd() + TEXT),
+        ("pcd", pcd().replace("POINTS 20\n", "") + TEXT),
+        ("pcd", pcd(field=" _ _", size=" 1 2", kind=" U U", count="1 2 1") + TEXT.replace("\n", " 7 7 7\n")),
     ],
 )
-def test_heads_that_are_as_they_are_written(tmp_path, suffix, head):
-    check_cloud_head(clouds(tmp_path, suffix, head.encode() + bytes(260)))
+def test_clouds_of_text_as_they_are_written(tmp_path, suffix, content):
+    clouds(tmp_path, suffix, content.encode())
+    found = read(tmp_path, entries=CLOUD)
+    assert found.faults == ()
+    assert list(zip(*(found.columns[f"{axis}_mm"] for axis in "xyz"), strict=True)) == ROWS
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_binary_vertices_beside_faces(tmp_path, order):
+    mark = "<" if order == "little" else ">"
+    points = b"".join(struct.pack(f"{mark}fff", *row) for row in ROWS)
+    three, four = struct.pack(f"{mark}B3i", 3, 0, 1, 2), struct.pack(f"{mark}B4i", 4, 0, 1, 2, 3)
+    for faces in (three + three, three + four):
+        head = ply(form=f"binary_{order}_endian", more=XYZ + FACE).encode()
+        clouds(tmp_path, "ply", head + points + faces)
+        found = read(tmp_path, entries=CLOUD)
+        assert found.faults == ()
+        assert list(zip(*(found.columns[f"{axis}_mm"] for axis in "xyz"), strict=True)) == ROWS
+        assert "as its head announces" in refused(tmp_path, "ply", head + points + faces[:-1]).expected
+        assert "ends where its head says" in refused(tmp_path, "ply", head + points + faces + b"\1").expected
+        for count in (19, 21):  # the last of 21 would be made of faces
+            other = head.replace(b"vertex 20", b"vertex %d" % count)
+            assert "a whole PLY file" in refused(tmp_path, "ply", other + points + faces).expected
+
+
+@pytest.mark.parametrize(
+    ("suffix", "content", "value", "expected"),
+    [
+        ("ply", ply(form="ascii", count=25) + TEXT, "20 points", "25 points, as the head announces"),
+        ("ply", ply(form="ascii", count=18) + TEXT, "2 more", "0 lines behind the points"),
+        ("ply", ply(form="ascii", count=21, more=XYZ + FACE) + TEXT + "3 0 1 2\n" * 2, "4 columns", "3 columns in"),
+        ("ply", ply(form="ascii", count=18, more=XYZ + FACE) + TEXT + "3 0 1 2\n" * 2, "19 19.5 38", "a line of face"),
+        ("ply", ply(form="ascii", count=18, more=XYZ + FACE) + TEXT, "19 19.5 38", "a line of face"),
+        ("ply", ply(form="ascii", more=XYZ + FACE) + TEXT + "2 0 1\n1 20\n", "1 20", "a line of face"),
+        ("ply", ply(form="ascii", more=XYZ[17:]) + TEXT, "3 numbers", "2 numbers in every row"),
+        ("pcd", pcd(width=25, points=25) + TEXT, "20 points", "25 points, as the head announces"),
+        ("pcd", pcd(width=18, points=18) + TEXT, "2 more", "0 lines behind the points"),
+    ],
+)
+def test_other_rows_than_the_head_announces(tmp_path, suffix, content, value, expected):
+    clouds(tmp_path, suffix, content.encode())
+    fault = read(tmp_path, entries=CLOUD).faults[-1]
+    assert fault.value == value
+    assert expected in fault.expected
+
+
+def test_vertices_without_x_are_no_points(tmp_path):
+    content = ply(form="ascii", more=XYZ[17:]) + "".join(line.split(" ", 1)[1] + "\n" for line in TEXT.splitlines())
+    fault = refused(tmp_path, "ply", content.encode())
+    assert (fault.column, fault.expected) == ("x_mm", "a column x (it is to be x_mm); there are y, z")
+
+
+@pytest.mark.parametrize(("suffix", "head", "row"), [("ply", ply(form="ascii"), 10), ("pcd", pcd(), 12)])
+def test_cells_that_are_no_numbers_have_their_line(tmp_path, suffix, head, row):
+    """Decimal commas were zeros, a row too short moved all that followed, and words were zeros too."""
+    for spoilt, value, expected in (
+        ("3 3,5 6", "3,5", 'set decimal = ","'),
+        ("3 x 6", "x", "a number"),
+        ("3 nan 6", "nan", "a finite number"),
+        ("3 3.5", "2 columns", "3 columns in every row"),
+    ):
+        fault = refused(tmp_path, suffix, (head + TEXT.replace("3 3.5 6", spoilt, 1)).encode())
+        assert (fault.row, fault.value) == (row, value)
+        assert expected in fault.expected
+    clouds(tmp_path, suffix, (head + TEXT.replace(".", ",")).encode())
+    found = read(tmp_path, entries={**CLOUD, "decimal": ","})
+    assert (found.faults, found.columns["y_mm"][2]) == ((), 3.5)
+
+
+@pytest.mark.parametrize("spoilt", ["short", "long", "other count", "damaged"])
+def test_compressed_points(tmp_path, spoilt):
+    fields = b"".join(struct.pack("<20f", *column) for column in zip(*ROWS, strict=True))
+    packed = b"".join(bytes([len(part) - 1]) + part for part in (fields[i : i + 32] for i in range(0, 240, 32)))
+    head = pcd(data="binary_compressed").encode()
+    clouds(tmp_path, "pcd", head + struct.pack("<2I", len(packed), 240) + packed)
+    found = read(tmp_path, entries=CLOUD)
+    assert found.faults == ()
+    assert list(zip(*(found.columns[f"{axis}_mm"] for axis in "xyz"), strict=True)) == ROWS
+    content = {
+        "short": head + struct.pack("<2I", len(packed), 240) + packed[:-1],
+        "long": head + struct.pack("<2I", len(packed), 240) + packed + b"\1",
+        "other count": head + struct.pack("<2I", len(packed), 228) + packed,
+        "damaged": head + struct.pack("<2I", len(packed), 240) + b"\xff" + packed[1:],
+    }
+    assert "a whole PCD file" in refused(tmp_path, "pcd", content[spoilt]).expected
+
+
+def test_lzf_repeats_what_it_has_just_made():
+    assert lzf_decompressed(b"\0a\xe0\xff\0", 265) == b"a" * 265
+    assert lzf_decompressed(b"\2abc\x20\2", 6) == b"abcabc"
+    assert lzf_decompressed(b"\2abc\x20\2", 5) is None
+    assert lzf_decompressed(b"\x20\0", 3) is None
+    assert lzf_decompressed(b"\2ab", 3) is None
 
 
 def test_markers_that_end_the_process_of_their_library(tmp_path, monkeypatch):

@@ -1,68 +1,126 @@
-"""Point clouds, PLY and PCD, by Open3D: coordinates and whatever else each point carries."""
+"""Point clouds, PLY and PCD: as many points as the head announces, with every number that each of them carries."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import io
+from collections.abc import Iterator, Mapping
+from itertools import chain, islice
 from pathlib import Path
+from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truing.formats.cloud_heads import check_cloud_head
-from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
-from truing.open3d_library import load_open3d
+from schemas.mapping import FileMapping
+from truing.formats.cloud_layout import CloudLayout
+from truing.formats.delimited import read_delimited
+from truing.formats.pcd import pcd_layout, pcd_points
+from truing.formats.ply import ply_layout, ply_vertices
+from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 
-_STDERR = 2
+_LINES = 1 << 20  # bytes of lines that are looked at together
 
 
-def read_point_cloud(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """The points of one cloud in one batch; raises Unusable where there are none."""
-    import pyarrow as pa
+def cloud_layout(path: Path, file_format: str) -> CloudLayout:
+    """What the head of a cloud announces; raises Unusable where it is damaged."""
+    return ply_layout(path) if file_format == "ply" else pcd_layout(path)
 
-    check_cloud_head(path)
-    attributes = _attributes(path)
-    kinds = wanted(tuple(attributes), None)
+
+def read_point_cloud(path: Path, file_format: str, entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
+    """The points of one cloud; raises Unusable where they are not what its head announces."""
+    layout = cloud_layout(path, file_format)
+    if layout.form == "ascii":
+        with path.open("rb") as stream:
+            yield from _read_text(stream, layout, entry, wanted)
+        return
+    kinds = wanted(layout.names, None)
     if kinds is None:
         return
-    values = list(attributes.values())
-    columns = {i: pa.array(values[i]) for i in kinds}
-    yield RawBatch(columns, consecutive(0, len(values[0])))
+    import pyarrow as pa
+
+    data = np.fromfile(path, dtype=np.uint8)
+    records = ply_vertices(layout, data) if file_format == "ply" else pcd_points(layout, data)
+    values = layout.columns(records)
+    yield RawBatch({i: pa.array(values[i]) for i in kinds}, consecutive(0, layout.points))
 
 
-@contextmanager
-def _unheard() -> Iterator[None]:
-    """Nothing of what the reader of PLY writes to the terminal, for it is told as a fault."""
-    try:
-        kept = os.dup(_STDERR)
-    except OSError:  # there is no terminal
-        yield
+def cloud_as_delimited(layout: CloudLayout, entry: FileMapping) -> FileMapping:
+    """The mapping that reads the points of a cloud written as text."""
+    found = {
+        "separator": "whitespace",
+        "header": False,
+        "names": layout.names,
+        "skip_lines": layout.lines + sum(element.count for element in layout.before),
+        "comment": None,
+        "keep_lines": None,
+        "quote": "",
+    }
+    return entry.model_copy(update=found)
+
+
+def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
+    as_delimited = cloud_as_delimited(layout, entry)
+    width = len(layout.names)
+    found: list[Mapping[int, Kind] | None] = []
+
+    def as_announced(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
+        if names != layout.names:
+            expected = f"{width} numbers in every row, as the head announces"
+            raise Unusable(expected, row=as_delimited.skip_lines + 1, value=f"{len(names)} numbers")
+        found.append(wanted(names, unit))
+        return found[0]
+
+    rows = _Rows(stream, as_delimited.skip_lines, layout.points)
+    yield from read_delimited(rows, as_delimited, as_announced)  # type: ignore[arg-type]
+    if found == [None]:
         return
-    try:
-        with open(os.devnull, "wb") as nothing:
-            os.dup2(nothing.fileno(), _STDERR)
-        yield
-    finally:
-        os.dup2(kept, _STDERR)
-        os.close(kept)
+    if rows.held != layout.points:
+        expected = (
+            f"{layout.points} points, as the head announces, each in a line that ends with a line feed: export it anew"
+        )
+        raise Unusable(expected, value=f"{rows.held} points")
+    _check_beyond(rows.beyond(), layout)
 
 
-def _attributes(path: Path) -> dict[str, NDArray]:
-    try:
-        open3d = load_open3d()
-    except ImportError as error:
-        raise Unusable(f"XYZ or text here: {error}") from None
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error), _unheard():
-        try:
-            cloud = open3d.t.io.read_point_cloud(str(path))
-        except RuntimeError as error:
-            raise Unusable("a point cloud that Open3D can read", value=str(error).splitlines()[0][:80]) from None
-    if "positions" not in cloud.point or not len(cloud.point.positions):
-        raise Unusable(f"a whole {path.suffix.removeprefix('.').upper()} file with points")
-    points = cloud.point.positions.numpy().astype(np.float64)
-    found = dict(zip("xyz", np.ascontiguousarray(points.T), strict=True))
-    for name, values in cloud.point.items():
-        if name != "positions" and values.shape[-1] == 1:
-            found[name] = values.numpy().ravel()
-    return found
+def _check_beyond(lines: Iterator[bytes], layout: CloudLayout) -> None:
+    """Refuse other lines behind the points than the head announces: they may be points, or points may be theirs."""
+    more = sum(element.count for element in layout.after)
+    for element in layout.after:
+        for line in islice(lines, element.count):
+            more -= 1
+            if not element.fits(line.split(), layout.points):
+                expected = f"a line of {element.name} here, with what the head announces for it"
+                raise Unusable(expected, value=line.decode("latin-1").strip()[:40])
+    beyond = sum(1 for _ in lines)
+    if more or beyond:
+        expected = f"{sum(element.count for element in layout.after)} lines behind the points, as the head announces"
+        raise Unusable(expected, value=f"{beyond} more" if beyond else f"{more} fewer")
+
+
+class _Rows:
+    """A stream that ends behind so many lines and rows, blank ones apart."""
+
+    def __init__(self, stream: IO[bytes], lines: int, rows: int) -> None:
+        self._stream, self._lines, self._rows = stream, lines, rows
+        self._rest: list[bytes] = []
+        self.held = 0
+
+    def read(self, size: int) -> bytes:
+        """At least ``size`` bytes of whole lines, fewer at the end."""
+        found = io.BytesIO()
+        while self.held < self._rows and found.tell() < size and (lines := self._stream.readlines(_LINES)):
+            taken = 0
+            for line in lines:
+                taken += 1
+                if self._lines:
+                    self._lines -= 1
+                elif line.strip():
+                    self.held += 1
+                    if self.held == self._rows:
+                        break
+            found.writelines(lines[:taken])
+            self._rest = lines[taken:]
+        return found.getvalue()
+
+    def beyond(self) -> Iterator[bytes]:
+        """The lines that follow, blank ones apart."""
+        return (line for line in chain(self._rest, self._stream) if line.strip())

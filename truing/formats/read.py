@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 from schemas.faults import Fault
@@ -22,11 +23,13 @@ from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
 
 if TYPE_CHECKING:
+    from truing.formats.cloud_layout import CloudLayout
     from truing.formats.colmap_network import Estimate
 
 T = TypeVar("T")
 _MOST_COLUMNS = 30_000  # each is compared with the names that are known
 
+CLOUDS = ("ply", "pcd")
 _TEXT = frozenset({"delimited", "vstars", "aicon", "metashape", "tracker", "xyz", "trc"})
 
 
@@ -43,12 +46,20 @@ class FileRows:
 
         Fewer than were asked for where the file is no longer what was read.
         """
-        if self.format not in _TEXT:
-            return [record + 1 for record in records]
         try:
-            return self._lines_of(records)
+            return self._lines_of(records) if self._is_text() else [record + 1 for record in records]
         except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, Unusable, OSError):
             return []
+
+    def _is_text(self) -> bool:
+        return self.format in _TEXT or (self.format in CLOUDS and self._layout.form == "ascii")
+
+    @cached_property
+    def _layout(self) -> CloudLayout:
+        from truing.formats.point_cloud import cloud_layout
+
+        with plain_path(self.raw) as path:
+            return cloud_layout(path, self.format)
 
     def _lines_of(self, records: Sequence[int]) -> list[int]:
         entry = self._delimited()
@@ -59,6 +70,10 @@ class FileRows:
             return line_numbers(stream, entry, lines, entry.header is not False, records)
 
     def _delimited(self) -> FileMapping:
+        if self.format in CLOUDS:
+            from truing.formats.point_cloud import cloud_as_delimited
+
+            return cloud_as_delimited(self._layout, self.entry)
         if self.format != "trc":
             return self.entry
         from truing.formats.motion_capture import trc_as_delimited
@@ -159,7 +174,7 @@ def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate 
         else:
             from truing.formats.point_cloud import read_point_cloud
 
-            yield from read_point_cloud(path, wanted)
+            yield from read_point_cloud(path, rows.format, rows.entry, wanted)
 
 
 def _damage(file: str, error: Exception, entry: FileMapping) -> Fault:
