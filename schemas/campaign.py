@@ -13,7 +13,7 @@ from schemas.interferometer import Interferometer
 from schemas.mapping import FileMapping
 from schemas.mechanism import LeggedMechanism, NoMechanism
 from schemas.photographs import GivenCamera, Photographs
-from schemas.quality_checks import limit_faults
+from schemas.quality_checks import acceptance_faults, limit_faults
 from schemas.section import Section
 from schemas.sections import (
     Acceptance,
@@ -117,7 +117,9 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
         campaign = Campaign.model_validate(document)
     except ValidationError as error:
         raise CampaignFaults(_fault(file, document, detail) for detail in error.errors()) from None
-    if faults := tuple(limit_faults(file, campaign.campaign.kind, campaign.qa.limits)):
+    kind = campaign.campaign.kind
+    faults = (*limit_faults(file, kind, campaign.qa.limits), *acceptance_faults(file, kind, campaign.accept))
+    if faults:
         raise CampaignFaults(faults)
     return campaign
 

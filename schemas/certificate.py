@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.section import Day, Finite, NotNegative, Section, Words
+from schemas.section import Day, NotNegative, Section, Temperature, Words
 
 Country = Annotated[str, Field(pattern=r"^[A-Z]{2}$")]
 Issuer = Literal["manufacturer", "calibrationLaboratory", "customer", "owner", "other"]
@@ -56,7 +56,7 @@ class Certificate(Section):
     issued: Day | None = Field(None, description="day of issue")
     order: Words | None = Field(None, description="the customer's order")
     laboratory_code: Words | None = Field(None, description="of its accreditation")
-    temperature_c: Finite | None = Field(None, description="of the item, where the campaign has recorded none")
+    temperature_c: Temperature | None = Field(None, description="of the item, where the campaign has recorded none")
     temperature_within_c: NotNegative | None = Field(None, description="half the range that it stayed within")
     traceability: Words | None = Field(None, description="a sentence on the traceability of the results")
     methods: tuple[Words, ...] = Field((), description="further procedures that were followed, by name")

@@ -6,9 +6,9 @@ from schemas.quality_check import Checks, Limits, QualityCheck, Rule
 
 _OF_PROGRAMME: Checks = {
     "overruled": QualityCheck(
-        "What does each [[exclude]] and [[keep]] name, and how many readings is that?",
+        "What does each [[exclude]], [[keep]] and [[accept]] name, and how many readings or verdicts is that?",
         "A rule with a mistyped name does nothing, in silence.",
-        Rule(warns="one that names nothing that was read"),
+        Rule(warns="one that names nothing that was read, or no verdict"),
         "Correct the name in the entry that is told, or take the entry out.",
     ),
     "steps-missing": QualityCheck(
@@ -45,7 +45,7 @@ _OF_PROGRAMME: Checks = {
 }
 _OF_READINGS: Checks = {
     "units": QualityCheck(
-        "Are readings 1000 times too large or small, or off by another factor between units?",
+        "Are readings 1000 times too large or small, off by another factor between units, or by 20 from the simulated?",
         "The mistake would be given a cause as large as itself; the diagnosis leaves such a campaign alone.",
         Rule(fails="any run and channel"),
         "Mend the unit in the table or in its mapping, of the channel or of the load.",
@@ -113,6 +113,15 @@ _OF_SURROUNDINGS: Checks = {
         "Other values are another unit, and would be compensated for as they stand.",
         Rule(fails="any outside"),
         "Mend the unit in the table or in its mapping; read the sensor beside another one.",
+    ),
+    "temperature-unit": QualityCheck(
+        "Are recorded temperatures and [mechanism] reference_temperature_c in degrees Celsius?",
+        "Kelvin or degrees Fahrenheit pass as a warming by tens or hundreds of kelvins, and everything grows by it.",
+        Rule(
+            warns="a reference like one in another unit, with nothing to contradict it",
+            fails="a column and the reference that contradict each other by a unit",
+        ),
+        'Say the unit in [files] (`units = { temperature_c = "K" }`), or correct the reference.',
     ),
     "temperature-span": QualityCheck(
         "How far did a temperature walk within a run; is it missing in some steps?",

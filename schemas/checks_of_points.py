@@ -113,9 +113,9 @@ OF_POINTS: Checks = {
         "Not evaluated: no body is the reference.",
     ),
     "overruled": QualityCheck(
-        "What does each [[exclude]] and [[keep]] name, and how many points is that?",
+        "What does each [[exclude]], [[keep]] and [[accept]] name, and how many points or verdicts is that?",
         "A rule with a mistyped name does nothing, in silence.",
-        Rule(warns="one that names nothing that was seen"),
+        Rule(warns="one that names nothing that was seen, or no verdict"),
         "Correct the name in the entry that is told, or take the entry out.",
     ),
     "repeatability": QualityCheck(
@@ -135,5 +135,14 @@ OF_POINTS: Checks = {
         "Lengths follow it: 1 m of steel by 12 µm each kelvin.",
         Limits("span of the temperature", warn=2.0, unit="K"),
         "Keep the temperature, or record it with every pose, so that the diagnosis can ask what follows it.",
+    ),
+    "temperature-unit": QualityCheck(
+        "Are recorded temperatures and [mechanism] reference_temperature_c in degrees Celsius?",
+        "Kelvin or degrees Fahrenheit pass as a warming by tens or hundreds of kelvins, and everything grows by it.",
+        Rule(
+            warns="a reference like one in another unit, with nothing to contradict it",
+            fails="a column and the reference that contradict each other by a unit",
+        ),
+        'Say the unit in [files] (`units = { temperature_c = "K" }`), or correct the reference.',
     ),
 }

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Vector
+from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Temperature, Vector
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
@@ -52,7 +52,7 @@ class MechanismSection(Section):
     """[mechanism], whatever its type."""
 
     type: Name = Field(description="6-pus, ups, 6-upur, none, or what an installed package adds")
-    reference_temperature_c: Finite = Field(20.0, description="of the survey and of the nominal geometry")
+    reference_temperature_c: Temperature = Field(20.0, description="of the survey and of the nominal geometry")
 
     @property
     def is_legged(self) -> bool:

@@ -4,14 +4,14 @@ plain ones."""
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from schemas.checks_of_loads import OF_LOADS
 from schemas.checks_of_photographs import OF_PHOTOGRAPHS
 from schemas.checks_of_points import OF_POINTS
 from schemas.faults import Fault
 from schemas.quality_check import Checks, Limits
-from schemas.sections import SetLimits
+from schemas.sections import Acceptance, SetLimits
 
 CHECKS: Mapping[str, Checks] = {
     "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS},
@@ -53,6 +53,16 @@ def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Itera
                 f"worse than what warns{mine}",
                 column=place,
             )
+
+
+def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Iterator[Fault]:
+    """What is wrong with [[accept]]: a check that this kind of campaign does not have."""
+    for number, entry in enumerate(accept, 1):
+        if entry.check not in CHECKS[kind]:
+            close = difflib.get_close_matches(entry.check, CHECKS[kind], n=1)
+            hint = f"did you mean {close[0]}?" if close else f"one of: {', '.join(CHECKS[kind])}"
+            expected = f"a check of a campaign of kind {kind}; {hint}"
+            yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
 def _beyond_sense(file: str, place: str, declared: Limits, own: SetLimits) -> Iterator[Fault]:

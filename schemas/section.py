@@ -17,6 +17,8 @@ from schemas.column import LARGEST
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+# From absolute zero to where the last metal melts.
+Temperature = Annotated[float, Field(ge=-273.15, le=3500.0, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
 # What a person types has four digits or so.
 TYPED = 1e-3

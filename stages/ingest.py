@@ -127,6 +127,7 @@ def _photogrammetry(
     from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from stages.ingestion.points import Points
     from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
+    from stages.ingestion.serving_roles import check_any_fitted
     from stages.ingestion.start import read_start
     from stages.ingestion.tables import read_configurations, read_survey
     from stages.rigid_poses.dense_scans import identifier_of, read_scans
@@ -136,6 +137,7 @@ def _photogrammetry(
     configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
     start = read_start(source, settings, log)
+    check_any_fitted([configurations.table], configurations.file, "pose", log)
     if adjusted is None and source.has_photographs:
         return _without_points(configurations, survey, start, log)
     if adjusted is None and not source.entries("points") and not source.entries("scans"):

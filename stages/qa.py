@@ -51,6 +51,7 @@ DECLARATION = Stage(
             "noise.actuator_mm",
         ),
         *("noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept", "exclude", "keep"),
+        "mechanism.reference_temperature_c",
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
 )
@@ -127,12 +128,15 @@ def _judged(
 ) -> Outcome:
     from stages.belonging import belonging_table
     from stages.quality.check import FAIL, WARN, told
+    from stages.quality.of_decisions import accepted_verdicts
 
     checks = []
     for check in map(told, found):
         checks.append(check)
         progress(len(checks), 0, check.check)
     accepted = [_acceptance(check, settings.accept) for check in checks]
+    checks += (decisions := [*accepted_verdicts(checks, settings.accept)])
+    accepted += [None] * len(decisions)
     failed = tuple(
         f"{c.check} {c.subject}".strip() for c, a in zip(checks, accepted, strict=True) if c.verdict == FAIL and not a
     )
@@ -166,9 +170,11 @@ def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[B
 
 
 def _acceptance(check: Check, accept: tuple[Acceptance, ...]) -> str | None:
-    """Who accepted a verdict and why; an acceptance without a subject covers all of its check."""
+    """Who accepted a verdict and why."""
+    from stages.quality.of_decisions import covers
+
     for entry in accept:
-        if entry.check == check.check and entry.subject in (None, check.subject):
+        if covers(entry, check):
             return f"{entry.signed}: {entry.reason}"
     return None
 

@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.ingestion.compliance_file import read_compliance
 from stages.ingestion.position_table import PositionTable, read_positions
 from stages.ingestion.reading_table import ReadingTable, read_readings
+from stages.ingestion.serving_roles import check_any_fitted
 from stages.ingestion.signal_table import read_signals
 from stages.ingestion.tables import SmallTable
 from truing.formats.faultlog import FaultLog
+from truing.formats.shapes import WRENCH
 from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+Array = NDArray[np.float64]
+
+_RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
+_FURTHEST = 1.0  # m and rad: no sensor gives as much
 _SINGULAR = 1e9  # condition of the legs' influence, lengths in m
 TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
 
@@ -109,14 +116,16 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         log.add(Fault("interferometer.csv", expected))
     readings = read_readings(source, settings, log)
     signals = read_signals(source, settings, None if readings is None else readings.table, log)
+    loaded = [found.table for found in (readings, signals) if found is not None]
+    check_any_fitted(loaded, "interferometer.csv" if readings is not None else "signals.csv", "run", log)
     positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
-        check_sensor(settings.mechanism, compliance, log)
+        check_sensor(settings.mechanism, compliance, log, loaded)
     return LoadingTables(readings, signals, compliance, positions)
 
 
-def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> None:
+def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
     """Elements as long as the legs, a compliance that one can have."""
     from stages.sensor.nominal_sensor import elastic_parts, given_matrix, sensor_joints
     from truing.simulation.six_upur.elements import passive
@@ -127,9 +136,27 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog) -> No
             raise ValueError("legs: found legs that leave the platform free to move, expected six that hold it")
         elastic_parts(section)
         if compliance is not None:
-            passive(given_matrix(compliance), "compliance_file")
+            _check_gives(passive(given_matrix(compliance), "compliance_file"), loaded)
     except (ValueError, np.linalg.LinAlgError) as error:
         what, _, said = str(error).partition(": ")
         found, _, expected = said.removeprefix("found ").rpartition(", expected ")
         key = what if what in ("compliance_file", "legs") else "elements" if section.elements else "legs"
         log.add(Fault("campaign.toml", expected or str(error), column=f"mechanism.{key}", value=found or None))
+
+
+def _check_gives(compliance: Array, loaded: Sequence[pa.Table]) -> None:
+    """Raise ValueError where a load moves nothing, or where applied loads would move the platform by metres."""
+    own = np.diag(compliance)
+    if still := [WRENCH[k] for k in np.flatnonzero(own <= 0.0)]:
+        raise ValueError(f"compliance_file: found no motion under {', '.join(still)}, expected an elastic sensor")
+    size = np.sqrt(own)
+    lowest = float(np.linalg.eigvalsh(compliance / np.outer(size, size))[0])
+    if abs(lowest) < _RIGID:
+        raise ValueError("compliance_file: found a load that moves nothing (singular), expected an elastic sensor")
+    for k, name in enumerate(WRENCH):
+        columns = [table.column(name).to_pylist() for table in loaded if name in table.column_names]
+        largest = max((abs(load) for column in columns for load in column if load), default=0.0)
+        if own[k] * largest > _FURTHEST:
+            moved = f"{own[k] * largest:.3g} {'m' if k < 3 else 'rad'} under {name} = {largest:g}"
+            units = "m/N, m/(N m), rad/N and rad/(N m); is it the stiffness, or in mm?"
+            raise ValueError(f"compliance_file: found {moved}, expected a compliance in {units}")

@@ -36,6 +36,7 @@ class SmallTable:
 
     table: pa.Table
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
+    file: str = field(default="", kw_only=True)
 
 
 def read_configurations(
@@ -55,7 +56,8 @@ def read_configurations(
     _check_repeats(found, log)
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
-    return SmallTable(as_artifact("configurations", _completed(found.table)), dict(found.left_out))
+    table = as_artifact("configurations", _completed(found.table))
+    return SmallTable(table, dict(found.left_out), file=found.first_file)
 
 
 def _completed(table: pa.Table) -> pa.Table:

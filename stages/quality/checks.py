@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.point_arrays import number_column
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
@@ -28,6 +29,7 @@ from stages.quality.of_targets import (
     unobserved_poses,
 )
 from stages.quality.of_time import base_drift, temperature_span, time_gaps
+from stages.quality.temperature_units import temperature_columns, temperature_units
 from stages.repeats.groups import repeated_poses
 
 if TYPE_CHECKING:
@@ -48,7 +50,7 @@ def all_checks(
     tables: Mapping[str, pa.Table],
 ) -> Iterator[Check]:
     """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
-    resurveys = tables.get("resurveys")
+    resurveys, table = tables.get("resurveys"), tables.get("configurations")
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield unobserved_poses(around, limits)
     yield from attachment_labels(bodies, attachments)
@@ -61,9 +63,15 @@ def all_checks(
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(reference, 10.0 * share)
-    yield from repeatability(bodies, around, *_repeats(tables.get("configurations"), around, settings), share)
+    yield from repeatability(bodies, around, *_repeats(table, around, settings), share)
     yield time_gaps(around, limits)
     yield temperature_span(around, limits)
+    recorded = (
+        {name: number_column(table, name) for name in temperature_columns(table.column_names)}
+        if table is not None
+        else {}
+    )
+    yield from temperature_units(recorded, settings.mechanism.reference_temperature_c)
 
 
 def _repeats(

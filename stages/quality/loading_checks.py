@@ -71,4 +71,5 @@ def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: Ca
         yield zero_return(view, channel, 10.0 * each)
         yield repeatability(view, channel, 10.0 * each)
     yield from jumps(view, 10.0 * share)
-    yield from surroundings_checks(view, settings.interferometer, limits)
+    reference = settings.mechanism.reference_temperature_c
+    yield from surroundings_checks(view, settings.interferometer, reference, limits)

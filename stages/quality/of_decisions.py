@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from stages.quality.check import PASS, WARN, Check
+from stages.quality.check import FAIL, PASS, WARN, Check, listed
 from stages.quality.loading_view import LoadingView
 from stages.sensor.overruled import decided
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from schemas.sections import Overrule
+    from schemas.sections import Acceptance, Overrule
 
 _VERBS = {"exclude": "excluded", "keep": "kept"}
 _KEYS = ("run", "step", "channel", "pose", "body", "target")
@@ -30,6 +30,25 @@ def overruled_points(observations: pa.Table, settings: Campaign) -> Iterator[Che
     """The same of points of bodies, in any pose where none is named."""
     for table, number, rule in _rules(settings):
         yield _check(table, number, rule, _points(observations, rule), "point")
+
+
+def covers(entry: Acceptance, check: Check) -> bool:
+    """Whether an acceptance concerns a verdict; one without a subject concerns all of its check."""
+    return entry.check == check.check and entry.subject in (None, check.subject)
+
+
+def accepted_verdicts(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Iterator[Check]:
+    """A row per [[accept]]; one that concerns no verdict warns, for it does nothing."""
+    for number, entry in enumerate(accept, 1):
+        rows = [check for check in checks if covers(entry, check)]
+        tripped = sum(check.verdict in (WARN, FAIL) for check in rows)
+        named = f"{entry.check} {entry.subject or ''}".strip()
+        said = f"{named}: {tripped} verdict{'s' * (tripped != 1)} accepted by {entry.signed}: {entry.reason}"
+        if not rows:
+            others = [check.subject for check in checks if check.check == entry.check and check.subject]
+            known = f"; its subjects are {listed(others)}" if others else ""
+            said = f"{named}: no verdict has this name{known}; nothing was accepted by {entry.signed}"
+        yield Check("overruled", f"accept {number}", float(len(rows)), 1.0, "", PASS if rows else WARN, f"{said}.")
 
 
 def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:

@@ -23,6 +23,7 @@ _NOTED = 1.1
 _REPEATS_NOTED = 1.5
 FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
+_BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # a stiffness off by that factor is another sensor's
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
 
 
@@ -111,9 +112,25 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
         said = f"{subject} reads {factor:.4g} times what is expected; is its unit, or that of the load, right?"
         yield Check("units", subject, float(factor), 1.0, "1", FAIL, said)
-    if not len(wrong):
+    beyond = _beyond_simulation(found, wrong.where)
+    for where in beyond:
+        subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
+        said = f"{subject} reads {found.slope[where]:.3g} times what is simulated, and no unit explains that; "
+        said += "are the elements, or the compliance, those of this sensor?"
+        yield Check("units", subject, float(found.slope[where]), 1.0, "1", FAIL, said)
+    if not len(wrong) and not beyond:
         said = f"The readings of {len(found.slope)} runs and channels are of a likely size."
         yield Check("units", "", 1.0, 1.0, "1", PASS, said)
+
+
+def _beyond_simulation(found: Answers, told: NDArray[np.int64]) -> list[int]:
+    """Answers that are another size than the simulated by more than any sensor departs from it."""
+    if not found.simulated:
+        return []
+    size = np.abs(found.slope)
+    clear = found.sigma < _BEYOND_SIGMA * size
+    apart = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
+    return [int(at) for at in np.flatnonzero(apart) if at not in told]
 
 
 def _typical(value: Array, kind: NDArray[np.int64]) -> Array:

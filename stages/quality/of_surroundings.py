@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import TEMPERATURES, LoadingView
+from stages.quality.temperature_units import temperature_columns, temperature_units
 from truing.estimation.interferometry.log_quality import (
     pressures_out_of_reach,
     surroundings,
     temperatures_out_of_reach,
     worth_of_air,
 )
+from truing.estimation.interferometry.pressure_units import likely_pressure_unit
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 
 if TYPE_CHECKING:
@@ -26,10 +28,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index
+_HUMIDITY = "relative_humidity_pct"
 _MM, _HPA, _NM = 1e-3, 1e2, 1e-9
 
 
-def surroundings_checks(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> Iterator[Check]:
+def surroundings_checks(
+    view: LoadingView, optics: Interferometer, reference_c: float, limits: CampaignLimits
+) -> Iterator[Check]:
     """Every check of temperatures, pressure and the air along the beams."""
     known = view.steps.covariates
     for name in (*TEMPERATURES, "air_pressure_hpa"):
@@ -39,6 +44,9 @@ def surroundings_checks(view: LoadingView, optics: Interferometer, limits: Campa
             continue
         yield _likely(view, name, what)
         yield _steady(view, name, what, limits)
+    recorded = {name: known[name] for name in temperature_columns(known)}
+    yield from temperature_units(recorded, reference_c)
+    yield from _humidity(view)
     yield _air(view, optics, limits)
 
 
@@ -51,10 +59,27 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
     limit = found.limit if is_temperature else found.limit / _HPA
-    said = f"The {what} is beyond what a laboratory has; is the unit right? {listed(places)}." if places else (
-        f"The {what} is what a laboratory has."
-    )  # fmt: skip
-    return Check("surroundings", what, worst, limit, unit, FAIL if places else PASS, said)
+    said = f"The {what} is what a laboratory has."
+    likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
+    if places:
+        meant = f"; did you mean {likely}?" if likely else "; is the unit right?"
+        said = f"The {what} is beyond what a laboratory has{meant} {listed(places)}."
+    elif likely:
+        said = f"The {what} is what a laboratory at great height has; did you mean {likely}?"
+    verdict = FAIL if places else WARN if likely else PASS
+    return Check("surroundings", what, worst, limit, unit, verdict, said)
+
+
+def _humidity(view: LoadingView) -> Iterator[Check]:
+    """A humidity of which every value is a fraction is likely one of 1, not of 100."""
+    value = view.steps.covariates.get(_HUMIDITY)
+    if value is None or not np.isfinite(value).any():
+        return
+    largest = float(np.nanmax(value))
+    is_share = 0.0 < largest <= 1.0
+    said = f"The relative humidity is {largest:.3g} % at most"
+    said += "; did you mean a share of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
+    yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, said)
 
 
 def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> Check:

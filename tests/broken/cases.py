@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.broken import campaign_files, hostile_files, load_tables, no_files, ordinary_life, point_tables
+from tests.broken import (
+    campaign_files,
+    hostile_files,
+    load_tables,
+    mistaken_values,
+    no_files,
+    ordinary_life,
+    point_tables,
+)
 from tests.broken.good import CAMPAIGNS
 from tests.broken.spoiling import Broken
 
@@ -15,6 +23,7 @@ CASES: tuple[Broken, ...] = (
     *hostile_files.CASES,
     *no_files.CASES,
     *ordinary_life.CASES,
+    *mistaken_values.CASES,
 )
 
 
