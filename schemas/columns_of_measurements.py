@@ -188,6 +188,8 @@ LOADS = (
     Column("direction", "text", "the side that a target was approached from", choices=("forward", "backward")),
     Column("cycle", "integer", "which of the repeated approaches", minimum=1),
     real("position_mm", "mm", "where the axis stood, by the reference"),
+    real("position_read_mm", "mm", "where the axis stood as it was read, before it was brought to 20 degC"),
+    Column("row_order", "integer", "place of the row among those of its table as they were read, from 1", minimum=1),
     real("low", "", "lower end of the interval of 95 %, in the unit of its row", nullable=True),
     real("high", "", "upper end of the interval of 95 %, in the unit of its row", nullable=True),
     Column("case", "integer", "the load case: the same loads, reached the same way", minimum=1),

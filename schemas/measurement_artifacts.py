@@ -94,7 +94,7 @@ MEASUREMENT = (
         "positions",
         "where an axis stood at its targets, one row per approach",
         ("run", "target_mm", "direction", "cycle", "position_mm"),
-        optional=_SURROUNDINGS,
+        optional=(*_SURROUNDINGS, "position_read_mm", "row_order"),
         key=("run", "target_mm", "direction", "cycle"),
     ),
     parquet(

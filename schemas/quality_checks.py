@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from schemas.checks_of_loads import OF_LOADS
 from schemas.checks_of_photographs import OF_PHOTOGRAPHS
 from schemas.checks_of_points import OF_POINTS
+from schemas.checks_of_positions import OF_POSITIONS
 from schemas.faults import Fault
 from schemas.quality_check import Checks, Limits
 from schemas.sections import Acceptance, SetLimits
 
 CHECKS: Mapping[str, Checks] = {
     "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS},
-    "interferometer": OF_LOADS,
+    "interferometer": {**OF_LOADS, **OF_POSITIONS},
 }
 
 

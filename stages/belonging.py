@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
+from schemas.checks_of_positions import OF_POSITIONS
 from truing.belonging.relation import Slip, Tested
 
 if TYPE_CHECKING:
@@ -64,3 +65,15 @@ def withheld(tables: Mapping[str, pa.Table]) -> str:
         return ""
     more = f"; {len(failed) - 1} more under Quality" if len(failed) > 1 else ""
     return f"the data do not belong together: {failed[0]['message']} (check {failed[0]['check']}{more})"
+
+
+def subject_of(run: int | str) -> str:
+    """Return what a row of qa.parquet calls a positioning run."""
+    return f"run {run}"
+
+
+def withheld_runs(tables: Mapping[str, pa.Table]) -> Mapping[str, str]:
+    """Return why positioning runs must not be evaluated, by subject: the first failed check that nobody accepted."""
+    rows = tables["qa"].to_pylist() if "qa" in tables else []
+    failed = [r for r in rows if r["check"] in OF_POSITIONS and r["verdict"] == "fail" and not r.get("accepted")]
+    return {row["subject"]: f"{row['message'].rstrip('.')} (check {row['check']})" for row in reversed(failed)}

@@ -62,31 +62,34 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Fit the deformation models that the campaign's instrument and mechanism allow."""
     from stages.belonging import withheld
 
-    if why := withheld(tables):
-        return _of_nothing(why, settings)
     progress(0, 1, "deformation models")
-    if settings.campaign.kind == "interferometer":
-        return _with_positioning(_of_loads(tables, settings), tables, settings)
+    why = withheld(tables)
+    if settings.campaign.kind == "interferometer":  # positions of an axis have nothing to do with loads
+        found = _of_nothing(why, settings) if why else _of_loads(tables, settings)
+        return _with_positioning(found, tables, settings)
+    if why:
+        return _of_nothing(why, settings)
     if settings.mechanism.is_legged:
         return _of_legs(tables, settings)
     return _of_targets(tables, settings)
 
 
 def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    """What was made of loads, and what positioning runs of an axis say of it."""
-    optics = settings.interferometer
+    """What was made of loads, and what positioning runs of an axis say of it, but for runs that failed a check."""
     if "positions" not in tables or not tables["positions"].num_rows:
         return found
+    from stages.belonging import withheld_runs
     from stages.responses.axis_positioning import positioning_rows, told
 
     positions = tables["positions"]
-    rows = positioning_rows(positions, optics).table(str(positions.schema.field("run").type))
-    read = f"{positions.num_rows} approaches of an axis"
+    withheld = withheld_runs(tables)
+    rows = positioning_rows(positions, settings.interferometer, withheld).table(str(positions.schema.field("run").type))
+    read, said = f"{positions.num_rows} approaches of an axis", told(rows, withheld)
     return replace(
         found,
         artifacts={**found.artifacts, "positioning": rows},
         read=read if found.read == "nothing" else f"{found.read}; {read}",
-        figure=told(rows) if found.read == "nothing" else f"{found.figure}; {told(rows)}",
+        figure=said if found.read == "nothing" else f"{found.figure}; {said}",
     )
 
 

@@ -32,6 +32,7 @@ DECLARATION = Stage(
         "signals?",
         "given_compliance?",
         "quadrature?",
+        "positions?",
         "reading_corrections?",
         "relabelled?",
         "resurveys?",
@@ -99,7 +100,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    of_axis, approaches = _of_axis(tables, settings)
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
+        if approaches:
+            return _judged(of_axis, approaches, settings, progress)
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no readings and no signals")
     from stages.quality.belonging_of_loads import relations_of_loads
     from stages.quality.limits import CampaignLimits
@@ -108,7 +112,7 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     from stages.quality.of_belonging import belonging_checks
 
     view = loading_view(tables, settings)
-    read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs"
+    read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs" + f"; {approaches}" * bool(approaches)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     checks = loading_checks(view, settings, limits)
     if "reading_corrections" in tables:
@@ -120,7 +124,20 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
 
         checks = chain(quadrature_checks(tables["quadrature"], limits), checks)
     relations = relations_of_loads(view, tables, settings)
-    return _judged(chain(belonging_checks(relations), checks), read, settings, progress, relations)
+    return _judged(chain(belonging_checks(relations), checks, of_axis), read, settings, progress, relations)
+
+
+def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterable[Check], str]:
+    """The checks of an axis' positioning runs, and what was read of them; empty where there are none."""
+    if "positions" not in tables or not tables["positions"].num_rows:
+        return (), ""
+    from stages.quality.limits import CampaignLimits
+    from stages.quality.of_positions import position_checks, positioning_runs
+
+    runs = list(positioning_runs(tables["positions"]))
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+    read = f"{tables['positions'].num_rows} approaches of an axis in {len(runs)} runs"
+    return position_checks(runs, limits), read
 
 
 def _judged(

@@ -19,6 +19,7 @@ from truing.formats.source import CampaignFiles
 
 _WAYS = ("forward", "backward")
 _FEWEST_CYCLES = 2
+_MANY = 0.5  # of the rows: targets that are approached again are fewer
 
 
 @dataclass
@@ -36,12 +37,18 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     check_once(found, log, "run", "target_mm", "direction", "cycle")
     if not log:
         _check_whole(found, log)
+    read = numbers(found, "position_mm")
     found, corrections = positions_at_reference(found, settings.interferometer, log)
     if log:
         return None
     way = np.array([_WAYS.index(name) for name in texts(found, "direction")])
+    import pyarrow as pa
+
+    table = found.table.append_column("row_order", pa.array(np.arange(1, len(way) + 1)))
+    if corrections.rows:
+        table = table.append_column("position_read_mm", pa.array(read))
     order = np.lexsort((numbers(found, "cycle"), way, numbers(found, "target_mm"), numbered(found, "run")))
-    return PositionTable(as_artifact("positions", found.table.take(order)), dict(found.left_out), corrections)
+    return PositionTable(as_artifact("positions", table.take(order)), dict(found.left_out), corrections)
 
 
 def _check_whole(found: Gathered, log: FaultLog) -> None:
@@ -56,4 +63,6 @@ def _check_whole(found: Gathered, log: FaultLog) -> None:
             said = f"run {run}: {len(targets)} targets, {len(cycles)} cycles, {', '.join(sorted(ways))}"
             said += f", {missing} approaches missing" if missing else ""
             expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"
+            if len(targets) > _MANY * int(own.sum()) > _MANY * len(set(numbers(found, "position_mm")[own].tolist())):
+                expected += "; are the columns target_mm and position_mm exchanged?"
             log.add(Fault(found.first_file, expected, column="cycle", value=said))

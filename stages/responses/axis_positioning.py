@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.belonging import subject_of
 from stages.point_arrays import number_column
 from stages.responses.tables import Rows
 from truing.estimation.interferometry.iso230 import Instrument, Positioning, positioning, positioning_uncertainty
@@ -24,12 +26,17 @@ _WAYS = ("forward", "backward")
 SEED = 230
 
 
-def positioning_rows(positions: pa.Table, optics: Interferometer) -> Rows:
-    """Every quantity of every run, um; those of the axis with their uncertainty where it is told."""
+def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Collection[str] = ()) -> Rows:
+    """Every quantity of every run, um; those of the axis with their uncertainty where it is told.
+
+    ``withheld``: subjects of runs (as quality names them) of which nothing may be stated.
+    """
     rows = Rows("positioning")
     names = positions.column("run").to_pylist()
     runs = np.array([str(name) for name in names], dtype=object)
     for run in dict.fromkeys(names):
+        if subject_of(run) in withheld:
+            continue
         own = positions.filter((runs == str(run)).tolist())
         target, deviation = deviations(own)
         found = positioning(deviation)
@@ -41,13 +48,14 @@ def positioning_rows(positions: pa.Table, optics: Interferometer) -> Rows:
     return rows
 
 
-def told(rows: pa.Table) -> str:
-    """The accuracy of every run, in words."""
+def told(rows: pa.Table, withheld: Mapping[str, str]) -> str:
+    """The accuracy of every run in words, and why that of others is not evaluated."""
     found = [
         f"{row['run']}: A {row['value']:.3g} um, B {_value(rows, row['run'], 'B'):.3g} um"
         for row in rows.to_pylist()
         if row["figure"] == "A" and row["subject"] is None
     ]
+    found += [f"not evaluated: {why}" for why in withheld.values()]
     return f"positioning by ISO 230-2: {'; '.join(found)}"
 
 

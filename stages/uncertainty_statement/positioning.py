@@ -27,7 +27,13 @@ LENGTH = Source("expansion and temperature of the axis", "B", distribution="draw
 def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
     """State the quantities of the axis that the table has an uncertainty of."""
     table, measured, optics = tables.get("positioning"), tables.get("positions"), settings.interferometer
-    if table is None or measured is None or not table.num_rows:
+    if table is None or measured is None:
+        return
+    stated = set(table.column("run").to_pylist())
+    for run in dict.fromkeys(measured.column("run").to_pylist()):
+        if run not in stated:
+            statement.not_evaluated("positioning", "all", "a quality check of the run failed", f"run {run}")
+    if not stated:
         return
     rows = [row for row in table.to_pylist() if row["subject"] is None]
     for run in dict.fromkeys(row["run"] for row in rows):

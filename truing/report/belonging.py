@@ -46,6 +46,8 @@ _FACTORS = {
     },
     "voltage": {1e3: "V in place of mV", 1e-3: "µV in place of mV"},
 }
+# What columns are, by the units that their names end with.
+_ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "voltage"))
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",
@@ -111,7 +113,9 @@ def listed(names: Sequence[str], most: int = _MOST) -> str:
 
 
 def _unit(slip: Slip) -> str:
-    known = [name for by in _FACTORS.values() for factor, name in by.items() if abs(slip.factor / factor - 1.0) < 1e-6]
+    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), None)
+    named_by = _FACTORS.values() if dimension is None else [_FACTORS[dimension]]
+    known = [name for by in named_by for factor, name in by.items() if abs(slip.factor / factor - 1.0) < 1e-6]
     named = f" ({' or '.join(dict.fromkeys(known))})" if known else ""
     return f"{_of(slip)} in another unit: multiply by {slip.factor:.7g}{named}"
 

@@ -12,6 +12,7 @@ from truing.report.load_steps import in_channel_order, is_bench, load_steps, sig
 from truing.report.numbers import count, handy, plain, printed, quantity
 from truing.report.page import Head
 from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
+from truing.report.sensor.positioning import not_stated
 from truing.report.tables import Tables, filled
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
@@ -54,8 +55,10 @@ def _positioning(tables: Tables) -> list[Verdict]:
         if name in own.index
     ]
     several = rows["run"].nunique()
+    withheld = len(not_stated(tables))
+    also = f" Of {count(withheld, 'further run')} nothing is stated, see Positioning." if withheld else ""
     which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
-    return [("measured", printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation."))]
+    return [("measured", printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation.{also}"))]
 
 
 def _changes(tables: Tables) -> list[Verdict]:

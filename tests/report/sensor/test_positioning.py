@@ -58,3 +58,22 @@ def test_approaches_of_an_axis_are_something_measured():
     section = measured_loads({"positions": table})
     assert section.state != "empty"
     assert section.lead == "4 approaches of an axis to 2 targets, in 1 run: see Positioning."
+
+
+def test_a_run_that_failed_a_check_is_told_with_the_reason_and_without_a_figure():
+    measured = pd.DataFrame({"run": ["X"] * 4 + ["Y"] * 4, "target_mm": [15.0, 25.0] * 4})
+    qa = pd.DataFrame(
+        [("encoder-overflow", "run Y", "fail", "Run Y: positions jump by 65.5 mm.")],
+        columns=["check", "subject", "verdict", "message"],
+    )
+    nothing = pd.DataFrame(columns=["run", "figure", "subject", "value"])
+    section = positioning({"positions": measured[4:], "positioning": nothing, "qa": qa})
+    assert section is not None
+    assert section.state == "not evaluated"
+    assert section.lead == "Run Y is not evaluated: Run Y: positions jump by 65.5 mm."
+    rows = [("X", figure, 5.0) for figure in ("A", "R", "B")]
+    table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
+    _, said = build_head("stage", {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}).verdicts[
+        0
+    ]
+    assert said.endswith("Of 1 further run nothing is stated, see Positioning.")

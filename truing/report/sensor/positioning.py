@@ -27,16 +27,33 @@ _CAPTION = "Where the two lines part, the axis stands elsewhere according to the
 
 
 def positioning(tables: Tables) -> Section | None:
-    """What ISO 230-2 says of every run, the axis first, then target by target."""
-    rows = filled(tables, "positioning")
+    """What ISO 230-2 says of every run, the axis first, then target by target; and why of others nothing is said."""
+    rows, withheld = filled(tables, "positioning"), not_stated(tables)
     if rows is None:
-        return None
+        return Section("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
     lead = "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
     drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
-    return Section("positioning", "Positioning", lead, figures=drawn, listings=shown)
+    said = tuple(("fail", why) for why in withheld)
+    return Section("positioning", "Positioning", lead, figures=drawn, listings=shown, said=said)
+
+
+def not_stated(tables: Tables) -> list[str]:
+    """A sentence for every run that was measured and of which nothing is stated: the check that it failed."""
+    measured, rows, qa = (filled(tables, name) for name in ("positions", "positioning", "qa"))
+    if measured is None or "positioning" not in tables:
+        return []
+    stated = set() if rows is None else set(rows["run"])
+    return [_not_stated(run, qa) for run in dict.fromkeys(measured["run"]) if run not in stated]
+
+
+def _not_stated(run: int | str, qa: pd.DataFrame | None) -> str:
+    if qa is None:
+        return f"Run {run} is not evaluated: its quality was not judged."
+    failed = qa[qa["subject"].eq(f"run {run}") & qa["verdict"].eq("fail")]["message"]
+    return f"Run {run} is not evaluated: {failed.iloc[0] if len(failed) else 'it failed a check of its quality.'}"
 
 
 def _few_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:

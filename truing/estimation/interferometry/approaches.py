@@ -1,0 +1,289 @@
+"""Approaches of an axis to its targets: what in their deviations is none of the axis.
+
+Deviations (P, 2, C): position less target at P targets, in two directions, in C cycles, any one unit of length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_BITS = range(8, 41)  # no encoder counts further than 2^40, and 2^7 steps are no overflow but a reversal
+_ROUNDED = 1e-13  # of the positions: as near as their numbers tell two apart
+_ON_GRID = 0.02  # of a step: as near to whole steps as written decimals are
+_CLOSED = 0.02  # of an overflow: what may be left of the deviations once it is taken out
+_FEWEST_TOGETHER = 5  # deviations that make a group, from which others can stand apart
+_MOST_GROSS = 0.1  # of the approaches that are looked at one after the other
+_ALIKE = 0.25  # of the reversal: how far those of other cycles may differ where one is taken for turned round
+_CLEAR = 6.0
+_PRIOR_PAIRS = 2.0  # pairs of series that the share of all targets counts for, beside those of one
+_MOST_STEPS = 2e6  # approaches times places of a step among them; of more, every second place is tried, or third
+# Targets in the larger group, and from which ratio on another target's place is no deviation of the axis any more.
+_OF_TARGETS = ((4, 1.0), (3, 10.0))
+
+
+def resolution(position: Array) -> float:
+    """Return the step that all positions are whole multiples of, apart from a common offset; 0 where there is none."""
+    steps = np.unique(np.diff(np.unique(position)))
+    steps = steps[steps > _ROUNDED * float(np.abs(position).max(initial=0.0))]
+    if not len(steps):
+        return 0.0
+    step = float(steps[0])
+    for one in steps.tolist():  # each larger one tells the step better, so that the next can be counted in it
+        count = round(one / step)
+        if abs(one / step - count) > _ON_GRID:
+            return 0.0
+        step = one / count
+    return step
+
+
+@dataclass(frozen=True)
+class Overflow:
+    """Deviations that differ by multiples of 2^bits steps: ``where`` (P, 2, C), and the jump in their unit."""
+
+    bits: int
+    jump: float
+    where: Mask
+
+
+def overflow(deviation: Array, step: float) -> Overflow | None:
+    """Return the overflow of a counter that counts steps; None where none closes the deviations up.
+
+    A reversal alone, of whatever size, is no overflow.
+    """
+    if step <= 0.0:
+        return None
+    for bits in reversed(_BITS):
+        jump = step * 2.0**bits
+        turns = np.round((deviation - np.median(deviation)) / jump)
+        if not turns.any() or _by_direction_alone(turns):
+            continue
+        left = float(np.ptp(deviation - turns * jump))
+        if left < _CLOSED * jump:
+            return Overflow(bits, jump, turns != 0.0)
+    return None
+
+
+def _by_direction_alone(values: Array) -> bool:
+    """Whether values (P, 2, C) depend on the direction alone."""
+    return bool((values == values[:1, :, :1]).all())
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Deviations in two groups far apart: the gap, the wider group's range, and the smaller group (P, 2, C).
+
+    ``weight``: by how much less the gap counts where whole targets stand apart, as an axis' own deviations may.
+    """
+
+    size: float
+    spread: float
+    where: Mask
+    weight: float = 1.0
+
+    @property
+    def ratio(self) -> float:
+        """The gap over the range of the wider group, as it counts."""
+        return self.size / self.spread / self.weight if self.spread > 0.0 else np.inf
+
+
+def widest_gap(deviation: Array, floor: float = 0.0) -> Gap | None:
+    """Return the widest gap between the deviations sorted by size, unless the two groups are the two directions.
+
+    ``floor``: the smallest spread that a group is taken to have, as the step of the readings. None for fewer than five
+    deviations in the larger group.
+    """
+    level = np.sort(deviation, axis=None)
+    steps = np.diff(level)
+    at = int(np.argmax(steps))
+    above = deviation > 0.5 * (level[at] + level[at + 1])
+    few = above if above.sum() <= above.size / 2 else ~above
+    if above.size - few.sum() < _FEWEST_TOGETHER or _by_direction_alone(few.astype(float)):
+        return None
+    weight = 1.0
+    if np.array_equal(few, np.broadcast_to(few[:, :, :1], few.shape)):  # the same in every cycle
+        others = int((~few.any(axis=(1, 2))).sum())
+        weight = next((least for count, least in _OF_TARGETS if others >= count), np.inf)
+    spread = max(float(level[at] - level[0]), float(level[-1] - level[at + 1]), floor)
+    return Gap(float(steps[at]), spread, few, weight)
+
+
+@dataclass(frozen=True)
+class GrossErrors:
+    """Approaches far from the others of their target and direction: ``where`` (P, 2, C), the worst of them, how far it
+    is off, the scatter of all others, and the probability of the worst by chance."""
+
+    where: Mask
+    worst: tuple[int, int, int]
+    off: float
+    scatter: float
+    p_value: float
+
+
+def gross_errors(deviation: Array, limit: float, floor: float = 0.0) -> GrossErrors:
+    """Return approaches whose distance from the others of their group chance makes with a probability below ``limit``.
+
+    Deleted residuals over the scatter of all other approaches within their groups, by Student's law, times the number
+    of approaches; the worst is taken out and the rest is judged anew. ``floor``: the smallest scatter, as the step of
+    the readings.
+    """
+    out = np.zeros(deviation.shape, dtype=bool)
+    first: tuple[tuple[int, int, int], float, float, float] | None = None
+    for _ in range(max(1, int(_MOST_GROSS * deviation.size))):
+        worst, off, scatter, p = _worst(deviation, out, floor)
+        first = first or (worst, off, scatter, p)
+        if p >= limit:
+            break
+        out[worst] = True
+    assert first is not None
+    if out.any():  # the scatter that the worst is told in is that of what is left in the end
+        first = (first[0], first[1], _worst(deviation, out, floor)[2], first[3])
+    return GrossErrors(out, *first)
+
+
+def _worst(deviation: Array, out: Mask, floor: float) -> tuple[tuple[int, int, int], float, float, float]:
+    """The worst approach that is not out: where, how far from the others of its group, their scatter, chance."""
+    from scipy.special import stdtr
+
+    count = (~out).sum(axis=-1, keepdims=True)
+    mean = np.where(out, 0.0, deviation).sum(axis=-1, keepdims=True) / np.maximum(count, 1)
+    judged = ~out & (count > 1)
+    residual = np.where(judged, deviation - mean, 0.0)
+    deleted = residual * count / np.maximum(count - 1, 1)
+    freedom = float(judged.sum() - (count > 1).sum()) - 1.0
+    square = float(np.sum(residual**2))
+    if freedom < 1.0:
+        return (0, 0, 0), 0.0, floor, 1.0
+    # without an approach, the squares of its group are less by its own residual times the deleted one
+    scatter = np.sqrt(np.maximum(square - residual * deleted, 0.0) / freedom)
+    scatter = np.maximum(scatter, max(floor, 1e-12 * float(np.abs(deviation).max(initial=1e-300))))
+    t = np.where(judged, np.abs(deleted) / (scatter * np.sqrt(count / np.maximum(count - 1, 1))), 0.0)
+    a, b, c = (int(k) for k in np.unravel_index(int(np.argmax(t)), t.shape))
+    p = min(1.0, 2.0 * float(stdtr(freedom, -t[a, b, c])) * int(judged.sum()))
+    return (a, b, c), float(deleted[a, b, c]), float(scatter[a, b, c]), p
+
+
+def copied_series(position: Array) -> tuple[list[tuple[int, int]], float]:
+    """Return pairs of series (P readings of one direction and cycle) that are equal in every digit, and the probability
+    that chance makes one of them so.
+
+    position (P, 2, C); a series is numbered by direction times C plus cycle. How often readings of other pairs agree at
+    each target, within a direction and across, says how likely a whole one does: often, where readings have few digits.
+    """
+    series = position.reshape(len(position), -1).T
+    i, j = np.triu_indices(len(series), 1)
+    equal = series[i] == series[j]
+    whole = equal.all(axis=1)
+    across = (i < position.shape[-1]) != (j < position.shape[-1])
+    chance = 0.0
+    for side in (across, ~across):
+        if (side & whole).any():
+            chance = max(chance, int(side.sum()) * _equal_by_chance(equal[side & ~whole]))
+    return [(int(a), int(b)) for a, b in zip(i[whole], j[whole], strict=True)], chance
+
+
+def _equal_by_chance(equal: Mask) -> float:
+    """Probability that all readings of a pair agree, from those of others (N, P)."""
+    pooled = (equal.sum() + 1.0) / (equal.size + 2.0)
+    single = (equal.sum(axis=0) + _PRIOR_PAIRS * pooled) / (len(equal) + _PRIOR_PAIRS)
+    return float(np.prod(single))
+
+
+@dataclass(frozen=True)
+class RowJump:
+    """A step between two approaches in the order taken: its size, the first approach after it, the scatter beside it,
+    and the probability by chance."""
+
+    size: float
+    after: tuple[int, int, int]
+    scatter: float
+    p_value: float
+
+
+def row_jump(deviation: Array, row_order: NDArray[np.int64], floor: float = 0.0) -> RowJump | None:
+    """Return the step from some row on that explains most of what approaches of one target and direction differ by.
+
+    deviation and row_order (P, 2, C): the place of each in the order taken. ``floor``: the smallest scatter, as the
+    step of the readings. None where too few approaches are left to tell.
+    """
+    from scipy.special import fdtrc
+
+    order = np.argsort(row_order, axis=None)
+    cycles = deviation.shape[-1]
+    tried = np.unique(
+        np.linspace(0, order.size - 2, min(order.size - 1, int(_MOST_STEPS / order.size) + 50)).astype(int)
+    )
+    later = (np.arange(order.size)[:, None] > tried).astype(float)  # rows by place of the step
+    by_group = np.empty_like(later)
+    by_group[order] = later
+    by_group = by_group.reshape(-1, cycles, len(tried))
+    steps = (by_group - by_group.mean(axis=1, keepdims=True)).reshape(order.size, -1)
+    left = (deviation - deviation.mean(axis=-1, keepdims=True)).ravel()
+    norm = np.sum(steps**2, axis=0)
+    slope = np.divide(left @ steps, norm, out=np.zeros(len(norm)), where=norm > 1e-9)
+    explained = slope**2 * norm
+    at, freedom = int(np.argmax(explained)), order.size * (1.0 - 1.0 / cycles) - 2.0
+    if freedom < 1.0:
+        return None
+    rest = max(float(left @ left - explained[at]) / freedom, floor**2, 1e-24 * float(left @ left), 1e-300)
+    p = min(1.0, float(fdtrc(1.0, freedom, explained[at] / rest)) * len(norm))
+    after = tuple(int(k) for k in np.unravel_index(int(order[tried[at] + 1]), deviation.shape))
+    return RowJump(float(slope[at]), (after[0], after[1], after[2]), float(np.sqrt(rest)), p)
+
+
+def turned_cycles(deviation: Array) -> list[int]:
+    """Return cycles whose reversal is that of the others with the opposite sign: forward and backward are exchanged.
+
+    Of two cycles with opposite reversals the second is returned. None where reversals are not clear of their scatter.
+    """
+    reversal = deviation[:, 0] - deviation[:, 1]  # (P, C)
+    cycles = reversal.shape[1]
+    if len(reversal) < 2 or cycles < 2:
+        return []
+    of_cycle = reversal.mean(axis=0)
+    usual = float(np.median(np.abs(of_cycle)))
+    side = np.sign(of_cycle)
+    turned = side != (np.sign(np.sum(side)) or side[0])
+    sided = np.where(turned, -of_cycle, of_cycle)
+    fits = np.abs(np.abs(sided) - usual) <= _ALIKE * usual
+    straight = reversal * np.where(turned, -1.0, 1.0)
+    left = straight - straight.mean(axis=1, keepdims=True)
+    noise = np.sqrt(np.sum(left**2) / max(left.size - len(left), 1) / len(left))
+    if not turned.any() or not fits.all() or usual < _CLEAR * noise:
+        return []
+    return np.flatnonzero(turned).tolist()
+
+
+@dataclass(frozen=True)
+class CycleDrift:
+    """By how much the deviations walked from the first cycle to the last, the probability of the cycles' means by
+    chance, and the share of their differences that a straight walk explains."""
+
+    walked: float
+    p_value: float
+    share: float
+
+
+def cycle_drift(deviation: Array) -> CycleDrift | None:
+    """Return the walk over the cycles of deviations (P, 2, C); None for fewer than four cycles."""
+    from scipy.special import fdtrc
+
+    cycles = deviation.shape[-1]
+    if cycles < 4:
+        return None
+    left = deviation - deviation.mean(axis=-1, keepdims=True)
+    mean = left.mean(axis=(0, 1))
+    groups = deviation.shape[0] * 2
+    rest = left - mean
+    between, within = groups * float(np.sum(mean**2)), float(np.sum(rest**2))
+    freedom = (groups - 1.0) * (cycles - 1.0)
+    at = np.arange(cycles) - 0.5 * (cycles - 1)
+    slope = float(at @ mean / (at @ at))
+    share = groups * slope**2 * float(at @ at) / between if between > 0.0 else 0.0
+    ratio = between / (cycles - 1.0) / max(within / freedom, 1e-300)
+    return CycleDrift(slope * (cycles - 1), float(fdtrc(cycles - 1.0, freedom, ratio)), share)
