@@ -92,10 +92,16 @@ def look(settings: Any, source: CampaignFiles) -> str:
 
     log = FaultLog()
     _known_beforehand(source, settings, log)
-    found = open_all(source, settings, log)
+    photographs = open_all(source, settings, log)
     log.throw()
+    found = photographs.found
     poses, cameras = ({getattr(one, name) for one in found} for name in ("pose", "camera"))
-    return f"{len(found)} photographs of {len(poses)} poses by {len(cameras)} camera{'s' * (len(cameras) != 1)}"
+    said = f"{len(found)} photographs of {len(poses)} poses by {len(cameras)} camera{'s' * (len(cameras) != 1)}"
+    counts = Counter({reason: 0 for _, reason in photographs.left_out})
+    for (_, reason), count in photographs.left_out.items():
+        counts[reason] += count
+    words = [f"{count} files: {reason}" for reason, count in counts.most_common()]
+    return said + (f"; left out {'; '.join(words)}" if words else "")
 
 
 def _known_beforehand(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable | None]:

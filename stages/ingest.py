@@ -131,6 +131,7 @@ def _photogrammetry(
     from stages.ingestion.start import read_start
     from stages.ingestion.tables import read_configurations, read_survey
     from stages.rigid_poses.dense_scans import identifier_of, read_scans
+    from truing.formats.passed_over import passed_over
 
     estimated = EstimatedCovariance()
     source.estimate = estimated
@@ -142,6 +143,9 @@ def _photogrammetry(
         return _without_points(configurations, survey, start, log)
     if adjusted is None and not source.entries("points") and not source.entries("scans"):
         log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
+        for one in passed_over(source.folder, source.folders_of_photographs, ()):
+            if one.is_fault:
+                log.add(Fault(one.name, one.why))
         log.throw()
     order = PoseOrder.of(configurations.table)
     later = read_later_surveys(source, settings, survey, order, log)

@@ -41,15 +41,15 @@ class PhotographTables:
     left_out: Mapping[tuple[str, str], int]
 
 
-def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> list[Photograph]:
+def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> Photographs:
     """The photographs, each opened whole; what is wrong with any goes into ``log``."""
-    found = list_photographs(source, settings.photographs.sensor_width_mm, log).found
-    for one in found:
+    photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
+    for one in photographs.found:
         try:
             read_grey(one.file.path, one.head)
         except Unusable as error:
             log.add(Fault(one.file.name, error.expected, value=error.value))
-    return found
+    return photographs
 
 
 def read_photographs(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import struct
 import zlib
@@ -267,3 +268,53 @@ def test_damage_anywhere_is_a_fault_or_none_and_nothing_is_said_aside(tmp_path, 
             read += 1
     assert 0 < read < 500
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("ending", ["heic", "HEIF", "webp", "cr2", "NEF", "dng", "gif", "bmp", "avif"])
+@pytest.mark.parametrize("entry", [{}, {"path": "images"}, {"path": "images/*/*"}])
+def test_a_picture_in_another_format_in_the_place_of_a_photograph_is_a_fault(tmp_path, ending, entry):
+    saved(tmp_path / "images/1/a.jpg")
+    (tmp_path / f"images/2.{ending}" if not entry else tmp_path / f"images/1/b.{ending}").write_bytes(b"picture")
+    faults = told(tmp_path, **entry)[1]
+    assert len(faults) == 1
+    assert f"export it from .{ending.lower()}" in faults[0].expected
+    assert "JPEG, PNG or TIFF" in faults[0].expected
+
+
+def test_raw_data_beside_its_photograph_and_notes_are_counted(tmp_path):
+    for name in ("images/1/a.jpg", "images/2/a.jpg"):
+        saved(tmp_path / name)
+    for name in ("images/1/a.CR2", "images/2/a.nef", "images/notes.txt", "images/2/plan.pdf", "images/.DS_Store"):
+        (tmp_path / name).write_bytes(b"x")
+    found = listed(tmp_path)
+    assert [one.pose for one in found.found] == ["1", "2"]
+    assert found.left_out == {
+        ("images", "no photograph (.txt)"): 1,
+        ("images/1", "no photograph (.cr2)"): 1,
+        ("images/2", "no photograph (.nef)"): 1,
+        ("images/2", "no photograph (.pdf)"): 1,
+    }
+
+
+def test_what_is_no_regular_file_is_told(tmp_path):
+    saved(tmp_path / "images/1/a.jpg")
+    os.mkfifo(tmp_path / "images/1/b.jpg")
+    os.mkfifo(tmp_path / "images/1/control")
+    (tmp_path / "images/1/c.png").symlink_to(tmp_path / "nowhere.png")
+    log = FaultLog()
+    found = listed(tmp_path, log)
+    assert {fault.file: fault.expected.split("; ")[-1] for fault in log.faults()} == {
+        "images/1/b.jpg": "this is a pipe",
+        "images/1/c.png": "this is a link that leads nowhere",
+    }
+    assert found.left_out == {("images/1", "a pipe"): 1}
+
+
+def test_photographs_that_no_pattern_reaches_are_told(tmp_path):
+    saved(tmp_path / "images/1/a.jpg")
+    saved(tmp_path / "images/1/left/day2/a.jpg")
+    saved(tmp_path / "images/2/a.jpg").rename(tmp_path / "images/2/a.Jpg")
+    assert [(fault.file, "at most two folders down" in fault.expected) for fault in told(tmp_path)[1]] == [
+        ("images/1/left/day2/a.jpg", True),
+        ("images/2/a.Jpg", False),
+    ]

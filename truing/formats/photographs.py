@@ -14,6 +14,7 @@ from schemas.faults import Fault
 from schemas.mapping import FileMapping
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_heads import Head, read_head
+from truing.formats.passed_over import PassedOver, passed_over, why_not_read
 from truing.formats.raw import Unusable
 from truing.formats.source import PICTURES, CampaignFiles, RawFile
 
@@ -65,9 +66,23 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
                 seen.add(raw)
                 if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
                     found.found.append(one)
+    _tell_passed_over(source, {raw.name for raw in seen}, found, log)
     _check_names(found.found, log)
     found.found = _cameras_apart(_once(found, log))
     return found
+
+
+def _tell_passed_over(source: CampaignFiles, seen: set[str], found: Photographs, log: FaultLog) -> None:
+    """A fault for what was meant as a photograph and is not read; everything else is counted."""
+    for one in passed_over(source.folder, source.folders_of_photographs, seen):
+        _tell(one, found, log)
+
+
+def _tell(one: PassedOver, found: Photographs, log: FaultLog) -> None:
+    if one.is_fault:
+        log.add(Fault(one.name, one.why))
+    else:
+        found.left_out[(one.folder, one.why)] += 1
 
 
 def _faults_of_entry(entry: FileMapping, source: CampaignFiles) -> Iterator[Fault]:
@@ -86,9 +101,9 @@ def _files(source: CampaignFiles, pattern: str, found: Photographs, log: FaultLo
         log.add(Fault("campaign.toml", "an existing file", column=f"{_COLUMN}.path", value=pattern))
     elif not photographs:
         log.add(Fault(files[0].name, f"a photograph ({_KINDS}), as nothing else is found there", value=pattern))
-    for raw in set(files) - set(photographs):
-        folder = PurePosixPath(raw.name).parent.as_posix()
-        found.left_out[(folder, f"no photograph ({raw.path.suffix.lower() or 'no ending'})")] += 1
+    stems = {os.path.splitext(raw.name)[0] for raw in photographs}
+    for raw in sorted(set(files) - set(photographs), key=lambda raw: raw.name):
+        _tell(why_not_read(raw.path, raw.name, stems), found, log)
     yield from photographs
 
 

@@ -76,6 +76,15 @@ class CampaignFiles:
         """Whether points come out of photographs, or out of rays that were measured in them."""
         return _has_photographs(self.folder, self._files)
 
+    @property
+    def folders_of_photographs(self) -> tuple[str, ...]:
+        """The folders of which every picture is meant: those that [files.images] names as such, else images."""
+        mapped = self._files.get("images")
+        if mapped is None:
+            return ("images",)
+        paths = (path for entry in mapped for path in entry.paths)
+        return tuple(path.rstrip("/") for path in paths if os.path.isdir(self.folder / path))
+
     def is_mapped(self, table: str) -> bool:
         """Whether campaign.toml says how to read a table."""
         return table in self._files
