@@ -12,6 +12,7 @@ from pipeline.problems import ExitCode, environment
 from pipeline.recorded import opened_run
 from pipeline.voice import Voice
 from pipeline.whole_file import write_whole
+from pipeline.written_places import check_folder
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
     from truing.runs.comparison.side_by_side import side_by_side
 
     _distinct(folders)
+    place = folders[0].parent / FOLDER if out is None else out
+    check_folder(place)
     runs = [_opened(folder) for folder in folders]
     try:
         _of_one_machine(runs)
@@ -44,7 +47,6 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
     except (ValueError, OSError) as broken:  # a file of a run is not what its schema says, or cannot be read
         lines = str(broken).split("\n")
         raise CampaignFaults(Fault("RUN", f"runs that are whole ({line})") for line in lines) from None
-    place = folders[0].parent / FOLDER if out is None else out
     with environment(f"the folder {place} cannot be made"):
         place.mkdir(parents=True, exist_ok=True)
     artifact = ARTIFACTS["compared"]

@@ -10,6 +10,7 @@ from pipeline.campaign_folder import CampaignFolder, open_campaign
 from pipeline.given_table import ENDINGS, read_given, table_bytes
 from pipeline.problems import ExitCode
 from pipeline.voice import Voice
+from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
     if files.out is not None and files.out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out))])
     campaign = open_campaign(place)
+    if files.out is not None:
+        check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
     voice = Voice(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
         return (_loads_for_causes if wish.causes else _plan_loads)(campaign, wish, files, voice)

@@ -11,6 +11,7 @@ from pipeline.problems import ExitCode, environment
 from pipeline.recorded import broken_run, opened_run
 from pipeline.voice import Voice
 from pipeline.whole_file import write_whole
+from pipeline.written_places import check_folder
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
     if unknown:
         raise CampaignFaults(Fault("--to", f"one of {', '.join(known)}", value=form) for form in unknown)
     run, place = opened_run(folder), out or folder / FOLDER
+    check_folder(place)
     with environment(f"the folder {place} cannot be made"):
         place.mkdir(parents=True, exist_ok=True)
     voice = Voice(quiet=False)

@@ -49,12 +49,24 @@ class Entry:
     made_from: MadeFrom | None = None
 
 
+@dataclass(frozen=True)
+class Owner:
+    """The campaign whose run a folder holds: name, absolute place of its campaign.toml, digest of what that says; and
+    where the run folder lay then, by which a copy of it is known."""
+
+    name: str
+    file: str
+    settings: str
+    folder: str
+
+
 @dataclass
 class Ledger:
-    """The entries of a run folder, and the digest of the last campaign.toml that was found valid."""
+    """The entries of a run folder, the digest of the last campaign.toml that was found valid, and whose run it is."""
 
     entries: dict[str, Entry] = field(default_factory=dict)
     valid_campaign: str = ""
+    owner: Owner | None = None
 
     def save(self, store: Path) -> None:
         """Write the ledger whole, unless it stands there already."""
@@ -69,7 +81,7 @@ def read_ledger(store: Path) -> Ledger:
         regular_size(store)
         content = json.loads(store.read_bytes())
         entries = {name: _entry(row) for name, row in content["entries"].items()}
-        return Ledger(entries, str(content["valid_campaign"]))
+        return Ledger(entries, str(content["valid_campaign"]), _owner(content.get("owner")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Ledger()
 
@@ -82,3 +94,8 @@ def _entry(row: dict[str, Any]) -> Entry:
         parts = {name: dict(told[name]) for name in ("source", "settings", "inputs", "raw")}
         made_from = MadeFrom(str(told["campaign"]), **parts)
     return Entry(str(row["digest"]), dict(row["artifacts"]), tuple(map(str, row["failed_checks"])), made_from)
+
+
+def _owner(told: Any) -> Owner | None:
+    """The owner as it was written; None where nobody has noted one."""
+    return None if told is None else Owner(*(str(told[key]) for key in ("name", "file", "settings", "folder")))

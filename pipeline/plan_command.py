@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.campaign_folder import CampaignFolder, open_campaign, run_folder_of
+from pipeline.campaign_folder import CampaignFolder
 from pipeline.given_table import ENDINGS, read_given, table_bytes
 from pipeline.plan_cameras import known_cameras
 from pipeline.problems import ExitCode
+from pipeline.run_campaign import usable_campaign
+from pipeline.run_owner import folder_beside_run, note_owner
 from pipeline.voice import Voice
+from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -39,9 +42,12 @@ def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     from stages.photograph_plan import plan_photographs
     from stages.photograph_plan_tables import sentences, tables
 
-    campaign, voice = open_campaign(place), Voice(quiet=False)
+    campaign, voice = usable_campaign(place), Voice(quiet=False)
     settings = campaign.validated()
     _check(settings.campaign.kind, wish, files)
+    folder = folder_beside_run(campaign)
+    if files.out is not None:
+        check_file(files.out, reads=(files.normals,), campaign=campaign)
     normals = None if files.normals is None else read_given(files.normals, "a table of normals")
     known = _tables(campaign)
     cameras = known_cameras(campaign, known.pop("cameras_given", None), files.run)
@@ -58,7 +64,9 @@ def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     left_out = (*([_of_camera(cameras.said, found)] if cameras.said else []), *left_out)
     for line in (*sentences(found), *left_out):
         voice.say(line)
-    file = run_folder_of(campaign, None, several=False) / _DEFAULT_FILE if files.out is None else files.out
+    if files.out is None:
+        note_owner(campaign, folder)
+    file = folder / _DEFAULT_FILE if files.out is None else files.out
     written = _leave(campaign.name, found, tables(found), left_out, file)
     voice.say(f"tables and page: {', '.join(map(str, written))}")
     return ExitCode.DONE

@@ -18,7 +18,9 @@ from pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
 from pipeline.power_of_rays import plan_of_rays, said_of_rays, wants_rays
 from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from pipeline.run_campaign import usable_campaign
+from pipeline.run_owner import folder_beside_run, note_owner
 from pipeline.voice import Voice
+from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -51,9 +53,12 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     settings = campaign.validated()
     of_rays = wants_rays(wish.causes, campaign)
     _check(wish, out, settings, of_rays)
-    run = run_folder_of(campaign, None, several=False)
+    reads_run = out is None or campaign.has_photographs
+    run = folder_beside_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
     beside = said_of_rays(run) if of_rays else of_photographs(campaign, run)
     file = run / _DEFAULT_FILE if out is None else out
+    if out is not None:
+        check_file(out, campaign=campaign)
     with voice.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
         plan = _plan(campaign, settings, wish, run if of_rays else None)
@@ -253,6 +258,8 @@ def _tell(
     from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
 
     file, photographs = out
+    if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
+        note_owner(campaign, file.parent)
     curves = [curve(question, place, answers) for place, question in enumerate(asked)]
     sizes, rates = sizes_table(curves), rates_table(curves, false_alarms(answers))
     said, drawn = sizes.to_pandas(), rates.to_pandas()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pipeline.given_table import ENDINGS, read_given, table_bytes
 from pipeline.problems import ExitCode
 from pipeline.voice import Voice
+from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
 from schemas.settings_text import read_settings_text
 
@@ -20,6 +21,8 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
     """Predict poses, or readings of a loaded sensor; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
     if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
+    if out is not None:
+        check_file(out, reads=(model, inputs))
     text = _model_text(model)
     predicted = _predicted(model, text, inputs)
     if out is None:

@@ -12,6 +12,7 @@ from pipeline.endings import defects_logged
 from pipeline.freshness import State
 from pipeline.problems import ExitCode
 from pipeline.run_folder import occupied
+from pipeline.run_owner import claim
 from pipeline.selection import Selection
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
@@ -43,6 +44,7 @@ def run_campaign(campaign: CampaignFolder, folder: Path, wish: Wish, voice: Voic
     """Bring the wished stages of a campaign up to date in its run folder."""
     with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
         run = open_run(campaign, folder, distrust=wish.distrust, workers=wish.workers)
+        claim(run)
         stages = wish.selection.stages(run.order)
         _validate(run)
         ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, wish, voice)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import unicodedata
 from collections.abc import Sequence
 from contextlib import closing
@@ -15,6 +14,7 @@ from pipeline.endings import KEPT, end, end_all
 from pipeline.executor import Workforce, processors, results
 from pipeline.problems import ExitCode, gravest
 from pipeline.run_campaign import Wish, run_campaign, usable_campaign
+from pipeline.run_owner import refuse_raw_files
 from pipeline.voice import Recorder, Voice
 from schemas.faults import CampaignFaults, Fault
 
@@ -58,10 +58,10 @@ class Plan:
         # Not everywhere do capitals, or how an accent is composed, tell folders apart.
         taken = Path(unicodedata.normalize("NFC", str(folder)).casefold())
         if taken in self.taken:
-            expected = "a name that no other campaign of this call has"
+            expected = "a name that no other campaign of this call has: it names the run's folder"
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         self.taken.add(taken)
-        _refuse_raw_files(campaign, folder)
+        refuse_raw_files(campaign, folder)
         return Job(campaign, folder, self.wish, f"{campaign.name} ({place})" if self.several else None)
 
 
@@ -131,12 +131,3 @@ def _told(job: Job) -> Told:
 def _lost(job: Job) -> Told:
     why = f"{job.campaign.name}: whatever worker ran it vanished (killed, or out of memory); {KEPT}"
     return Told(ExitCode.ENVIRONMENT, ((True, why),))
-
-
-def _refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
-    """An artifact may bear a raw file's name (configurations.parquet), so a run never writes where raw files are."""
-    from truing.formats.source import raw_files
-
-    raw = {os.path.dirname(os.path.realpath(path)) for path in raw_files(campaign.folder, campaign.document)}
-    if os.path.realpath(folder) in {os.path.realpath(campaign.folder), *raw}:
-        raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])

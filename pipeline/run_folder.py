@@ -8,7 +8,8 @@ from pathlib import Path
 
 from pipeline.lock import hold
 from pipeline.problems import environment
-from pipeline.whole_file import PART
+from pipeline.whole_file import PART, part_of
+from schemas.artifacts import ARTIFACTS
 
 PRIVATE = ".truing"  # ledger, remembered digests and lock; deleting it loses no result
 
@@ -36,9 +37,9 @@ def _make(folder: Path) -> list[Path]:
 
 def _sweep(folder: Path) -> None:
     with environment(f"the run folder {folder} cannot be tidied"):
-        for place in (folder, folder / PRIVATE):
-            for leftover in place.glob(f".*{PART}"):
-                leftover.unlink()
+        own = [part_of(folder / artifact.file) for artifact in ARTIFACTS.values()]
+        for leftover in (*own, *(folder / PRIVATE).glob(f".*{PART}")):
+            leftover.unlink(missing_ok=True)
 
 
 def _remove_empty(lock: Path, created: list[Path]) -> None:

@@ -8,6 +8,7 @@ from pipeline.campaign_folder import run_folder_of
 from pipeline.campaign_run import open_run
 from pipeline.problems import ExitCode
 from pipeline.run_campaign import usable_campaign
+from pipeline.run_owner import check_owner
 from pipeline.stage_order import OF_PHOTOGRAPHS, ORDER, RAW_READERS, stage_module
 from pipeline.voice import Voice
 
@@ -16,6 +17,7 @@ def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode
     """One line per stage: fresh, stale and why, or never run. Writes nothing."""
     campaign = usable_campaign(place)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
+    check_owner(run)
     voice = Voice(quiet=False)
     for stage, standing in run.standings():
         voice.say(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())

@@ -13,6 +13,13 @@ from tests.pipeline.warm_python import WarmPython
 
 PROJECT = Path(__file__).resolve().parents[2]
 
+_DECLARED = "from stages.declaration import Stage\n\nDECLARATION = Stage({!r}, (), ({!r},), (), {!r})\n"
+# They are listed, and no campaign of this project has photographs.
+OF_PHOTOGRAPHS = {
+    "images": _DECLARED.format("images", "image_points", "finds targets"),
+    "bundle": _DECLARED.format("bundle", "object_points", "adjusts rays"),
+}
+
 STAGES = {
     "ingest": """
 import csv
@@ -251,7 +258,7 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     root = folder / "project"
     for room in ("pipeline", "schemas"):
         shutil.copytree(PROJECT / room, root / room, ignore=shutil.ignore_patterns("__pycache__"))
-    files = {f"stages/{name}.py": text for name, text in STAGES.items()}
+    files = {f"stages/{name}.py": text for name, text in {**STAGES, **OF_PHOTOGRAPHS}.items()}
     files |= {"stages/__init__.py": "", "truing/__init__.py": '__version__ = "0"\n', "truing/formats/__init__.py": ""}
     files |= {
         "truing/estimation/__init__.py": "",

@@ -1,0 +1,129 @@
+"""Whose run folder it is: no campaign overwrites the results of another one, whatever name they share.
+
+A campaign is known by the place of its campaign.toml. One that was corrected stays the same campaign; so does one that
+has been moved (nothing lies at the old place any more) or copied (campaign.toml and raw files hold the same).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.campaign_folder import FILE, CampaignFolder, run_folder_of
+from pipeline.campaign_run import CampaignRun, open_run
+from pipeline.ledger import Owner, digest_of
+from pipeline.problems import EnvironmentProblem
+from pipeline.run_folder import occupied
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    from schemas.artifact import Artifact
+
+
+def claim(run: CampaignRun) -> None:
+    """Note that a run folder is this campaign's (in memory, until the ledger is saved); raises CampaignFaults."""
+    check_owner(run)
+    if not run.ledger.entries:
+        _refuse_strange_files(run.folder)
+    run.ledger.owner = _owner(run)
+
+
+def check_owner(run: CampaignRun) -> None:
+    """Raise CampaignFaults where a run folder holds what another campaign has left there."""
+    known = run.ledger.owner
+    here = _owner(run)
+    if known is not None and known.folder == here.folder:
+        if known.file == here.file or (known.settings == here.settings and _holds_measurements(run)):
+            return
+        if not os.path.exists(known.file) and (known.name == here.name or _holds_measurements(run)):
+            return
+        raise _refusal(run, f"the run of {known.name!r} ({known.file})")
+    _check_names(run)
+
+
+def _owner(run: CampaignRun) -> Owner:
+    campaign = run.campaign
+    file, folder = os.path.realpath(campaign.file), os.path.realpath(run.folder)
+    return Owner(campaign.name, file, digest_of(dict(campaign.document)), folder)
+
+
+def _check_names(run: CampaignRun) -> None:
+    """Judge by names where a folder's owner is not known: it was copied, or made before owners were noted."""
+    names = {entry.made_from.campaign for entry in run.ledger.entries.values() if entry.made_from is not None}
+    if not names and not (names := set(_carried_names(run.folder))):
+        return
+    if run.campaign.name not in names and not _holds_measurements(run):
+        raise _refusal(run, f"the run of {', '.join(map(repr, sorted(names)))}")
+
+
+def _carried_names(folder: Path) -> Iterator[str]:
+    """The campaigns that the artifacts of a folder name."""
+    from pipeline.artifacts import read_provenance
+
+    for artifact in _there(folder):
+        origin = read_provenance(folder, artifact)
+        if origin is not None and "campaign" in origin:
+            yield origin["campaign"]
+
+
+def _there(folder: Path) -> list[Artifact]:
+    return [artifact for artifact in ARTIFACTS.values() if os.path.lexists(folder / artifact.file)]
+
+
+def _refuse_strange_files(folder: Path) -> None:
+    """Raise CampaignFaults where files bear the names of artifacts, and none of them is one."""
+    there = _there(folder)
+    if there and not any(_carried_names(folder)):
+        files = ", ".join(dict.fromkeys(artifact.file for artifact in there))
+        expected = f"a folder of its own for a run, not one with files that no run has left ({files})"
+        raise CampaignFaults([Fault("--out", expected, value=str(folder))])
+
+
+def _holds_measurements(run: CampaignRun) -> bool:
+    """Whether the folder's tables were made from the raw files that this campaign has now."""
+    made = {name: entry.made_from.raw for name, entry in run.ledger.entries.items() if entry.made_from is not None}
+    read = [stage for stage in run.order if made.get(stage.name)]
+    return bool(read) and all(run.made_from(stage).raw == made[stage.name] for stage in read)
+
+
+def _refusal(run: CampaignRun, holds: str) -> CampaignFaults:
+    campaign = run.campaign
+    expected = (
+        f"a folder of its own for the run of {campaign.name!r} ({os.path.realpath(campaign.file)}); this one holds "
+        f"{holds}. Give the campaigns different names ([campaign] name), choose another folder by --out, or remove "
+        "this one"
+    )
+    return CampaignFaults([Fault(str(run.folder), expected)])
+
+
+def refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
+    """Raise CampaignFaults where a run would write among raw files: an artifact may bear a raw file's name."""
+    from truing.formats.source import raw_files
+
+    place = os.path.realpath(folder)
+    raw = [os.path.realpath(path) for path in raw_files(campaign.folder, campaign.document)]
+    among = place in {os.path.realpath(campaign.folder), *map(os.path.dirname, raw)}
+    if among or any(path.startswith(place + os.sep) for path in raw):
+        raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])
+    if os.path.lexists(folder / FILE):
+        raise CampaignFaults([Fault("--out", "a folder of its own for a run, not a campaign's", value=str(folder))])
+
+
+def folder_beside_run(campaign: CampaignFolder) -> Path:
+    """The default folder of what other commands leave beside a run; raises CampaignFaults where it is another's."""
+    folder = run_folder_of(campaign, None, several=False)
+    check_owner(open_run(campaign, folder))
+    return folder
+
+
+def note_owner(campaign: CampaignFolder, folder: Path) -> None:
+    """Note whose folder it is before a run is there; where one is under way, it has noted that itself."""
+    with suppress(EnvironmentProblem), occupied(folder):
+        run = open_run(campaign, folder)
+        check_owner(run)
+        run.ledger.owner = _owner(run)
+        run.save()
