@@ -58,7 +58,7 @@ def _adjusted(run: Path) -> KnownCameras | None:
 
 def _of_pictures(campaign: CampaignFolder) -> KnownCameras | None:
     """The cameras that the heads of a campaign's photographs tell of: format and principal distance."""
-    from stages.image_tables.known_beforehand import cameras_table
+    from stages.image_tables.cameras_beforehand import cameras_table
     from truing.estimation.bundle.camera import PARAMETERS
     from truing.formats.faultlog import FaultLog
     from truing.formats.photographs import list_photographs

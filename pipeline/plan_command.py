@@ -107,7 +107,8 @@ def _check(kind: str, wish: PlanWish, files: PlanFiles) -> None:
 
 def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
     """The survey, and what is known of cameras, scale bars and codes; raises CampaignFaults."""
-    from stages.image_tables.known_beforehand import read_cameras, read_image_targets, read_scale_bars
+    from stages.image_tables.cameras_beforehand import read_cameras
+    from stages.image_tables.known_beforehand import read_image_targets, read_scale_bars
     from stages.ingestion.tables import read_survey
     from truing.formats.faultlog import FaultLog
     from truing.formats.source import CampaignFiles

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from schemas.section import Finite, Name, NotNegative, Positive, Section, Shown
+from schemas.section import Finite, Identifier, Name, NotNegative, Positive, Section, Shown
 
 Parameter = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 
@@ -119,6 +119,11 @@ class GivenCamera(Section):
     """[[cameras]]: what is known of a camera beforehand; x right, y down, the middle of the first pixel at 0."""
 
     name: Name = Field(description="the camera, as photographs or rays name it")
+    of: Name | None = Field(
+        None, description="the camera as photographs or rays name it, of which some photographs count as by this one"
+    )
+    poses: tuple[Identifier, ...] | None = Field(None, description="the poses of these photographs; absent: all")
+    images: tuple[Name, ...] | None = Field(None, description="these photographs; absent: all in these poses")
     width_px: int | None = Field(
         None, ge=1, le=1_000_000, description="pixels along x; absent: as the photographs have"
     )
@@ -139,6 +144,17 @@ class GivenCamera(Section):
         None, description="where the radial distortion is zero; absent: a third of the format's diagonal"
     )
     free: tuple[Parameter, ...] | None = Field(None, description="parameters to estimate; absent: all ten")
+
+    @model_validator(mode="after")
+    def _group_of_photographs(self) -> GivenCamera:
+        chosen = self.poses is not None or self.images is not None
+        if chosen and self.of is None:
+            raise ValueError('of, the camera whose photographs these are, beside poses or images: of = "camera"')
+        if self.of is not None and not chosen:
+            raise ValueError("poses or images beside of: which photographs count as by this camera")
+        if self.of == self.name:
+            raise ValueError("a name other than that of the camera in of")
+        return self
 
     @model_validator(mode="after")
     def _principal_distance_once(self) -> GivenCamera:

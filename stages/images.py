@@ -46,6 +46,7 @@ def run(
 
     ``each`` measures photographs, several at a time; absent: one after the other, in this process.
     """
+    from stages.image_tables.cameras_beforehand import regrouped
     from truing.formats.faultlog import FaultLog
 
     log = FaultLog()
@@ -60,7 +61,8 @@ def run(
     log.throw()
     assert rays is not None  # else there was a fault
     artifacts = {"image_points": rays.image_points, "photographs": rays.photographs}
-    artifacts["image_rejections"] = _rejections(rays)
+    artifacts = regrouped(artifacts, settings.cameras, log) | {"image_rejections": _rejections(rays)}
+    log.throw()
     artifacts |= {name: table.table for name, table in small.items() if table is not None}
     points = len(set(rays.image_points.column("point").to_pylist()) - {""})
     poses = len(set(rays.photographs.column("pose").to_pylist()))
@@ -105,12 +107,8 @@ def look(settings: Any, source: CampaignFiles) -> str:
 
 
 def _known_beforehand(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable | None]:
-    from stages.image_tables.known_beforehand import (
-        read_cameras,
-        read_image_targets,
-        read_known_points,
-        read_scale_bars,
-    )
+    from stages.image_tables.cameras_beforehand import read_cameras
+    from stages.image_tables.known_beforehand import read_image_targets, read_known_points, read_scale_bars
 
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     if source.entries("images") and source.entries("image_points"):

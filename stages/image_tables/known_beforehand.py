@@ -1,8 +1,8 @@
-"""What is known of a network before it is adjusted: which code is which target, scale bars, known points, cameras."""
+"""What is known of a network before it is adjusted: which code is which target, scale bars, known points."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,25 +12,20 @@ from schemas.faults import Fault
 from stages.image_tables.point_names import own_names
 from stages.image_tables.target_codes import check_codes
 from stages.ingestion.tables import SmallTable, once
-from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import CAMERAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
+from truing.formats.shapes import IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
 from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from schemas.photographs import GivenCamera
-
-_FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
 
 
 def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: FaultLog) -> SmallTable | None:
     """Which code is which target; None where no table says so. Codes that are looked for in photographs have to exist,
     or to be corners of one of the ``boards``."""
     found = gather(source, IMAGE_TARGETS, log)
-    if found is None or _lacks(found, IMAGE_TARGETS.required):
+    if found is None or lacks(found, IMAGE_TARGETS.required):
         return None
     if source.entries("images"):
         check_codes(found, boards, log)
@@ -44,7 +39,7 @@ def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultL
     import pyarrow as pa
 
     found = gather(source, SCALE_BARS, log, "pose")
-    if found is None or _lacks(found, SCALE_BARS.required):
+    if found is None or lacks(found, SCALE_BARS.required):
         return None
     once(found, log, ("pose", "bar") if "pose" in found.table.column_names else ("bar",))
     for name in ("length_mm", "sigma_mm"):
@@ -64,7 +59,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
     import pyarrow as pa
 
     found = gather(source, KNOWN_POINTS, log, "pose")
-    if found is None or _lacks(found, KNOWN_POINTS.required):
+    if found is None or lacks(found, KNOWN_POINTS.required):
         return None
     table = found.table
     point = _named(table, "point", targets)
@@ -85,76 +80,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
     return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
 
 
-def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
-    """The cameras that the table cameras or [[cameras]] give, a row per parameter; None where neither gives any."""
-    found = gather(source, CAMERAS, log)
-    rows: dict[str, dict[str, Any]] = {}
-    left_out: dict[tuple[str, str], int] = {}
-    if found is not None and not _lacks(found, CAMERAS.required):
-        once(found, log, ("camera",))
-        rows = {row["camera"]: row for row in found.table.to_pylist()}
-        left_out = dict(found.left_out)
-        for row in rows.values():
-            row["free"] = _free(row.get("free"), found.first_file, log)
-    for given in settings.cameras:
-        if given.name in rows:
-            log.add(Fault("campaign.toml", "each camera once", column="cameras.name", value=given.name))
-        rows[given.name] = _settings_row(given)
-    return SmallTable(cameras_table(rows), left_out) if rows else None
-
-
-def _settings_row(given: GivenCamera) -> dict[str, Any]:
-    row = given.model_dump()
-    row["free"] = PARAMETERS if given.free is None else given.free
-    return row
-
-
-def _free(words: str | None, file: str, log: FaultLog) -> tuple[str, ...]:
-    if words is None:
-        return PARAMETERS
-    names = tuple(words.split())
-    for name in names:
-        if name not in (*PARAMETERS, "none"):
-            log.add(Fault(file, f"names of {' '.join(PARAMETERS)} (or none)", column="free", value=name))
-    return tuple(name for name in names if name in PARAMETERS)
-
-
-def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
-    """The table cameras_given, a row per parameter, from one of each camera as the table cameras has it."""
-    import pyarrow as pa
-
-    long = []
-    for camera, row in rows.items():
-        about = _about(row)
-        for parameter, unit in zip(PARAMETERS, UNITS, strict=True):
-            value = _principal_distance(row) if parameter == "c" else row.get(_key(parameter)) or 0.0
-            free = parameter in row["free"]
-            long.append({"camera": camera, "parameter": parameter, "unit": unit, "value": value, "free": free} | about)
-    return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
-
-
-def _key(parameter: str) -> str:
-    return f"{parameter}_px" if parameter in ("x0", "y0") else parameter
-
-
-def _about(row: dict[str, Any]) -> dict[str, Any]:
-    """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
-    about = {name: row.get(name) for name in _FORMAT}
-    if about["balancing_radius_px"] is None:
-        width, height = about["width_px"], about["height_px"]
-        about["balancing_radius_px"] = float(np.hypot(width, height) / 3) if width and height else 0.0
-    return about
-
-
-def _principal_distance(row: dict[str, Any]) -> float | None:
-    if row.get("focal_px") is not None:
-        return float(row["focal_px"])
-    if row.get("c_mm") is not None and row.get("pixel_um"):
-        return float(1e3 * row["c_mm"] / row["pixel_um"])
-    return None
-
-
-def _lacks(found: Gathered, required: tuple[str, ...]) -> bool:
+def lacks(found: Gathered, required: tuple[str, ...]) -> bool:
     """Whether columns are missing, which was told when the file was read."""
     return any(name not in found.table.column_names for name in required)
 

@@ -84,8 +84,8 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
             "row 4, column y_px: found '3500.0'; expected a place within the",
         ),
         (
-            {"cameras": "camera,width_px\ncamera,4000\n"},
-            "column cameras.name: found 'camera'; expected each camera once",
+            {"cameras": "camera,width_px,focal_px\ncamera,4000,4100\n"},
+            "column cameras.focal_px: found '4000'; expected 4100, which cameras.csv has of camera camera",
         ),
         ({"cameras": "camera,free\nother,c f\n"}, "cameras.csv, column free: found 'f'; expected names of c x0"),
         ({"scale_bars": "bar,first,second,length_mm,sigma_mm\nB,p,p,500,0\n"}, "expected another point than the first"),
@@ -120,3 +120,55 @@ def test_rays_that_make_no_network_are_a_fault_that_says_why(tmp_path: Path) -> 
 def test_circles_without_any_code_are_told_to_need_some(tmp_path: Path) -> None:
     with pytest.raises(CampaignFaults, match=r"targets with a code or a name, .* none of 3 rays has one"):
         run_line(write(tmp_path, image_points=RAYS.replace("ring12-17", "")), "images", "bundle")
+
+
+def test_a_camera_of_the_table_and_of_the_settings_has_the_values_of_both(tmp_path: Path) -> None:
+    cameras = "camera,width_px,height_px,pixel_um,c_mm,A1,free\ncamera,4000,3000,5,20,1e-9,c x0 y0 A1\n"
+    toml = TOML.split("width_px")[0] + 'x0_px = 3.0\nfree = ["c"]\n'
+    table = run_line(write(tmp_path, toml, cameras=cameras), "images")[0]["cameras_given"].to_pandas()
+    values = table.set_index("parameter")["value"]
+    assert values[["c", "x0", "A1"]].tolist() == pytest.approx([4000.0, 3.0, 1e-9])
+    assert table[table["free"]]["parameter"].tolist() == ["c"]
+    assert set(table["width_px"]) == {4000}
+
+
+def test_a_camera_is_named_once_in_the_settings(tmp_path: Path) -> None:
+    said = faults(write(tmp_path, TOML + TOML[TOML.index("[[cameras]]") :]))
+    assert "column cameras.name: found 'camera'; expected each camera once" in said
+
+
+GROUP = '[[cameras]]\nname = "refocused"\nof = "camera"\n'
+
+
+def test_photographs_of_a_group_are_by_a_camera_of_their_own(tmp_path: Path) -> None:
+    rays = RAYS + "2,a,ring12-17,100,200\n2,b,ring12-17,100,200\n"
+    toml = f'{TOML}{GROUP}poses = [2]\nimages = ["b", "c"]\nfree = ["c"]\n'
+    tables = run_line(write(tmp_path, toml, image_points=rays), "images")[0]
+    keys = ("pose", "image", "camera")
+    for name in ("image_points", "photographs"):
+        own = {row["camera"]: (row["pose"], row["image"]) for row in tables[name].select(keys).to_pylist()}
+        assert own.pop("refocused") == (2, "b")
+        assert set(own) == {"camera"}
+    given = tables["cameras_given"].to_pandas().set_index(["camera", "parameter"])
+    assert given.loc[("refocused", "c"), "value"] == 4000.0
+    assert given["free"].groupby("camera").sum().to_dict() == {"camera": 10, "refocused": 1}
+
+
+@pytest.mark.parametrize(
+    ("group", "told"),
+    [
+        (
+            f"{GROUP}poses = [7]\n",
+            "cameras.of: found 'camera'; expected poses or images of photographs by camera camera",
+        ),
+        (
+            f'{GROUP}images = ["a"]\n{GROUP.replace("refocused", "third")}poses = [1]\n',
+            "cameras.images: found 'refocused, third'; expected one camera for image a of pose 1",
+        ),
+        (GROUP, "poses or images beside of"),
+        (f"{GROUP.replace(chr(34) + 'camera', chr(34) + 'refocused')}poses = [1]\n", "a name other than that"),
+        ('[[cameras]]\nname = "a"\nposes = [1]\n', 'beside poses or images: of = "camera"'),
+    ],
+)
+def test_what_is_wrong_with_a_group_is_told(tmp_path: Path, group: str, told: str) -> None:
+    assert told in faults(write(tmp_path, TOML + group))

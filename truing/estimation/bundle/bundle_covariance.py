@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truing.estimation.bundle.datum import freedoms
+from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
+from truing.estimation.bundle.elimination import EliminatedPose
 from truing.estimation.bundle.layout import Layout
 from truing.estimation.bundle.network import Array, Index, State
 from truing.estimation.bundle.normal_equations import Observed, normal_equations, spread_interior
@@ -26,6 +27,7 @@ from truing.estimation.bundle.workspace import Workspace
 from truing.estimation.one_thread import on_one_thread
 
 _SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding
+_LEAST_DAMPINGS = (1e-11, 1e-9, 1e-7)  # one of them gives a network that falls apart a solution
 
 
 @dataclass(frozen=True)
@@ -201,6 +203,7 @@ def covariance(
         try:
             reduced = eliminate_poses(observed, equations, free, weight, 0.0, workspace)
         except np.linalg.LinAlgError:
+            _name_what_is_free(observed, state, free)
             raise UndeterminedNetworkError("the network falls apart: images and points are free to move") from None
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced)
@@ -233,17 +236,30 @@ def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array
     return numbers
 
 
-def _check_pivots(layout: Layout, reduced: Reduced) -> None:
-    """Raise `UndeterminedNetworkError` that names the images and points of which nothing but rounding is left."""
+def _name_what_is_free(observed: Observed, state: State, free: tuple[Freedom, ...]) -> None:
+    """Raise `UndeterminedNetworkError` that names the freest images and points, with as little damping as gives them a
+    place at all."""
+    workspace = Workspace()
+    for damping in _LEAST_DAMPINGS:
+        equations = normal_equations(observed, state, workspace)
+        try:
+            weight = tie_weights(observed, equations)
+            reduced = eliminate_poses(observed, equations, free, weight, damping, workspace)
+        except np.linalg.LinAlgError:
+            continue
+        left = [_pivots(one)[0].min(initial=1.0) for one in reduced.poses if one is not None]
+        _check_pivots(observed.layout, reduced, 10.0 * min(left, default=0.0))
+
+
+def _check_pivots(layout: Layout, reduced: Reduced, least: float = _SINGULAR) -> None:
+    """Raise `UndeterminedNetworkError` that names the images and points of which no more than this part is left."""
     loose_images: list[int] = []
     loose_points: list[int] = []
     for pose, one in enumerate(reduced.poses):
         if one is None:
             continue
-        blocks = one.blocks
-        own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
-        kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal
-        bad = np.concatenate([blocks.own_places[own.ravel() < _SINGULAR], blocks.kept_places[kept < _SINGULAR]])
+        left, places = _pivots(one)
+        bad = places[left < least]
         images = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
         loose_images += layout.images[layout.image_start[pose] + np.unique(bad[bad < images] // 6)].tolist()
         rest = (bad[bad >= images] - images) // 3
@@ -253,6 +269,14 @@ def _check_pivots(layout: Layout, reduced: Reduced) -> None:
         more = f" and {len(faults) - 20} more" if len(faults) > 20 else ""
         said = f"free directions are left, seen at {', '.join(faults[:20])}{more}"
         raise UndeterminedNetworkError(said, images=loose_images, points=loose_points)
+
+
+def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
+    """Return what part of the information of each unknown of a pose is left after those before it, and its place."""
+    blocks = one.blocks
+    own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
+    kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal
+    return np.concatenate([own.ravel(), kept]), np.concatenate([blocks.own_places, blocks.kept_places])
 
 
 def _inverse(layout: Layout, reduced: Reduced) -> Array:
