@@ -123,7 +123,7 @@ def test_a_date_is_a_day(kind: str, place: Place) -> None:
 
 def test_poses_and_runs_are_whole_numbers_or_names() -> None:
     places = [(kind, place) for kind, place, kinds in KEYS if kinds == {int, str} and place[0] != _OF_FILES]
-    assert len(places) == 7
+    assert len(places) == 8
     assert [(place, passed) for kind, place in places if (passed := _passed(kind, place, _NO_IDENTIFIERS))] == []
 
 
