@@ -8,9 +8,10 @@ import re
 import string
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from schemas.section import Name, RawText, Section, Whole, is_path, is_raw_text
+from schemas.raw_value import RawColumn, RawValue
+from schemas.section import Name, Positive, RawText, Section, Whole, is_path, is_raw_text
 
 Format = Literal[
     "auto",
@@ -29,6 +30,8 @@ Format = Literal[
     "photomodeler",
     "tracker",
     "gsi",
+    "xlsx",
+    "mat",
 ]
 
 
@@ -85,10 +88,17 @@ def _is_mark(text: str) -> bool:
     return len(text) == 1 and text.isascii() and text not in "\r\n\0"
 
 
-def _is_raw_column(value: Any) -> Any:
+def _is_sheet(value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, str | int):
-        raise ValueError("the raw column's name in quotation marks, or its position from 1")
+        raise ValueError("the sheet's name in quotation marks, or its number from 1")
     return value if isinstance(value, int) else is_raw_text(value)
+
+
+def _are_variables(value: Any) -> Any:
+    several = value if isinstance(value, tuple) else (value,)
+    if not several or not all(isinstance(one, str) and one for one in several):
+        raise ValueError("a variable's name in quotation marks, or a list of these")
+    return value
 
 
 def _is_path(value: Any) -> Any:
@@ -107,12 +117,23 @@ def _is_constant(value: Any) -> Any:
     return is_raw_text(value) if isinstance(value, str) else value
 
 
+def is_uncertainty(name: str) -> bool:
+    """Whether a column holds standard deviations."""
+    return name == "sigma" or name.startswith("sigma_")
+
+
+def _kind(source: object) -> str:
+    return "value" if isinstance(source, dict | RawValue) else "name"
+
+
 Pattern = Annotated[RawText, AfterValidator(_compiles)]
 GroupPattern = Annotated[RawText, AfterValidator(_has_groups)]
 Template = Annotated[RawText, AfterValidator(_is_template)]
-RawColumn = Annotated[str | int, BeforeValidator(_is_raw_column)]
+Sheet = Annotated[str | int, BeforeValidator(_is_sheet)]
+Variables = Annotated[str | tuple[str, ...], BeforeValidator(_are_variables)]
 Paths = Annotated[str | tuple[str, ...], BeforeValidator(_is_path)]
 Constant = Annotated[str | int | float, BeforeValidator(_is_constant)]
+Source = Annotated[Annotated[RawColumn, Tag("name")] | Annotated[RawValue, Tag("value")], Discriminator(_kind)]
 
 
 class FileMapping(Section):
@@ -139,7 +160,10 @@ class FileMapping(Section):
     comment: RawText | None = Field(None, description="lines that begin with it are passed over")
     skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
     keep_lines: Pattern | None = Field(None, description="expression of the lines to read")
-    columns: dict[Name, RawColumn] = Field(default_factory=dict, description="column = raw name, or position from 1")
+    columns: dict[Name, Source] = Field(
+        default_factory=dict,
+        description="column = raw name, or position from 1, or a table with its name and what its numbers stand for",
+    )
     units: dict[Name, RawText] = Field(default_factory=dict, description="column = unit it is given in")
     unit: RawText | None = Field(None, description="unit of all coordinates")
     constants: dict[Name, Constant] = Field(default_factory=dict, description="column = its value")
@@ -161,6 +185,26 @@ class FileMapping(Section):
         default_factory=dict, description="column = expressions for whole values, and what they become"
     )
     offset: dict[Name, Whole] = Field(default_factory=dict, description="column = whole number to add")
+    coverage: Positive | None = Field(
+        None, description="coverage factor k of all uncertainties: sigma_... columns hold U = k sigma; absent: 1"
+    )
+    rows_per_pose: int | None = Field(
+        None,
+        ge=2,
+        description="so many rows of the file make a pose: of `points` they share its number; of tables with one row "
+        "per pose (poses, configurations) they stand side by side, columns by position from 1 on",
+    )
+    rows_per_group: dict[Name, Annotated[Whole, Field(ge=1)]] = Field(
+        default_factory=dict,
+        description="column = so many rows share its number; other columns of number_rows count anew in each group",
+    )
+    sheet: Sheet | None = Field(
+        None, description="xlsx: name of the sheet, or its number from 1; absent: the only visible one"
+    )
+    variable: Variables | None = Field(
+        None, description="mat: variable, or several side by side; fields of structs as a.b"
+    )
+    transpose: bool = Field(False, description="mat: rows of the file are columns of the table")
     select: dict[Name, Pattern] = Field(
         default_factory=dict, description="column = expression for the whole value of the rows to read"
     )
@@ -185,10 +229,36 @@ class FileMapping(Section):
         return self
 
     @model_validator(mode="after")
+    def _said_once(self) -> FileMapping:
+        for name, source in self.columns.items():
+            if isinstance(source, RawValue) and source.coverage is not None and not is_uncertainty(name):
+                raise ValueError(f"coverage for sigma_... columns alone: {name} is no uncertainty")
+            if isinstance(source, RawValue) and source.unit is not None and name in self.units:
+                raise ValueError(f"the unit of {name} once: in columns, or in units")
+        if self.rows_per_pose is not None and "pose" in self.rows_per_group:
+            raise ValueError("rows_per_pose, or pose in rows_per_group, not both")
+        return self
+
+    @model_validator(mode="after")
     def _marks_differ(self) -> FileMapping:
         if self.separator is not None and self.separator == self.quote:
             raise ValueError("a separator other than quote")
         return self
+
+    def reference(self, name: str) -> str | int:
+        """The raw name or position that a column is read from; its own name where nothing else is said."""
+        source = self.columns.get(name, name)
+        if isinstance(source, RawValue):
+            return name if source.name is None else source.name
+        return source
+
+    def value(self, name: str) -> RawValue:
+        """What the numbers of a column stand for."""
+        source = self.columns.get(name)
+        given = source if isinstance(source, RawValue) else RawValue()
+        if self.coverage is not None and given.coverage is None and is_uncertainty(name):
+            return given.model_copy(update={"coverage": self.coverage})
+        return given
 
     @property
     def paths(self) -> tuple[str, ...]:

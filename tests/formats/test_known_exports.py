@@ -115,7 +115,7 @@ def test_phase_and_radius_are_quadrature_signals(tmp_path):
     assert guess.mapping["columns"] == {"phase_deg": "Phase (deg)", "radius": "Radius"}
 
 
-def test_a_workbook_is_to_be_saved_as_csv(tmp_path):
+def test_an_old_workbook_is_to_be_saved_as_xlsx(tmp_path):
     (tmp_path / "a.xls").write_bytes(b"\xd0\xcf\x11\xe0" + bytes(200))
     (fault,) = read(tmp_path, entries={"path": "a.xls"}).faults
-    assert (fault.value, fault.expected) == ("a workbook", "a sheet that was saved as CSV (UTF-8)")
+    assert (fault.value, fault.expected) == ("a workbook", "text, or a workbook that is saved as .xlsx")

@@ -32,7 +32,7 @@ _MAGIC: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.o
 _ZIP = (b"PK\x03\x04", b"PK\x05\x06")  # the second: an archive without members
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _OF_WORKBOOKS = {"[Content_Types].xml", "content.xml"}  # of Excel, and of OpenDocument
-_AS_CSV = "a sheet that was saved as CSV (UTF-8)"
+_AS_CSV = "text, or a workbook that is saved as .xlsx"
 # Measured numbers shrink to a half or a tenth, logs that stand still to a hundredth.
 LARGEST_RATIO = 250
 FREE = 64 << 20  # bytes that any file may unpack to

@@ -28,6 +28,7 @@ from truing.formats.faultlog import CellFaults, Records
 from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread
 from truing.formats.numbers import Notation
 from truing.formats.raw import RawBatch
+from truing.formats.raw_values import as_meant
 from truing.formats.reshaping import spread_arrays, widen
 from truing.formats.shapes import COORDINATES
 
@@ -154,7 +155,7 @@ class _Work:
         if isinstance(origin, Constant):
             return constant(str(origin.value), self.batch.rows)
         if isinstance(origin, RowNumber):
-            return as_dictionary(strings((self.batch.records + origin.first).tolist()))
+            return as_dictionary(strings(origin.of(self.batch.records).tolist()))
         if isinstance(origin, Joined):
             return self._joined(origin)
         if isinstance(origin, Group):
@@ -212,7 +213,7 @@ class _Work:
 
         origin, shift = self.plan.origin(name), self.plan.entry.offset.get(name, 0)
         if isinstance(origin, RowNumber) and not self.plan.poses_as_text and name not in self.plan.entry.rename:
-            return pa.array(self.batch.records + origin.first + shift)
+            return pa.array(origin.of(self.batch.records) + shift)
         raw = self._raw(name) if isinstance(origin, RawColumn) else None
         if raw is not None and pa.types.is_int64(raw.type) and name not in self.plan.entry.rename:
             return raw if not shift else pa.array(np.asarray(raw) + shift)
@@ -239,7 +240,7 @@ class _Work:
         import pyarrow as pa
         import pyarrow.compute as pc
 
-        values = self._numbers(name, column)
+        values = as_meant(self._numbers(name, column), self.plan.entry.value(name))
         factor, offset = self.plan.scale(name)
         shift = self.plan.entry.offset.get(name, 0)
         if (factor, offset, shift) != (1.0, 0.0, 0):
@@ -270,7 +271,7 @@ class _Work:
 
         origin = self.plan.origin(name)
         if isinstance(origin, RowNumber):
-            return pa.array((self.batch.records + origin.first).astype(float))
+            return pa.array(origin.of(self.batch.records).astype(float))
         raw = self._raw(name)
         if pa.types.is_float64(raw.type) and not raw.null_count and not self._markers:
             return raw

@@ -11,11 +11,14 @@ from functools import cached_property
 
 from schemas.column import Column
 from schemas.mapping import FileMapping
+from truing.formats.faultlog import Records
+from truing.formats.mapping_checks import Misfit, told_otherwise
 from truing.formats.numbers import is_plain_number
 from truing.formats.raw import Kind
 from truing.formats.shapes import COORDINATES, Shape
 from truing.formats.units import UnknownUnit, conversion
 
+_ROW_PER_POSE = ("poses", "configurations")
 _TOLD = {"pose", "body", "target", "run", "step", "channel"}  # often said by a file's name, or by the order of its rows
 
 
@@ -44,9 +47,17 @@ class Group:
 
 @dataclass(frozen=True)
 class RowNumber:
-    """The number of the record in its file."""
+    """The number of the record in its file; so many share it, or it counts anew after so many."""
 
     first: int
+    rows_per_number: int = 1
+    rows_per_count: int | None = None
+
+    def of(self, records: Records) -> Records:
+        """The number of each record (N,), which count from 0."""
+        if self.rows_per_count is not None:
+            records = records % self.rows_per_count
+        return records // self.rows_per_number + self.first
 
 
 @dataclass(frozen=True)
@@ -73,15 +84,6 @@ class WideGroup:
 
     labels: dict[str, str]
     positions: tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """A mapping that does not fit its file: what was expected, and of which column."""
-
-    expected: str
-    column: str | None = None
-    value: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,18 @@ class Plan:
             self.misfits.append(Misfit(f"a name that matches {pattern}", value=name))
             return dict.fromkeys(re.compile(pattern).groupindex, "")
         return {group: text or "" for group, text in match.groupdict().items()}
+
+    @cached_property
+    def numbered(self) -> dict[str, RowNumber]:
+        """Columns that count the rows of a file, or groups of them."""
+        entry = self.entry
+        per = dict(entry.rows_per_group)
+        if entry.rows_per_pose is not None and "pose" not in entry.columns:
+            per["pose"] = 1 if is_side_by_side(entry, self.shape.name) else entry.rows_per_pose
+        smallest = min(per.values(), default=1)
+        anew = smallest if smallest > 1 else None
+        found = {name: RowNumber(first, 1, anew) for name, first in entry.number_rows.items() if name not in per}
+        return found | {name: RowNumber(entry.number_rows.get(name, 1), count) for name, count in per.items()}
 
     @cached_property
     def groups(self) -> dict[str, Group]:
@@ -152,20 +166,20 @@ class Plan:
             return Constant(self.from_name[name])
         if name in self.groups and within != name:
             return self.groups[name]
-        if name in entry.number_rows:
-            return RowNumber(entry.number_rows[name])
+        if name in self.numbered:
+            return self.numbered[name]
         if name in entry.join:
             return Joined(entry.join[name], template_fields(entry.join[name]))
         if name in self.spread:
             return Spread(name)
-        reference = entry.columns.get(name, name)
+        reference = entry.reference(name)
         if isinstance(reference, str) and reference != name and self._is_made(reference):
             return self.origin(reference)
         return self._raw(reference)
 
     def _is_made(self, name: str) -> bool:
         entry = self.entry
-        made = (entry.constants, self.from_name, self.groups, entry.number_rows, entry.join, self.spread)
+        made = (entry.constants, self.from_name, self.groups, self.numbered, entry.join, self.spread)
         return any(name in names for names in made)
 
     def _raw(self, reference: str | int) -> RawColumn | None:
@@ -186,7 +200,7 @@ class Plan:
     @cached_property
     def _nameable(self) -> tuple[str, ...]:
         entry = self.entry
-        made = (*entry.columns, *entry.constants, *self.from_name, *self.groups, *entry.number_rows, *entry.join)
+        made = (*entry.columns, *entry.constants, *self.from_name, *self.groups, *self.numbered, *entry.join)
         return tuple(dict.fromkeys((*made, *self.all_names)))
 
     @cached_property
@@ -194,7 +208,7 @@ class Plan:
         """Covariates that the mapping does not name: they are carried along where they are numbers."""
         entry = self.entry
         arrays = [name for names in entry.arrays.values() for name in names]
-        asked = {*entry.columns, *entry.constants, *self.from_name, *self.groups, *entry.number_rows, *entry.join}
+        asked = {*entry.columns, *entry.constants, *self.from_name, *self.groups, *self.numbered, *entry.join}
         carried = set(self.columns) - set(self.shape.known(self._nameable))
         return frozenset(carried - asked - set(arrays))
 
@@ -287,6 +301,7 @@ class Plan:
         if not self.shape.partial:
             misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
             misfits += self._unit_of_nothing()
+            misfits += told_otherwise(self)
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
         if self.entry.wide is not None and not self.wide:
@@ -297,7 +312,7 @@ class Plan:
     def _named_twice(self) -> Iterator[Misfit]:
         """Columns of the table whose raw name stands in the header more than once; a position tells them apart."""
         for name in self.columns:
-            reference = self.entry.columns.get(name, name)
+            reference = self.entry.reference(name)
             if name in self.unasked or not isinstance(reference, str) or not isinstance(self.origin(name), RawColumn):
                 continue
             if (count := self.names.count(reference)) > 1:
@@ -311,7 +326,7 @@ class Plan:
         return [Misfit("units of single columns, units = { ... }; unit is that of points", value=self.entry.unit)]
 
     def _not_there(self, name: str) -> Misfit:
-        reference = self.entry.columns.get(name, name)
+        reference = self.entry.reference(name)
         if isinstance(reference, int):
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
         known = [other for other in self.all_names if other]
@@ -346,9 +361,14 @@ class Plan:
 
     def _unit_of(self, name: str) -> str | None:
         column = self.columns[name]
-        if name in self.entry.units:
-            return self.entry.units[name]
+        own = self.entry.units.get(name, self.entry.value(name).unit)
+        if own is not None:
+            return own
         return self.entry.unit if column.unit == "mm" and self.shape.has_coordinates else None
+
+    def is_given_unit(self, name: str) -> bool:
+        """Whether the mapping says in which unit a column is given, or how its numbers are to be scaled."""
+        return self._unit_of(name) is not None or not self.entry.value(name).is_plain
 
     def scale(self, name: str) -> tuple[float, float]:
         """Factor and offset from the raw numbers of a column to its own unit; raises UnknownUnit."""
@@ -361,6 +381,11 @@ class Plan:
         if isinstance(origin, RawColumn):
             return self.all_names[origin.position] or str(origin.position + 1)
         return name
+
+
+def is_side_by_side(entry: FileMapping, table: str) -> bool:
+    """Whether several rows of a file stand side by side as one of a table that has one row per pose."""
+    return entry.rows_per_pose is not None and table in _ROW_PER_POSE
 
 
 def _made_of(origin: Origin | None) -> tuple[str, ...]:

@@ -64,6 +64,9 @@ _BY_SUFFIX = {
     ".scale": "scale",
     ".gsi": "gsi",
     ".xml": "metashape xml",
+    ".xlsx": "xlsx",
+    ".xlsm": "xlsx",
+    ".mat": "mat",
 }
 _OF_MODELS = ("cameras.bin", "images.bin", "points3d.bin")
 

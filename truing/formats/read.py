@@ -14,10 +14,11 @@ from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog
-from truing.formats.mapping import Plan
+from truing.formats.mapping import Plan, is_side_by_side
 from truing.formats.photogrammetry import OF_PHOTOGRAPHS, read_of_photographs
 from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.formats.row_groups import RowCount
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
@@ -40,13 +41,17 @@ class FileRows:
     raw: RawFile
     entry: FileMapping
     format: str
+    rows_per_record: int = 1
 
     def locate(self, records: Sequence[int]) -> list[int]:
         """The lines of a text file, or the rows from 1 of a binary table, in which records (ascending) begin.
 
         Fewer than were asked for where the file is no longer what was read.
         """
+        records = [record * self.rows_per_record for record in records]
         try:
+            if self.format == "xlsx":
+                return self._rows_of_sheet(records)
             return self._lines_of(records) if self._is_text() else [record + 1 for record in records]
         except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, Unusable, OSError):
             return []
@@ -68,6 +73,12 @@ class FileRows:
         lines = Lines.of(entry, separator_of(entry, skip_lines(first, entry.skip_lines)))
         with open_plain(self.raw.path) as stream:
             return line_numbers(stream, entry, lines, entry.header is not False, records)
+
+    def _rows_of_sheet(self, records: Sequence[int]) -> list[int]:
+        from truing.formats.workbook import rows_of_records
+
+        with plain_path(self.raw) as path:
+            return rows_of_records(path, self.entry, records)
 
     def _delimited(self) -> FileMapping:
         if self.format in CLOUDS:
@@ -122,7 +133,9 @@ def _read_file(
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     file_format = format_of(raw, entry)
     completed, preset = with_preset(entry, file_format, shape.name)
-    rows = FileRows(raw, completed, file_format)
+    side_by_side = (completed.rows_per_pose or 1) if is_side_by_side(completed, shape.name) else 1
+    rows = FileRows(_with_sheet(raw, completed, file_format), completed, file_format, side_by_side)
+    file_name, raw = raw.name, rows.raw
     plans: list[Plan] = []
 
     def wanted(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
@@ -132,7 +145,7 @@ def _read_file(
         settled = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
         if file_format == "trc":
             settled = rows._delimited()
-        plan = Plan(settled, shape, raw.name, names, preset, poses_as_text)
+        plan = Plan(settled, shape, file_name, names, preset, poses_as_text)
         misfits = plan.check()
         for misfit in misfits:
             log.add(Fault(raw.name, misfit.expected, column=misfit.column, value=misfit.value))
@@ -140,7 +153,8 @@ def _read_file(
         return None if misfits else plan.kinds
 
     try:
-        for batch in _raw_batches(rows, wanted, shape.name, estimate):
+        counted = RowCount(completed, side_by_side)
+        for batch in counted.through(_raw_batches(rows, counted.wanted(wanted), shape.name, estimate)):
             found = evaluate(plans[0], batch)
             for faults in found.faults:
                 log.cells(raw.name, faults, rows.locate)
@@ -149,6 +163,19 @@ def _read_file(
         log.add(Fault(raw.name, error.expected, error.row, error.column, error.value))
     except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, OSError) as error:
         log.add(_damage(raw.name, error, completed))
+
+
+def _with_sheet(raw: RawFile, entry: FileMapping, file_format: str) -> RawFile:
+    """The file under a name that says which sheet of it is read, where it has sheets."""
+    if file_format != "xlsx":
+        return raw
+    from truing.formats.workbook import sheet_name
+
+    try:
+        with plain_path(raw) as path:
+            return RawFile(f"{raw.name}, sheet {sheet_name(path, entry)}", raw.path)
+    except (Unusable, *DAMAGED, OSError):
+        return raw  # said when it is read
 
 
 def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate | None) -> Iterator[RawBatch]:
@@ -161,6 +188,14 @@ def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate 
             from truing.formats.parquet import read_parquet
 
             yield from read_parquet(path, wanted)
+        elif rows.format == "xlsx":
+            from truing.formats.workbook import read_workbook
+
+            yield from read_workbook(path, wanted, rows.entry)
+        elif rows.format == "mat":
+            from truing.formats.matlab import read_matlab
+
+            yield from read_matlab(path, wanted, rows.entry)
         elif rows.format == "c3d":
             from truing.formats.motion_capture import read_c3d
 

@@ -1,0 +1,110 @@
+"""What the numbers of a raw column stand for: arithmetic with units, coverage factors, rows that belong together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from schemas.campaign import read_campaign
+from schemas.faults import CampaignFaults
+from tests.formats.reading import read, written
+from tests.tolerance import assert_close
+
+POINT = {"path": "a.csv", "constants": {"pose": 1, "body": "b"}}
+
+
+def test_a_column_is_scaled_shifted_and_wrapped_before_its_unit(tmp_path):
+    written(tmp_path, "a.csv", "pose,A\n1,100\n2,-300\n3,90\n")
+    rule = {"name": "A", "unit": "deg", "scale": -1, "offset": 90, "modulo": 360, "lowest": -180}
+    found = read(tmp_path, "configurations", {"path": "a.csv", "columns": {"turn_rad": rule}})
+    assert found.faults == ()
+    assert_close(np.degrees(found.columns["turn_rad"]), [-10.0, 30.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("rule", [{"scale": 0}, {"lowest": 1.0}, {"modulo": -1.0}, {"factor": 2.0}])
+def test_arithmetic_without_sense_is_refused(rule):
+    files = {"points": {"path": "a.csv", "columns": {"x_mm": {"name": "A", **rule}}}}
+    with pytest.raises(CampaignFaults):
+        read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "files": files})
+
+
+def test_values_that_mean_missing_are_those_of_the_file(tmp_path):
+    written(tmp_path, "a.csv", "target,x_mm,y_mm,z_mm\nP,1,2,3\nQ,-999,2,3\n")
+    rule = {"scale": 2.0, "offset": 1.0}
+    found = read(tmp_path, entries={**POINT, "columns": {"x_mm": rule}, "missing": ["-999"]})
+    assert found.faults == ()
+    assert found.columns["x_mm"] == [3.0]
+
+
+UNCERTAIN = ("UX", "U95", "U(95)", "u(x)", "2σ", "3 sigma", "MPE", "U_x [mm]", "dx (k=2)")
+
+
+@pytest.mark.parametrize("raw", UNCERTAIN)
+def test_an_expanded_uncertainty_is_no_standard_deviation(tmp_path, raw):
+    written(tmp_path, "a.csv", f"target,x_mm,y_mm,z_mm,{raw}\nP,1,2,3,0.02\n")
+    entry = {**POINT, "columns": {"sigma_x_mm": raw}}
+    faults = read(tmp_path, entries=entry).faults
+    if raw == "u(x)":  # a small u is a standard uncertainty
+        assert faults == ()
+        return
+    (fault,) = faults
+    assert fault.column == "sigma_x_mm"
+    assert "coverage" in fault.expected
+    found = read(tmp_path, entries={**entry, "coverage": 2})
+    assert found.faults == ()
+    assert_close(found.columns["sigma_x_mm"], [0.01], atol=1e-15)
+
+
+@pytest.mark.parametrize("raw", ["std", "SD", "rms", "sigma_x", "1σ", "sx", "Unsicherheit"])
+def test_a_standard_deviation_is_taken_as_it_is(tmp_path, raw):
+    written(tmp_path, "a.csv", f"target,x_mm,y_mm,z_mm,{raw}\nP,1,2,3,0.02\n")
+    found = read(tmp_path, entries={**POINT, "columns": {"sigma_x_mm": raw}})
+    assert found.faults == ()
+    assert found.columns["sigma_x_mm"] == [0.02]
+
+
+def test_a_coverage_factor_of_one_column_wins(tmp_path):
+    written(tmp_path, "a.csv", "target,x_mm,y_mm,z_mm,A,B\nP,1,2,3,0.06,0.02\n")
+    columns = {"sigma_x_mm": {"name": "A", "coverage": 3}, "sigma_y_mm": "B"}
+    found = read(tmp_path, entries={**POINT, "columns": columns, "coverage": 2})
+    assert_close([found.columns["sigma_x_mm"], found.columns["sigma_y_mm"]], [[0.02], [0.01]], atol=1e-15)
+
+
+def test_a_unit_in_the_heading_is_not_passed_over(tmp_path):
+    written(tmp_path, "a.csv", "target,X [m],Y [m],Z [m]\nP,1,2,3\n")
+    entry = {**POINT, "columns": {f"{a}_mm": f"{a.upper()} [m]" for a in "xyz"}}
+    faults = read(tmp_path, entries=entry).faults
+    assert [fault.column for fault in faults] == ["x_mm", "y_mm", "z_mm"]
+    assert 'units = { x_mm = "m" }' in faults[0].expected
+    assert read(tmp_path, entries={**entry, "unit": "m"}).columns["x_mm"] == [1000.0]
+    assert read(tmp_path, entries={**entry, "unit": "mm"}).columns["x_mm"] == [1.0]  # who says so, is believed
+
+
+def test_rows_of_a_pose_share_its_number(tmp_path):
+    written(tmp_path, "a.csv", "x_mm,y_mm,z_mm\n" + "".join(f"{n},0,0\n" for n in range(6)))
+    entry = {"path": "a.csv", "constants": {"body": "b"}, "rows_per_pose": 3, "number_rows": {"target": 1}}
+    found = read(tmp_path, entries=entry)
+    assert found.faults == ()
+    assert found.columns["pose"] == [1, 1, 1, 2, 2, 2]
+    assert found.columns["target"] == ["1", "2", "3"] * 2
+    written(tmp_path, "a.csv", "x_mm,y_mm,z_mm\n" + "".join(f"{n},0,0\n" for n in range(7)))
+    (fault,) = read(tmp_path, entries=entry).faults
+    assert fault.value == "7 rows"
+
+
+def test_rows_of_a_group_share_any_number(tmp_path):
+    written(tmp_path, "a.csv", "time_s,reading\n" + "".join(f"{n},{n}\n" for n in range(6)))
+    entry = {"path": "a.csv", "rows_per_group": {"run": 3}, "number_rows": {"step": 0, "run": 5}}
+    found = read(tmp_path, "interferometer", {**entry, "constants": {"channel": "dz"}})
+    assert found.faults == ()
+    assert found.columns["run"] == [5, 5, 5, 6, 6, 6]
+    assert found.columns["step"] == [0, 1, 2, 0, 1, 2]
+
+
+def test_rows_of_a_configuration_stand_side_by_side(tmp_path):
+    written(tmp_path, "a.txt", "".join(f"{n} {10 * n}\n" for n in range(6)))
+    entry = {"path": "a.txt", "header": False, "rows_per_pose": 3, "columns": {"first": 1, "last": 6}}
+    found = read(tmp_path, "configurations", entry)
+    assert found.faults == ()
+    assert found.columns["pose"] == [1, 2]
+    assert (found.columns["first"], found.columns["last"]) == ([0.0, 3.0], [20.0, 50.0])

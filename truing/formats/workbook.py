@@ -1,0 +1,310 @@
+"""Sheets of Excel workbooks (.xlsx, .xlsm), row by row; formulas are not computed and nothing in them is run."""
+
+from __future__ import annotations
+
+import re
+import warnings
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.mapping import FileMapping
+from truing.formats.compression import FREE, LARGEST_RATIO
+from truing.formats.dictionaries import as_dictionary, strings
+from truing.formats.faultlog import CellFaults
+from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from openpyxl.workbook import Workbook
+
+Cell = str | int | float | bool | datetime | date | time | timedelta | None
+Row = list[Cell]
+
+_ROWS = 1 << 14  # of a batch
+_MOST_ROWS, _MOST_COLUMNS = 1_048_576, 16_384  # of a sheet, by its format
+_MOST_MERGED = 200_000
+_CHUNK = 1 << 20
+_FORMULA = re.compile(rb"<f[ />]")
+_MERGED = re.compile(rb'<mergeCell ref="([A-Z]{1,3})(\d{1,7}):([A-Z]{1,3})(\d{1,7})"')
+_UNCOMPUTED = (
+    "a value: the workbook holds a formula without its result; open it in a spreadsheet program and save it there"
+)
+
+
+@dataclass(frozen=True)
+class _Record:
+    """One row of a sheet that holds anything: its number from 1, its cells, and columns whose formula has no result."""
+
+    row: int
+    cells: Row
+    uncomputed: tuple[int, ...] = ()
+
+
+def read_workbook(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatch]:
+    """The records below the header of a sheet; raises Unusable where the workbook or sheet cannot be read."""
+    with _opened(path) as book:
+        records = _records(path, book, sheet_of(book, entry), entry)
+        first = next(records, None)
+        if first is None:
+            raise Unusable("a sheet that holds anything")
+        names = _names(first.cells, entry)
+        kinds = wanted(names, None)
+        if kinds is None:
+            return
+        done = 0
+        pending = [] if entry.header is not False else [first]
+        for record in records:
+            if len(pending) == _ROWS:
+                yield _batch(pending, kinds, names, done, entry.decimal)
+                done, pending = done + len(pending), []
+            pending.append(record)
+        if not done and not pending:
+            raise Unusable("at least one row below the header")
+        yield _batch(pending, kinds, names, done, entry.decimal)
+
+
+def sheet_name(path: Path, entry: FileMapping) -> str:
+    """The name of the sheet that a mapping reads; raises Unusable where it names none."""
+    with _opened(path) as book:
+        return sheet_of(book, entry)
+
+
+def rows_of_records(path: Path, entry: FileMapping, records: Sequence[int]) -> list[int]:
+    """The rows of the sheet, from 1, in which records (from 0, ascending) stand; the sheet is read again for that."""
+    wanted, found = set(records), []
+    with _opened(path) as book:
+        rows = _records(path, book, sheet_of(book, entry), entry)
+        if entry.header is not False:
+            next(rows, None)
+        for number, record in enumerate(rows):
+            if number in wanted:
+                found.append(record.row)
+            if len(found) == len(wanted):
+                break
+    return found
+
+
+def first_rows(path: Path, count: int) -> dict[str, list[Row]]:
+    """The first rows that hold anything, of every visible sheet that has some, as a look at the workbook."""
+    found: dict[str, list[Row]] = {}
+    with _opened(path) as book:
+        for name in _visible(book):
+            rows: list[Row] = []
+            for record in _records(path, book, name, FileMapping(path=path.name)):
+                rows.append(record.cells)
+                if len(rows) == count:
+                    break
+            if rows:
+                found[name] = rows
+    return found
+
+
+def sheet_of(book: Workbook, entry: FileMapping) -> str:
+    """The sheet that ``sheet`` names or counts from 1; without it the only visible one that holds anything."""
+    names = [sheet.title for sheet in book.worksheets]
+    if isinstance(entry.sheet, int):
+        if not 1 <= entry.sheet <= len(names):
+            raise Unusable(f"a sheet from 1 to {len(names)}: {_listed(names)}", column="sheet", value=str(entry.sheet))
+        return names[entry.sheet - 1]
+    if entry.sheet is not None:
+        if entry.sheet not in names:
+            raise Unusable(f"one of its sheets: {_listed(names)}", column="sheet", value=entry.sheet)
+        return entry.sheet
+    held = [name for name in _visible(book) if _holds_anything(book, name)]
+    if not held:
+        raise Unusable("a visible sheet that holds anything", value=_listed(names))
+    if len(held) > 1:
+        raise Unusable(f"which sheet to read, as {len(held)} hold something: sheet = {held[0]!r}", value=_listed(held))
+    return held[0]
+
+
+def _visible(book: Workbook) -> list[str]:
+    return [sheet.title for sheet in book.worksheets if sheet.sheet_state == "visible"]
+
+
+def _holds_anything(book: Workbook, name: str) -> bool:
+    sheet = book[name]
+    sheet.reset_dimensions()
+    return any(cell is not None for row in sheet.iter_rows(max_row=_MOST_ROWS, values_only=True) for cell in row)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:12])
+
+
+@contextmanager
+def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
+    """The workbook, read as a stream; raises Unusable for whatever is no whole one, or unpacks out of proportion."""
+    import openpyxl
+
+    _check_size(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of charts, styles and such, which are not read
+            book = openpyxl.load_workbook(path, read_only=True, data_only=not formulas, keep_links=False)
+        try:
+            yield book
+        finally:
+            book.close()
+    except (Unusable, OSError, GeneratorExit):
+        raise
+    except Exception as error:  # the library lets whatever a damaged part causes through
+        raise Unusable("a whole Excel workbook (.xlsx)", value=(str(error).splitlines() or [""])[0][:80]) from None
+
+
+def _check_size(path: Path) -> None:
+    """What an archive unpacks to is said in it, and no more than that is ever read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(part.file_size for part in archive.infolist())
+            names = archive.namelist()
+    except (zipfile.BadZipFile, NotImplementedError, ValueError):
+        raise Unusable("a whole Excel workbook (.xlsx); an old one (.xls) has to be saved as .xlsx") from None
+    if unpacked > max(FREE, LARGEST_RATIO * path.stat().st_size):
+        raise Unusable(f"content of at most {LARGEST_RATIO} times the file's size; this one is made to explode")
+    if "xl/workbook.xml" not in names:
+        raise Unusable("an Excel workbook (.xlsx); other spreadsheets have to be saved as such, or as CSV")
+
+
+def _records(path: Path, book: Workbook, name: str, entry: FileMapping) -> Iterator[_Record]:
+    """The rows of a sheet that hold anything, from ``skip_lines`` on; merged cells below each other are filled."""
+    has_formulas, merged = _look(path, book, name)
+    if not has_formulas:
+        rows = ((row, cells, ()) for row, cells in _rows(book, name))
+        yield from _filled(rows, merged, entry.skip_lines)
+        return
+    with _opened(path, formulas=True) as other:
+        yield from _filled(_with_formulas(_rows(book, name), _rows(other, name)), merged, entry.skip_lines)
+
+
+def _rows(book: Workbook, name: str) -> Iterator[tuple[int, Row]]:
+    sheet = book[name]
+    sheet.reset_dimensions()  # what a file claims of its size need not be true
+    for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
+        if number > _MOST_ROWS or len(cells) > _MOST_COLUMNS:
+            raise Unusable(f"at most {_MOST_ROWS} rows and {_MOST_COLUMNS} columns", row=number)
+        yield number, list(cells)
+
+
+def _with_formulas(
+    values: Iterator[tuple[int, Row]], formulas: Iterator[tuple[int, Row]]
+) -> Iterator[tuple[int, Row, tuple[int, ...]]]:
+    for (row, cells), (_, texts) in zip(values, formulas, strict=False):
+        without = tuple(
+            place
+            for place, (cell, text) in enumerate(zip(cells, texts, strict=False))
+            if cell is None and text is not None
+        )
+        yield row, cells, without
+
+
+def _filled(
+    rows: Iterator[tuple[int, Row, tuple[int, ...]]], merged: dict[int, list[tuple[int, int]]], skip: int
+) -> Iterator[_Record]:
+    held: dict[int, tuple[int, Cell]] = {}  # column: last row of its block, and what stands in all of it
+    for row, cells, uncomputed in rows:
+        for column, (last, value) in list(held.items()):
+            if row > last:
+                del held[column]
+            elif column < len(cells) and cells[column] is None:
+                cells[column] = value
+            elif column >= len(cells):
+                cells += [None] * (column - len(cells)) + [value]
+        for column, last in merged.get(row, ()):
+            if column < len(cells):
+                held[column] = last, cells[column]
+        if row > skip and (uncomputed or any(cell is not None and cell != "" for cell in cells)):
+            yield _Record(row, cells, uncomputed)
+
+
+def _look(path: Path, book: Workbook, name: str) -> tuple[bool, dict[int, list[tuple[int, int]]]]:
+    """Whether a sheet holds formulas, and its cells merged downwards: by first row, the column and the last row."""
+    from openpyxl.utils import column_index_from_string
+
+    has_formulas, rest, count = False, b"", 0
+    merged: dict[int, list[tuple[int, int]]] = {}
+    part = str(book[name]._worksheet_path).lstrip("/")
+    with zipfile.ZipFile(path) as archive, archive.open(part) as stream:
+        while chunk := stream.read(_CHUNK):
+            text = rest + chunk
+            has_formulas = has_formulas or _FORMULA.search(text) is not None
+            for match in _MERGED.finditer(text):
+                left, top, right, bottom = (group.decode() for group in match.groups())
+                count += 1
+                if left == right and count <= _MOST_MERGED:
+                    block = column_index_from_string(left) - 1, int(bottom)
+                    merged.setdefault(int(top), []).append(block)
+            cut = text.rfind(b"<")
+            rest = text[cut:] if cut >= 0 and len(text) - cut < 100 else b""
+    return has_formulas, merged
+
+
+def _names(heading: Row, entry: FileMapping) -> tuple[str, ...]:
+    while heading and heading[-1] is None:
+        heading = heading[:-1]
+    if entry.header is not False:
+        return tuple(" ".join(_text(cell).split()) for cell in heading)
+    positions = [str(position + 1) for position in range(len(heading))]
+    return (*entry.names[: len(heading)], *positions[len(entry.names) :])
+
+
+def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, ...], done: int, mark: str) -> RawBatch:
+    """Records from number ``done`` on; mark: the decimal mark that texts of the sheet are read with."""
+    numbers = np.arange(done, done + len(records), dtype=np.int64)
+    columns = {place: _column([_cell(r.cells, place) for r in records], kind, mark) for place, kind in kinds.items()}
+    faults = []
+    for place in kinds:
+        mask = np.array([place in record.uncomputed for record in records], dtype=bool)
+        if mask.any():
+            faults.append(CellFaults.where(mask, numbers, None, names[place] or str(place + 1), _UNCOMPUTED))
+    if faults:  # said already: the cells themselves are no second fault
+        whole = np.array([not set(kinds) & set(record.uncomputed) for record in records], dtype=bool)
+        import pyarrow as pa
+
+        columns = {place: column.filter(pa.array(whole)) for place, column in columns.items()}
+        numbers = numbers[whole]
+    return RawBatch(columns, numbers, tuple(faults))
+
+
+def _cell(cells: Row, place: int) -> Cell:
+    return cells[place] if place < len(cells) else None
+
+
+def _column(cells: Row, kind: Kind, mark: str) -> pa.Array:
+    """A column as it is wanted: numbers where all cells are such, else text as the sheet would show it."""
+    import pyarrow as pa
+
+    if kind == "number" and all(_is_number(cell) for cell in cells):
+        return pa.array([float(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
+    if kind == "number" and all(isinstance(cell, datetime) for cell in cells):
+        return pa.array([_seconds(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
+    if kind == "identifier" and all(_is_number(cell) and float(cell) == round(float(cell)) for cell in cells):  # type: ignore[arg-type]
+        return pa.array([int(cell) for cell in cells], pa.int64())  # type: ignore[arg-type]
+    texts = strings([_text(cell, mark) for cell in cells])
+    return texts if kind == "number" else as_dictionary(texts)
+
+
+def _is_number(cell: Cell) -> bool:
+    return isinstance(cell, int | float) and not isinstance(cell, bool) and abs(cell) < 2**63
+
+
+def _seconds(moment: datetime) -> float:
+    """Seconds since 1970 of a date, which has no zone in a workbook."""
+    return (moment - datetime(1970, 1, 1)).total_seconds()
+
+
+def _text(cell: Cell, mark: str = ".") -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, float) and cell == round(cell) and abs(cell) < 1e15:
+        return str(int(cell))
+    if isinstance(cell, datetime):
+        return cell.isoformat(sep=" ")
+    return repr(cell).replace(".", mark) if isinstance(cell, float) else str(cell).strip()
