@@ -21,6 +21,8 @@ from schemas.sections import (
     CampaignSection,
     Diagnosis,
     Loading,
+    MeasuredPoses,
+    Measurement,
     Noise,
     Overrule,
     QualityLimits,
@@ -78,6 +80,8 @@ class Campaign(Section):
     workspace: Workspace = Workspace()
     requirement: Requirement = Requirement()
     noise: Noise = Noise()
+    measurement: Measurement = Measurement()
+    poses: MeasuredPoses = MeasuredPoses()
     bodies: Bodies = Bodies()
     diagnosis: Diagnosis = Diagnosis()
     qa: QualityLimits = QualityLimits()
@@ -109,6 +113,11 @@ class Campaign(Section):
         if self.bodies.reference is None and self.mechanism.is_legged:
             return "base"
         return self.bodies.reference
+
+    @property
+    def is_frame_fixed(self) -> bool:
+        """Whether one frame of the instrument holds for the whole campaign, so that no body has to carry it along."""
+        return self.measurement.frame == "campaign"
 
 
 def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Campaign:

@@ -49,6 +49,7 @@ _UNITS = {
     "_c": "°C",
     "_per_k": "1/K",
 }
+_NAMED = {"limits": "check", "columns": "column"}
 _NANOMETRES = ("wavelength_nm",)
 _NUMBERS = {
     Positive: "number above 0",
@@ -96,7 +97,7 @@ def _within(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Ta
 
 def _bracketed(place: str, annotation: Any) -> str:
     if typing.get_origin(annotation) is dict:
-        return f"[{place}.<{'check' if place.endswith('limits') else 'table'}>]"
+        return f"[{place}.<{_NAMED.get(place.rsplit('.', 1)[-1], 'table')}>]"
     return f"[[{place}]]" if typing.get_origin(annotation) is tuple else f"[{place}]"
 
 

@@ -96,8 +96,8 @@ POSES = (
     Column(
         "method",
         "text",
-        "the estimator; model where the extended model predicts",
-        choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan", "model"),
+        "the estimator; measured where the instrument gave the pose itself; model where the extended model predicts",
+        choices=("umeyama", "haralick", "maximum_likelihood", "procrustes", "scan", "measured", "model"),
     ),
     Column("default", "flag", "whether this row feeds the following stages"),
     *(real(f"p{a}_mm", "mm", f"{a} of the body's origin in the parent frame", nullable=True) for a in "xyz"),

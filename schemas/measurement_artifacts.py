@@ -28,6 +28,12 @@ MEASUREMENT = (
         key=("body", "target"),
     ),
     parquet(
+        "measured_poses",
+        "poses as the instrument gave them, in the frame of the measurement, with their declared covariance",
+        ("pose", "body", *_PLACE, *_COVARIANCE),
+        key=("pose", "body"),
+    ),
+    parquet(
         "scans",
         "where a dense scan of a body's surface lays the body, in the frame of the measurement",
         (

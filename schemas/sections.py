@@ -104,8 +104,10 @@ class Noise(Section):
     linear_um: Positive | None = Field(None, description="interferometer, linear channels")
     angular_arcsec: Positive | None = Field(None, description="interferometer, angular channels")
     signal_mv: Positive | None = Field(None, description="signal channels")
-    displacement_mm: Positive | None = Field(None, description="six-component displacement, translation")
-    rotation_rad: Positive | None = Field(None, description="six-component displacement, rotation")
+    displacement_mm: Positive | None = Field(
+        None, description="six-component displacement and measured poses, translation"
+    )
+    rotation_rad: Positive | None = Field(None, description="six-component displacement and measured poses, rotation")
     load_n: NotNegative = Field(0.0, description="applied force")
     load_nm: NotNegative = Field(0.0, description="applied torque")
 
@@ -123,6 +125,34 @@ class Bodies(Section):
     still: tuple[Name, ...] = Field(
         (), description="bodies that should stand still before an instrument whose frame is one for the campaign"
     )
+
+
+class Measurement(Section):
+    """[measurement]: how long the frame of the instrument stays one and the same."""
+
+    frame: Literal["pose", "series", "campaign"] = Field(
+        "pose",
+        description="pose: every pose is measured in a frame of its own; series: one frame per series, today taken as "
+        "pose; campaign: the instrument stood still, and its frame is that of `base` where this body is not measured",
+    )
+
+
+class MeasuredPoses(Section):
+    """[poses]: how the table `poses` writes attitudes."""
+
+    euler: str | None = Field(
+        None,
+        pattern=r"^([XYZ]{3}|[xyz]{3})$",
+        description="order of euler_a, euler_b, euler_c: about turned axes in capitals (`XYZ`), about fixed axes in "
+        "small letters (`xyz`)",
+    )
+
+    @field_validator("euler")
+    @classmethod
+    def _turns_about_different_axes(cls, order: str | None) -> str | None:
+        if order is not None and (order[0] == order[1] or order[1] == order[2]):
+            raise ValueError("an order whose neighbouring axes differ, such as XYZ or ZXZ")
+        return order
 
 
 class Diagnosis(Section):

@@ -96,6 +96,8 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     from stages.responses.attachment_deformation import attachment_deformation
 
+    if "configurations" in tables and "observations" in tables and not tables["observations"].num_rows:
+        return not_evaluated("no points: deformation shows in targets, and poses or scans have none")
     attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
     if "configurations" not in tables or not len(attached):
         return not_evaluated("no platform target sits at an attachment (column leg of targets.csv)")

@@ -21,16 +21,19 @@ if TYPE_CHECKING:
     from stages.ingestion.adjusted_points import AdjustedPoints
     from stages.ingestion.later_surveys import LaterSurveys
     from stages.ingestion.point_sizes import Geometry
-    from stages.ingestion.points import Points
+    from stages.ingestion.points import Expected, Points
+    from stages.ingestion.pose_table import MeasuredPoses
     from stages.ingestion.tables import SmallTable
     from stages.rigid_poses.dense_scans import DenseScans
     from truing.formats.faultlog import FaultLog
+
+    _Small = SmallTable | LaterSurveys | DenseScans | MeasuredPoses
 
 DECLARATION = Stage(
     name="ingest",
     reads=("object_points?", "point_correlations?", "scale_bars?"),
     leaves=(
-        *("survey?", "configurations?", "scans?", "observations?", "start?"),
+        *("survey?", "configurations?", "scans?", "measured_poses?", "observations?", "start?"),
         *(
             "readings?",
             "signals?",
@@ -59,6 +62,8 @@ DECLARATION = Stage(
         "noise.angular_arcsec",
         "noise.displacement_mm",
         "noise.rotation_rad",
+        "measurement.frame",
+        "poses.euler",
         "bodies.reference",
         "photographs.boards",
         "renamed",
@@ -126,6 +131,7 @@ def _photogrammetry(
     from stages.ingestion.estimated_covariance import EstimatedCovariance
     from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from stages.ingestion.points import Points
+    from stages.ingestion.pose_table import read_poses
     from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
     from stages.ingestion.serving_roles import check_any_fitted
     from stages.ingestion.start import read_start
@@ -141,8 +147,8 @@ def _photogrammetry(
     check_any_fitted([configurations.table], configurations.file, "pose", log)
     if adjusted is None and source.has_photographs:
         return _without_points(configurations, survey, start, log)
-    if adjusted is None and not source.entries("points") and not source.entries("scans"):
-        log.add(Fault("points.csv", "this file (or points.parquet), or [files.points] in campaign.toml"))
+    if adjusted is None and not any(source.entries(table) for table in ("points", "poses", "scans")):
+        log.add(Fault("points.csv", "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"))
         for one in passed_over(source.folder, source.folders_of_photographs, ()):
             if one.is_fault:
                 log.add(Fault(one.name, one.why))
@@ -154,18 +160,21 @@ def _photogrammetry(
     renamed = declared(settings, order, None if survey is None else survey.table, log)
     others = (renamed, relabelling_of(later, order))
     expected = replace(_expected(settings, configurations, survey), relabelled=others)
+    measured = read_poses(source, settings, expected, log)
     scans = read_scans(source, expected.poses, log, progress)
     artifacts: dict[str, Any] = {} if survey is None else {"survey": survey.table}
     artifacts |= {} if start is None else {"start": start}
     artifacts |= {} if configurations is None else {"configurations": configurations.table}
     artifacts |= {} if scans is None else {"scans": scans.table(expected.poses)}
     artifacts |= {} if later is None else {"resurveys": later.table()}
-    small = [table for table in (configurations, survey, later, scans) if table is not None]
-    if scans is not None and adjusted is None and not source.entries("points"):
-        log.throw()
+    artifacts |= {} if measured is None else {"measured_poses": measured.table}
+    small = [table for table in (configurations, survey, later, scans, measured) if table is not None]
+    if adjusted is None and not source.entries("points"):
+        _check_without_points(measured, scans, expected, log)
         artifacts["observations"] = ARTIFACTS["observations"].empty(identifier_of(expected.poses))
-        return _scans_alone(scans, artifacts, small)
-    points = Points(source, log, expected if scans is None else expected.without(scans.bodies), progress, adjusted)
+        return _without_any_points(scans, measured, artifacts, small)
+    known = {*(scans.bodies if scans else ()), *(measured.bodies if measured else ())}
+    points = Points(source, log, expected.without(known), progress, adjusted)
     observations = points.stream()
     if log:
         observations.read_all()  # the rest of the faults, which raise at its end
@@ -199,17 +208,37 @@ def _without_points(
     )
 
 
-def _scans_alone(
-    scans: DenseScans, artifacts: dict[str, Any], small: Sequence[SmallTable | LaterSurveys | DenseScans]
+def _check_without_points(
+    measured: MeasuredPoses | None, scans: DenseScans | None, expected: Expected, log: FaultLog
+) -> None:
+    from stages.ingestion.pose_table import check_bodies
+
+    if measured is not None:
+        check_bodies(measured, expected.without(set() if scans is None else scans.bodies), log)
+    log.throw()
+
+
+def _without_any_points(
+    scans: DenseScans | None, measured: MeasuredPoses | None, artifacts: dict[str, Any], small: Sequence[_Small]
 ) -> Outcome:
     left_out: Counter[tuple[str, str]] = Counter()
     for table in small:
         left_out.update(table.left_out)
     return Outcome(
         artifacts | {"exclusions": _exclusions(left_out)},
-        read=f"{scans.points:,} points of {len(scans.rows)} dense scans",
+        read="; ".join(
+            [
+                *([f"{scans.points:,} points of {len(scans.rows)} dense scans"] if scans is not None else []),
+                *([measured.read] if measured is not None else []),
+            ]
+        ),
         left_out=_left_out_words(left_out),
-        figure=scans.figure,
+        figure="; ".join(
+            [
+                *([scans.figure] if scans is not None else []),
+                *([f"poses of {', '.join(measured.bodies[:12])}, no points"] if measured is not None else []),
+            ]
+        ),
     )
 
 
@@ -217,16 +246,16 @@ def _late(say: Callable[[], str]) -> str:
     return cast(str, _Late(say))
 
 
-def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | None) -> Any:
+def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | None) -> Expected:
     from stages.ingestion.points import Expected
     from stages.ingestion.tables import legs_of
 
     legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
     return Expected(
         poses=configurations.table.column("pose").combine_chunks().unique(),
-        always=("base", "platform") if legs else (),
+        always=(("platform",) if settings.is_frame_fixed else ("base", "platform")) if legs else (),
         bodies=("base", "platform", *legs) if legs else (),
-        reference=settings.reference_body,
+        reference=settings.bodies.reference if settings.is_frame_fixed else settings.reference_body,
         point_mm=settings.noise.point_mm,
         geometry=_geometry(settings, survey),
         survey=None if survey is None else survey.table,
@@ -247,14 +276,14 @@ def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
     return Geometry(surveyed, joints if legs else {})
 
 
-def _all_left_out(points: Points, small: Sequence[SmallTable | LaterSurveys | DenseScans]) -> Counter[tuple[str, str]]:
+def _all_left_out(points: Points, small: Sequence[_Small]) -> Counter[tuple[str, str]]:
     total = Counter(points.left_out)
     for table in small:
         total.update(table.left_out)
     return total
 
 
-def _exclusions_of(points: Points, small: Sequence[SmallTable | LaterSurveys | DenseScans]) -> pa.RecordBatchReader:
+def _exclusions_of(points: Points, small: Sequence[_Small]) -> pa.RecordBatchReader:
     return _at_last("exclusions", lambda: _exclusions(_all_left_out(points, small)))
 
 

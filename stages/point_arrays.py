@@ -159,7 +159,7 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
     found[place[place >= 0]] = (columns * ([1e-3] * 3 + [1.0] * 3))[place >= 0]
     R = np.where(np.isfinite(found).all(1)[:, None, None], exp_so3(np.nan_to_num(found[:, 3:])), np.nan)
     parent = next(iter(rows.column("parent").to_pylist()), "measurement")
-    if parent == "measurement":
+    if parent not in poses_table.column("body").unique().to_pylist():  # measurement, or a base that stands for it
         return R, found[:, :3]
     above, origin = default_motions(poses_table, parent, poses)
     return above @ R, origin + (above @ found[:, :3, None])[..., 0]

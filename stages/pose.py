@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="pose",
     reads=(
-        *("observations?", "survey?", "scans?", "readings?", "given_compliance?"),
+        *("observations?", "survey?", "scans?", "measured_poses?", "readings?", "given_compliance?"),
         *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
     ),
     leaves=(
@@ -29,7 +29,7 @@ DECLARATION = Stage(
         *("displacement?", "reading_residuals?", "run_terms?", "exclusion_effects?"),
     ),
     settings=(
-        *("campaign.kind", "bodies", "mechanism.type", "exclude", "keep", "interferometer.beams"),
+        *("campaign.kind", "bodies", "measurement.frame", "mechanism.type", "exclude", "keep", "interferometer.beams"),
         *("mechanism.legs", "mechanism.height_mm", "mechanism.elements", "mechanism.tolerance"),
     ),
     summary="rigid-body poses or displacements under load, with covariance, and the residuals of every reading",
@@ -44,17 +44,19 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
-    observations, scans = (tables.get(name, ARTIFACTS[name].empty()) for name in ("observations", "scans"))
-    if not observations.num_rows and not scans.num_rows:
+    names = ("observations", "scans", "measured_poses")
+    observations, scans, measured = (tables.get(name, ARTIFACTS[name].empty()) for name in names)
+    if not observations.num_rows and not scans.num_rows and not measured.num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
     from stages.point_arrays import observation_rows, pose_ids
     from stages.rigid_poses.correlated_poses import with_correlations
+    from stages.rigid_poses.measured_poses import with_measured
     from stages.rigid_poses.point_errors import common_correlation, point_errors
     from stages.rigid_poses.scan_poses import with_scans
     from stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
 
-    poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans)]))
+    poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans), *pose_ids(measured)]))
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
     errors = point_errors(observations, *network)
     own = None
@@ -64,10 +66,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if errors is not None:
         rows = [observation_rows(observations, body.name, poses, body.points.targets) for body in fitted]
         fitted = with_correlations(fitted, rows, errors)
-    bodies = with_scans(fitted, scans, poses)
+    bodies = with_measured(with_scans(fitted, scans, poses), measured, poses)
+    frame = _frame(bodies, settings)
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
-        "poses": poses_table(bodies, settings.reference_body, identifier),
+        "poses": poses_table(bodies, settings.reference_body, identifier, frame),
         "residuals": residuals_table(bodies, identifier),
         **_exclusion_effects(alone, tables.get("survey"), settings),
     }
@@ -77,9 +80,29 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if errors is not None and errors.parameters:
         of_common = (settings.reference_body, errors.parameters, identifier)
         artifacts["pose_sensitivities"] = sensitivities_table(fitted, *of_common)
-    sources = f"{observations.num_rows} points" + (f" and {scans.num_rows} dense scans" if scans.num_rows else "")
+    counts = ((observations, "points"), (scans, "dense scans"), (measured, "measured poses"))
+    sources = " and ".join(f"{table.num_rows} {what}" for table, what in counts if table.num_rows)
     read = f"{sources} of {len(bodies)} bodies in {len(poses)} poses"
-    return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies))
+    return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies) + _frame_words(frame))
+
+
+def _frame(bodies: Sequence[BodyPoses], settings: Campaign) -> str:
+    """What the frame of the measurement is called: that of the mechanism's base where the instrument stood still and
+    nobody measured the base."""
+    from stages.rigid_poses.tables import MEASUREMENT
+
+    reference = settings.reference_body
+    is_measured = any(body.name == reference for body in bodies)
+    is_base = settings.is_frame_fixed and settings.mechanism.is_legged and not is_measured
+    return reference if is_base and reference is not None else MEASUREMENT
+
+
+def _frame_words(frame: str) -> str:
+    from stages.rigid_poses.tables import MEASUREMENT
+
+    return (
+        "" if frame == MEASUREMENT else f"; the instrument's frame is taken for that of {frame}, which was not measured"
+    )
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
@@ -154,6 +177,7 @@ def _figure(bodies: Sequence[BodyPoses]) -> str:
     words = []
     for body in bodies:
         ok = body.fit.ok
-        rms = f", rms {1e3 * np.sqrt(np.mean(body.fit.rms[ok] ** 2)):.4f} mm" if ok.any() else ""
+        known = ok & np.isfinite(body.fit.rms)
+        rms = f", rms {1e3 * np.sqrt(np.mean(body.fit.rms[known] ** 2)):.4f} mm" if known.any() else ""
         words.append(f"{body.name} {ok.sum()} of {len(ok)} poses{rms}")
     return "; ".join(words)

@@ -21,8 +21,8 @@ from truing.formats.source import CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
-POSES = (Shape("points", ("pose",), partial=True), Shape("scans", ("pose",), partial=True))
-"""Points of which only the pose is looked at."""
+POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
+"""Points, measured poses and scans of which only the pose is looked at."""
 
 
 def legs_of(settings: Any) -> tuple[Any, ...]:
@@ -178,8 +178,10 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     once(found, log, ("body", "target"))
     check_legs(found, log, len(legs_of(settings)))
     surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
-    # A body that is scanned needs no targets; whether the others are there is seen when the points are read.
-    for body in ("base", "platform") if legs_of(settings) and not source.entries("scans") else ():
+    # A body whose surface or pose is measured needs no targets; whether others are there is seen with the points.
+    scanned = source.entries("scans") or source.entries("poses")
+    needed = ("platform",) if settings.is_frame_fixed else ("base", "platform")
+    for body in needed if legs_of(settings) and not scanned else ():
         if body not in surveyed:
             log.add(Fault(found.first_file, f"targets of body {body}", column="body"))
     table = found.table

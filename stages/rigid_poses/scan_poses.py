@@ -29,7 +29,7 @@ def with_scans(bodies: Sequence[BodyPoses], scans: pa.Table, poses: tuple[int | 
         place = positions(rows.column("pose"), poses)
         rejected = np.zeros(len(poses), np.int64)
         rejected[place] = number_column(rows, "n_rejected").astype(np.int64)
-        body = found.get(name) or _without_targets(name, poses)
+        body = found.get(name) or without_targets(name, poses, METHOD)
         found[name] = replace(
             body,
             fits={**body.fits, METHOD: _fit(rows, place, len(poses))},
@@ -57,11 +57,12 @@ def _fit(rows: pa.Table, place: np.ndarray, count: int) -> RigidFit:
     return RigidFit(R, t, one, covariance, 0.0 * one, rms, n_used, status.astype(str), np.zeros(count, np.int64))
 
 
-def _without_targets(name: str, poses: tuple[int | str, ...]) -> BodyPoses:
+def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> BodyPoses:
+    """A body that no target says anything of; ``default``: the method that its poses are to come from."""
     count = len(poses)
     none = np.zeros((count, 0), bool)
     points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), none)
     residual, reason = np.zeros((count, 0, 3)), np.zeros((count, 0), dtype=object)
     nothing = np.zeros((none.shape[1], 3))
     known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none)
-    return BodyPoses(name, points, {}, METHOD, residual, none, none, {}, reason, 1.0, *known)
+    return BodyPoses(name, points, {}, default, residual, none, none, {}, reason, 1.0, *known)

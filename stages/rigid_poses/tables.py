@@ -21,10 +21,15 @@ MEASUREMENT = "measurement"
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
 
 
-def poses_table(bodies: Sequence[BodyPoses], reference: str | None, identifier: str) -> pa.Table:
-    """One row per pose, body and method; bodies other than the reference are seen from it."""
+def poses_table(
+    bodies: Sequence[BodyPoses], reference: str | None, identifier: str, frame: str = MEASUREMENT
+) -> pa.Table:
+    """One row per pose, body and method; bodies other than the reference are seen from it, those of a campaign without
+    it from ``frame``: what the frame of the measurement is called."""
     base = next((body for body in bodies if body.name == reference), None)
-    parts = [_pose_columns(body, method, None if body is base else base) for body in bodies for method in body.fits]
+    parts = [
+        _pose_columns(body, method, None if body is base else base, frame) for body in bodies for method in body.fits
+    ]
     return _table("poses", parts, identifier)
 
 
@@ -52,7 +57,7 @@ def seen_from(
     return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), of_base))
 
 
-def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None) -> dict[str, Any]:
+def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None, frame: str) -> dict[str, Any]:
     fit = body.fits[method]
     if base is None:
         R, p, covariance, status = fit.R, fit.t, fit.covariance, fit.status.astype(object)
@@ -65,7 +70,7 @@ def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None) -> dict[
     return {
         "pose": np.array(body.points.poses, dtype=object),
         "body": np.full(count, body.name, dtype=object),
-        "parent": np.full(count, MEASUREMENT if base is None else base.name, dtype=object),
+        "parent": np.full(count, frame if base is None else base.name, dtype=object),
         "method": np.full(count, method, dtype=object),
         "default": np.full(count, method == body.default),
         **{f"p{a}_mm": 1e3 * p[:, k] for k, a in enumerate("xyz")},

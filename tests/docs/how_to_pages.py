@@ -13,6 +13,7 @@ from tests.conftest import PROJECT
 
 FOLDER = PROJECT / "docs" / "how-to"
 _FILE = re.compile(r"^`([^`\n]+\.\w+)`\n\n```\w+\n(.*?)```", re.MULTILINE | re.DOTALL)
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
 _TABLE = re.compile(r"^`(\w+)\.parquet`[^\n]*\n\n```csv\n(.*?)```", re.MULTILINE | re.DOTALL)
 _ROW = re.compile(r"^\| `([^`]+)` \| (?:`([^`]+)`|nothing) \| `([^`]+)` \| `([^`]+)` \|$", re.MULTILINE)
 
@@ -38,10 +39,7 @@ class Example:
     def write(self, folder: Path) -> Path:
         """The folder with all files of the example."""
         for name, text in self.files.items():
-            if name.endswith(".c3d"):
-                write_c3d(folder / name, text)
-            else:
-                (folder / name).write_bytes(text.encode())
+            write_listing(folder / name, text)
         return folder
 
 
@@ -65,6 +63,38 @@ def examples(page: Path) -> list[Example]:
 def slips(page: Path) -> list[Slip]:
     """What a page says that goes wrong with its first example."""
     return [Slip(m[1], m[2] or "", m[3], m[4]) for m in _ROW.finditer(page.read_text(encoding="utf-8"))]
+
+
+def write_listing(path: Path, text: str) -> None:
+    """A file of what a page lists: as it stands, or as the binary file that the name asks for."""
+    writers = {".c3d": write_c3d, ".xlsx": write_workbook, ".mat": write_matlab}
+    writers.get(path.suffix, lambda place, listing: place.write_bytes(listing.encode()))(path, text)
+
+
+def write_workbook(path: Path, listing: str) -> None:
+    """A workbook of the sheets that a page lists, cells separated by commas, numbers as such."""
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra `tables` is not installed")
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for line in listing.splitlines():
+        if line.startswith("["):
+            book.create_sheet(line.strip("[]"))
+            continue
+        book.worksheets[-1].append([float(cell) if _NUMBER.fullmatch(cell) else cell for cell in line.split(",")])
+    book.save(path)
+
+
+def write_matlab(path: Path, listing: str) -> None:
+    """A MATLAB file of the matrices that a page lists, fields of a struct as a.b, rows separated by semicolons."""
+    from scipy.io import savemat
+
+    found: dict[str, object] = {}
+    for line in listing.splitlines():
+        name, _, text = line.partition(" = ")
+        rows = np.array([[float(word) for word in row.split()] for row in text.split(";")])
+        struct, _, field = name.rpartition(".")
+        (found.setdefault(struct, {}) if struct else found)[field] = rows  # type: ignore[index]
+    savemat(path, found)
 
 
 def write_c3d(path: Path, listing: str) -> None:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from pipeline.command_line import app
 from pipeline.in_memory import stage_line
 from schemas.faults import CampaignFaults
-from tests.docs.how_to_pages import FOLDER, Example, Slip, examples, slips
+from tests.docs.how_to_pages import FOLDER, Example, Slip, examples, slips, write_listing
 
 PAGES = sorted(FOLDER.glob("*.md"))
 EXAMPLES = [example for page in PAGES for example in examples(page)]
@@ -36,7 +36,7 @@ KEYS = {
 }
 READERS = {
     *("aicon", "c3d", "colmap", "keysight", "laser-tracker", "leica-gsi", "metashape", "photomodeler", "quadrature"),
-    *("rays", "renishaw", "v-stars"),
+    *("rays", "renishaw", "v-stars", "excel", "matlab", "poses"),
 }
 
 
@@ -84,10 +84,9 @@ def test_the_example_has_no_fault(tmp_path, example: Example):
 @pytest.mark.parametrize(("example", "slip"), SLIPS, ids=lambda one: getattr(one, "page", ""))
 def test_a_slip_is_answered_as_the_page_says(tmp_path, example: Example, slip: Slip):
     example.write(tmp_path)
-    path = tmp_path / slip.file
-    text = path.read_bytes().decode()
+    text = example.files[slip.file]
     assert slip.instead_of in text
-    path.write_bytes(text.replace(slip.instead_of, slip.written, 1).encode())
+    write_listing(tmp_path / slip.file, text.replace(slip.instead_of, slip.written, 1))
     with pytest.raises(CampaignFaults) as told:
         stage_line(tmp_path).call(first_stage(example))
     assert slip.said in [str(fault) for fault in told.value.faults]

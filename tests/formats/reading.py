@@ -18,6 +18,7 @@ from truing.formats.shapes import (
     IMAGE_POINTS,
     INTERFEROMETER,
     POINTS,
+    POSES,
     POSITIONING,
     QUADRATURE,
     SCALE_BARS,
@@ -29,7 +30,7 @@ from truing.formats.shapes import (
 from truing.formats.source import CampaignFiles
 
 _OF_BENCHES = (DISPLACEMENT, INTERFEROMETER, SIGNALS, QUADRATURE, POSITIONING)
-_ALL = (POINTS, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES, IMAGE_POINTS, CAMERAS, SCALE_BARS)
+_ALL = (POINTS, POSES, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES, IMAGE_POINTS, CAMERAS, SCALE_BARS)
 SHAPES = {shape.name: shape for shape in _ALL}
 
 

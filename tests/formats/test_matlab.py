@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 
-import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -12,6 +11,8 @@ from scipy.sparse import csr_matrix
 
 from tests.formats.reading import read
 from tests.tolerance import assert_close
+
+h5py = pytest.importorskip("h5py", reason="the extra `tables` is not installed")
 
 RNG = np.random.default_rng(7)
 XYZ = RNG.uniform(-100.0, 100.0, (5, 3))

@@ -151,8 +151,10 @@ def _plain(value: Any, name: str) -> Variable:
 
 @contextmanager
 def _open_hdf5(path: Path) -> Iterator[Mapping[str, Variable]]:
-    import h5py
-
+    try:
+        import h5py
+    except ModuleNotFoundError:
+        raise Unusable("save('name.mat', '-v7') here: version 7.3 needs h5py (pip install 'truing[tables]')") from None
     left = max(FREE, LARGEST_RATIO * path.stat().st_size)
     try:
         with h5py.File(path, "r", locking=False) as file:

@@ -19,8 +19,9 @@ _SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct
 TRANSIT = "transit"
 _DISTORTION = ("A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
+_SHIFTS = ("m03", "m13", "m23")
 # Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
-_RAW = (
+_RAW: tuple[Column, ...] = (
     Column("survey", "text", "which of the later surveys a target was seen in"),
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m", nullable=True),
@@ -44,6 +45,26 @@ _RAW = (
     *(Column(f"{a}0_px", "real", "principal point from the middle of the format", "px", nullable=True) for a in "xy"),
     *(Column(name, "real", "distortion, its length in px", nullable=True) for name in _DISTORTION),
     Column("free", "text", "parameters to estimate, separated by blanks", nullable=True),
+)
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
+_EULER = ("euler_a_deg", "euler_b_deg", "euler_c_deg")
+_MATRIX = tuple(f"m{i}{j}" for i in range(4) for j in range(4))
+_POSE_SIGMAS = tuple(f"sigma_{name}" for name in (*_POINT, *_VECTOR, *_EULER))
+_POSE_COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
+_RAW += (
+    *(Column(name, "real", "component of the unit quaternion, body to parent", nullable=True) for name in _QUATERNION),
+    *(Column(name, "real", "angle about that axis of [poses] euler", "deg", nullable=True) for name in _EULER),
+    *(
+        Column(
+            name, "real", "element of the 4x4 matrix, body to parent", "mm" if name in _SHIFTS else "", nullable=True
+        )
+        for name in _MATRIX
+    ),
+    *(
+        Column(name, "real", "one standard deviation", name.rsplit("_", 1)[-1], minimum=0.0, nullable=True)
+        for name in _POSE_SIGMAS[3:]
+    ),
 )
 _CARRIED_UNITS = (
     ("_mm", "mm"),
@@ -103,8 +124,8 @@ class Shape:
 
     @property
     def has_coordinates(self) -> bool:
-        """Whether rows are points."""
-        return "x_mm" in self.required
+        """Whether rows are places in space: points, or poses."""
+        return "x_mm" in (*self.required, *self.optional)
 
 
 def _defined(name: str) -> Column | None:
@@ -118,6 +139,11 @@ def _carried_unit(name: str) -> str:
 POINTS = Shape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
 TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
 RESURVEYS = Shape("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
+POSES = Shape(
+    "poses",
+    ("pose", "body"),
+    (*_POINT, *_QUATERNION, *_VECTOR, *_EULER, *_MATRIX, *_POSE_SIGMAS, *_POSE_COVARIANCE),
+)
 SCANS = Shape("scans", ("pose", "body", *_POINT))
 SURFACES = Shape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = Shape(
@@ -179,6 +205,11 @@ CAMERAS = Shape(
 COORDINATES = _POINT
 SPREAD = _SPREAD
 WRENCH = _WRENCH
+QUATERNION = _QUATERNION
+ROTATION_VECTOR = _VECTOR
+EULER = _EULER
+MATRIX = _MATRIX
+POSE_COVARIANCE = _POSE_COVARIANCE
 MOTION = _MOTION
 SHOWN = _SHOWN
 SURROUNDINGS = _SURROUNDINGS

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
 OTHERS = (
-    *("points", "targets", "resurveys", "configurations", "scans", "surfaces"),
+    *("points", "poses", "targets", "resurveys", "configurations", "scans", "surfaces"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning"),
 )
 TABLES = (*OTHERS, *OF_IMAGES)
 _RAYS = ("images", "image_points")  # either makes a campaign one of photographs
-_OF_POINTS = ("points", "scans")
+_OF_POINTS = ("points", "poses", "scans")
 PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
 _BY_CHANNEL = "interferometer"  # the table whose rows may come side by side, a column per channel
 
@@ -69,7 +69,14 @@ class CampaignFiles:
             return (FileMapping(path=patterns),) if patterns else ()
         # A link that leads nowhere (a drive that is not there) is no table that the campaign does without.
         present = [name for name in _contract_names(table) if os.path.lexists(self.folder / name)]
+        if table == "poses":  # a name that other tables' files had before it meant anything
+            present = [name for name in present if not self._is_of_another_table(name)]
         return tuple(FileMapping(path=name) for name in present)
+
+    def _is_of_another_table(self, name: str) -> bool:
+        """Whether campaign.toml says that a file of the folder holds some table."""
+        entries = (entry for mapped in self._files.values() for entry in mapped)
+        return any(name in _expand(self.folder, pattern) for entry in entries for pattern in entry.paths)
 
     @property
     def has_photographs(self) -> bool:

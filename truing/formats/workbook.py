@@ -142,8 +142,10 @@ def _listed(names: Sequence[str]) -> str:
 @contextmanager
 def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
     """The workbook, read as a stream; raises Unusable for whatever is no whole one, or unpacks out of proportion."""
-    import openpyxl
-
+    try:
+        import openpyxl
+    except ModuleNotFoundError:
+        raise Unusable("a sheet saved as CSV: workbooks need openpyxl (pip install 'truing[tables]')") from None
     _check_size(path)
     try:
         with warnings.catch_warnings():

@@ -19,6 +19,7 @@ _METHODS = {
     "maximum_likelihood": "maximum likelihood against the survey",
     "procrustes": "generalised Procrustes, body shape and poses together",
     "scan": "registration of dense scans",
+    "measured": "measurement of the poses themselves",
 }
 
 

@@ -1,0 +1,237 @@
+"""Poses that an instrument measured as such: normalised, checked, with the covariance that is declared for them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.artifacts import ARTIFACTS
+from schemas.faults import Fault
+from stages.ingestion.gathered_columns import declared_missing, numbers, texts, without
+from stages.ingestion.pose_rotations import (
+    check_last_row,
+    euler_axes,
+    rotation_columns,
+    rotations,
+    vector_slopes,
+)
+from stages.ingestion.tables import once
+from truing.estimation.rotation import log_so3
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import COORDINATES, EULER, POSE_COVARIANCE, POSES, ROTATION_VECTOR
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from stages.ingestion.points import Expected
+    from truing.formats.source import CampaignFiles
+
+Array = NDArray[np.float64]
+
+_TRANSLATIONS = ("m03", "m13", "m23")
+_LEAST_EIGENVALUE = -1e-6  # of a covariance scaled to ones: rounding in a file, not a contradiction
+_PLACE_SIGMAS = tuple(f"sigma_{name}" for name in COORDINATES)
+_VECTOR_SIGMAS = tuple(f"sigma_{name}" for name in ROTATION_VECTOR)
+_EULER_SIGMAS = tuple(f"sigma_{name}" for name in EULER)
+
+
+@dataclass(frozen=True)
+class MeasuredPoses:
+    """The artifact's table, the bodies that it holds, the files it came from, and rows left out by (file, reason)."""
+
+    table: pa.Table
+    bodies: tuple[str, ...]
+    files: tuple[str, ...]
+    left_out: Counter[tuple[str, str]]
+
+    @property
+    def read(self) -> str:
+        """What was read, in words."""
+        file = self.files[0] if len(self.files) == 1 else f"{len(self.files)} files"
+        return f"{self.table.num_rows:,} measured poses from {file}"
+
+
+def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: FaultLog) -> MeasuredPoses | None:
+    """The poses of the campaign's table; None where it has none. What is wrong goes into ``log``."""
+    if not source.entries("poses"):
+        return None
+    found = gather(source, POSES, log, "pose")
+    if found is None or not {"pose", "body"} <= set(found.table.column_names):
+        return None
+    once(found, log, ("pose", "body"))
+    _check_names(found, expected, log)
+    columns = rotation_columns(found, log)
+    places = _place_columns(found, log)
+    if columns is None or places is None:
+        return None
+    found = _without_missing(found, (*places, *columns), log)
+    R = rotations(found, columns, settings.poses.euler, log)
+    check_last_row(found, log)
+    p = 1e-3 * np.column_stack([numbers(found, name) for name in places])
+    covariance = _covariance(found, columns, R, settings, log)
+    files = tuple(dict.fromkeys(file.raw.name for file, _ in found.parts))
+    bodies = tuple(dict.fromkeys(found.table.column("body").to_pylist()))
+    return MeasuredPoses(_table(found, p, R, covariance, expected), bodies, files, found.left_out)
+
+
+def _check_names(found: Gathered, expected: Expected, log: FaultLog) -> None:
+    known = set(map(str, expected.poses.to_pylist()))
+    unknown = np.array([str(pose) not in known for pose in found.table.column("pose").to_pylist()], dtype=bool)
+    found.fault(log, unknown, "pose", "a pose of configurations")
+    if expected.bodies:
+        other = np.array([body not in expected.bodies for body in texts(found, "body")], dtype=bool)
+        found.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}")
+
+
+def check_bodies(poses: MeasuredPoses, expected: Expected, log: FaultLog) -> None:
+    """Where nothing but measured poses says where bodies are: those that have to be there are, in every pose."""
+    for body in dict.fromkeys((*expected.always, *filter(None, (expected.reference,)))):
+        own = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
+        if not own:
+            cure = '; of an instrument that stood still: [measurement] frame = "campaign"' if body == "base" else ""
+            said = f"poses of body {body}; there are poses of {', '.join(poses.bodies)}{cure}"
+            log.add(Fault(poses.files[0], said, column="body"))
+            continue
+        lost = [str(p) for p in dict.fromkeys(_listed(poses)("pose")) if str(p) not in own]
+        if body in expected.always and lost:
+            said = f"a pose of body {body} wherever another body has one"
+            log.add(Fault(poses.files[0], said, column="body", value=f"none in pose {lost[0]}", more=len(lost) - 1))
+
+
+def _listed(poses: MeasuredPoses) -> Any:
+    return lambda name: poses.table.column(name).to_pylist()
+
+
+def _place_columns(found: Gathered, log: FaultLog) -> tuple[str, ...] | None:
+    names = set(found.table.column_names)
+    places = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
+    missing = [name for name in places if name not in names]
+    for name in missing:
+        log.add(Fault(found.first_file, f"a column {name}: where the origin of the body is", column=name))
+    return None if missing else places
+
+
+def _without_missing(found: Gathered, columns: tuple[str, ...], log: FaultLog) -> Gathered:
+    """The table without rows of which a number is missing, where the mapping declares that; else each is a fault."""
+    empty = {name: np.isnan(numbers(found, name)) & found.sound(name) for name in columns}
+    declared = declared_missing(found)
+    for name, where in empty.items():
+        found.fault(log, where & ~declared, name, "a number; an empty cell has to be declared by missing")
+    gone = np.logical_or.reduce(list(empty.values()))
+    return without(found, gone, "a number of the pose means missing")
+
+
+# -- covariance -------------------------------------------------------------------------------------------
+
+
+def _covariance(found: Gathered, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
+    """Covariance (N, 6, 6), SI, order (p, theta): as the file gives it, else by its sigmas, else as declared."""
+    names = set(found.table.column_names)
+    if names & set(POSE_COVARIANCE):
+        return _given_covariance(found, log)
+    place = _sigmas(found, _PLACE_SIGMAS, settings.noise.displacement_mm, "noise.displacement_mm", log) * 1e-3
+    turned, axes = _turn_sigmas(found, columns, R, settings, log)
+    covariance = np.zeros((len(R), 6, 6))
+    covariance[:, range(3), range(3)] = place**2
+    covariance[:, 3:, 3:] = np.einsum("nik,nk,njk->nij", axes, turned**2, axes)
+    return covariance
+
+
+def _turn_sigmas(
+    found: Gathered, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
+) -> tuple[Array, Array]:
+    """Sigmas (N, 3) in rad, and the axes (N, 3, 3) in the parent frame that they are about, a column each."""
+    names = set(found.table.column_names)
+    own = np.broadcast_to(np.eye(3), R.shape)
+    if names & set(_EULER_SIGMAS):
+        order = settings.poses.euler
+        if columns != EULER or order is None:
+            expected = (
+                "sigmas of Euler angles together with Euler angles; else sigma_rx_rad, sigma_ry_rad, sigma_rz_rad"
+            )
+            log.add(Fault(found.first_file, expected, column=_EULER_SIGMAS[0]))
+            return np.ones((len(R), 3)), own
+        angles = np.radians(np.column_stack([numbers(found, name) for name in EULER]))
+        declared = settings.noise.rotation_rad
+        in_degrees = None if declared is None else np.degrees(declared)
+        sigma = _sigmas(found, _EULER_SIGMAS, in_degrees, "noise.rotation_rad", log)
+        return np.radians(sigma), euler_axes(angles, order)
+    sigma = _sigmas(found, _VECTOR_SIGMAS, settings.noise.rotation_rad, "noise.rotation_rad", log)
+    if columns == ROTATION_VECTOR and names & set(_VECTOR_SIGMAS):
+        vectors = np.column_stack([numbers(found, name) for name in ROTATION_VECTOR])
+        return sigma, vector_slopes(np.nan_to_num(vectors))
+    return sigma, own
+
+
+def _sigmas(found: Gathered, columns: tuple[str, ...], declared: float | None, key: str, log: FaultLog) -> Array:
+    """Sigmas (N, 3) in the columns' unit, the declared one where a cell or column is missing."""
+    values = np.full((len(found.table), 3), np.nan)
+    for number, name in enumerate(columns):
+        if name in found.table.column_names:
+            values[:, number] = numbers(found, name)
+            found.fault(log, values[:, number] == 0.0, name, "a standard deviation above 0")
+    if np.isnan(values).any() and declared is None:
+        said = f"a standard deviation of the poses, which {found.first_file} does not give in every row"
+        log.add(Fault("campaign.toml", said, column=key))
+    return np.where(np.isnan(values), np.nan if declared is None else declared, values)
+
+
+def _given_covariance(found: Gathered, log: FaultLog) -> Array:
+    names = set(found.table.column_names)
+    for name in sorted(names & {*_PLACE_SIGMAS, *_VECTOR_SIGMAS, *_EULER_SIGMAS}):
+        log.add(Fault(found.first_file, "either covariances cov_i_j or standard deviations, not both", column=name))
+    covariance = np.zeros((len(found.table), 6, 6))
+    lacking = [name for name in (f"cov_{i}_{i}" for i in range(6)) if name not in names]
+    if lacking:
+        said = f"a column {lacking[0]}: a covariance has all six variances, in m², rad²"
+        log.add(Fault(found.first_file, said, column=lacking[0]))
+        return np.broadcast_to(np.eye(6), covariance.shape)
+    for name in (name for name in POSE_COVARIANCE if name in names):
+        i, j = int(name[4]), int(name[6])
+        values = numbers(found, name)
+        found.fault(log, np.isnan(values), name, "a number in every row")
+        covariance[:, i, j] = covariance[:, j, i] = np.nan_to_num(values)
+    diagonal = covariance[:, range(6), range(6)]
+    for i in range(6):
+        found.fault(log, diagonal[:, i] <= 0.0, f"cov_{i}_{i}", "a variance above 0")
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    least = np.linalg.eigvalsh(covariance / scale[:, :, None] / scale[:, None, :])[:, 0]
+    wrong = (least < _LEAST_EIGENVALUE) & (diagonal > 0.0).all(axis=1)
+    found.fault(log, wrong, "cov_0_0", "a covariance: no correlation beyond 1, alone or together")
+    return covariance
+
+
+def _table(found: Gathered, p: Array, R: Array, covariance: Array, expected: Expected) -> pa.Table:
+    import pyarrow as pa
+
+    known = np.isfinite(R).all(axis=(1, 2)) & np.isfinite(p).all(axis=1)
+    vectors = np.full((len(R), 3), np.nan)
+    vectors[known] = log_so3(R[known])
+    is_number = pa.types.is_int64(expected.poses.type)
+    pose = found.table.column("pose")
+    columns = {
+        "pose": pose if is_number and pa.types.is_int64(pose.type) else pose.cast(pa.string()),
+        "body": found.table.column("body"),
+        **dict(_numbered(1e3 * p, [f"p{a}_mm" for a in "xyz"])),
+        **dict(_numbered(vectors, [f"r{a}_rad" for a in "xyz"])),
+        **{f"cov_{i}_{j}": _numbers(covariance[:, i, j]) for i in range(6) for j in range(i, 6)},
+    }
+    identifier = "int64" if is_number and pa.types.is_int64(pose.type) else "string"
+    schema = ARTIFACTS["measured_poses"].arrow_schema(identifier)
+    return pa.table([columns[name] for name in schema.names], schema=schema)
+
+
+def _numbered(values: Array, names: list[str]) -> Iterator[tuple[str, pa.Array]]:
+    yield from ((name, _numbers(values[:, number])) for number, name in enumerate(names))
+
+
+def _numbers(values: Array) -> pa.Array:
+    import pyarrow as pa
+
+    return pa.array(np.ascontiguousarray(values), from_pandas=True)

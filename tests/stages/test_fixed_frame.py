@@ -1,0 +1,71 @@
+"""A machine before an instrument that stood still: poses or points of its platform alone are enough."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from schemas.faults import CampaignFaults
+from tests.cut_telescope import SAMPLE
+from tests.stages.line import run_line
+from tests.tolerance import assert_close
+
+FIXED = '[measurement]\nframe = "campaign"\n\n[noise]'
+PLACE = [*(f"p{a}_mm" for a in "xyz"), *(f"r{a}_rad" for a in "xyz")]
+COVARIANCE = [f"cov_{i}_{j}" for i in range(6) for j in range(i, 6)]
+
+
+@pytest.fixture(scope="module")
+def by_points(sample_run):
+    """The platform's poses as the targets of the sample give them, seen from its base."""
+    import pandas as pd
+
+    poses = pd.read_parquet(sample_run / "poses.parquet")
+    return poses[(poses["body"] == "platform") & poses["default"]].reset_index(drop=True)
+
+
+def campaign(folder, by_points, toml=FIXED):
+    """The sample as a tracker with an active target would have measured it: a pose of the platform per row."""
+    own = by_points.rename(columns={f"p{a}_mm": f"{a}_mm" for a in "xyz"})
+    own[["pose", "body", *(f"{a}_mm" for a in "xyz"), *PLACE[3:], *COVARIANCE]].to_csv(
+        folder / "poses.csv", index=False, float_format="%.17g"
+    )
+    (folder / "configurations.csv").write_text((SAMPLE / "configurations.csv").read_text())
+    (folder / "campaign.toml").write_text((SAMPLE / "campaign.toml").read_text().replace("[noise]", toml))
+    return folder
+
+
+def test_a_machine_is_calibrated_by_measured_poses(tmp_path, by_points):
+    tables, said = run_line(campaign(tmp_path, by_points), "ingest", "pose", "deformation", "diagnose", "calibrate")
+    found = tables["poses"].to_pandas()
+    assert set(found["parent"]) == {"base"}
+    assert set(found["body"]) == {"platform"}
+    assert_close(found[PLACE], by_points[PLACE], atol=1e-9)
+    assert_close(1e12 * found[COVARIANCE], 1e12 * by_points[COVARIANCE], atol=1e-9)
+    assert "taken for that of base" in said["pose"].figure
+    assert "no points" in said["deformation"].figure
+    assert "no points" in said["diagnose"].figure
+    calibration = tables["calibration"].to_pandas()
+    own = calibration[(calibration["model"] == "6-pus") & (calibration["deformation"] == "none")]
+    assert len(own)
+    assert set(own["status"]) == {"ok"}
+
+
+def test_an_instrument_that_moved_has_to_see_the_base(tmp_path, by_points):
+    with pytest.raises(CampaignFaults) as caught:
+        run_line(campaign(tmp_path, by_points, "[noise]"), "ingest")
+    (fault,) = caught.value.faults
+    assert fault.column == "body"
+    assert 'frame = "campaign"' in fault.expected
+
+
+def test_points_of_the_platform_alone_are_enough_where_the_instrument_stood_still(tmp_path):
+    for name in ("points.csv", "targets.csv", "configurations.csv"):
+        text = (SAMPLE / name).read_text()
+        kept = [line for line in text.splitlines() if not re.search(r"(^|,)(base|leg\d),", line)]
+        (tmp_path / name).write_text("\n".join(kept) + "\n")
+    (tmp_path / "campaign.toml").write_text((SAMPLE / "campaign.toml").read_text().replace("[noise]", FIXED))
+    tables, _ = run_line(tmp_path, "ingest", "pose", "deformation")
+    assert set(tables["poses"].column("parent").to_pylist()) == {"base"}
+    assert tables["deformation"].num_rows
