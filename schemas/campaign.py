@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, Vali
 from schemas.certificate import Certificate
 from schemas.faults import CampaignFaults, Fault
 from schemas.interferometer import Interferometer
-from schemas.mapping import FileMapping
+from schemas.mapping import OF_NAME, OF_TABLE, FileMapping
 from schemas.mechanism import LeggedMechanism, NoMechanism
 from schemas.photographs import GivenCamera, Photographs
 from schemas.quality_checks import acceptance_faults, limit_faults
@@ -165,7 +165,7 @@ def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
     parts: list[str] = []
     place: Any = document
     for part in location:
-        if part in _TYPES or part == "[key]" or (isinstance(part, int) and isinstance(place, dict)):
+        if part in (*_TYPES, OF_NAME, OF_TABLE, "[key]") or (isinstance(part, int) and isinstance(place, dict)):
             continue
         parts.append(str(part + 1) if isinstance(part, int) else part)
         try:

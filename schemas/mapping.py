@@ -35,6 +35,8 @@ Format = Literal[
 ]
 
 
+# What tells the forms of a key apart, where it takes several; no key is called so.
+OF_NAME, OF_TABLE = "<name>", "<table>"
 Channel = Literal["dx", "dy", "dz", "rx", "ry", "rz"]
 
 _NOT_OF_FILES = ("idna", "punycode", "unicode-escape", "raw-unicode-escape", "undefined")
@@ -98,6 +100,8 @@ def _are_variables(value: Any) -> Any:
     several = value if isinstance(value, tuple) else (value,)
     if not several or not all(isinstance(one, str) and one for one in several):
         raise ValueError("a variable's name in quotation marks, or a list of these")
+    for one in several:
+        is_raw_text(one)
     return value
 
 
@@ -123,7 +127,7 @@ def is_uncertainty(name: str) -> bool:
 
 
 def _kind(source: object) -> str:
-    return "value" if isinstance(source, dict | RawValue) else "name"
+    return OF_TABLE if isinstance(source, dict | RawValue) else OF_NAME
 
 
 Pattern = Annotated[RawText, AfterValidator(_compiles)]
@@ -133,7 +137,7 @@ Sheet = Annotated[str | int, BeforeValidator(_is_sheet)]
 Variables = Annotated[str | tuple[str, ...], BeforeValidator(_are_variables)]
 Paths = Annotated[str | tuple[str, ...], BeforeValidator(_is_path)]
 Constant = Annotated[str | int | float, BeforeValidator(_is_constant)]
-Source = Annotated[Annotated[RawColumn, Tag("name")] | Annotated[RawValue, Tag("value")], Discriminator(_kind)]
+Source = Annotated[Annotated[RawColumn, Tag(OF_NAME)] | Annotated[RawValue, Tag(OF_TABLE)], Discriminator(_kind)]
 
 
 class FileMapping(Section):
