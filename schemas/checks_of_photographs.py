@@ -18,6 +18,13 @@ OF_PHOTOGRAPHS: Checks = {
         "Lay a scale bar into every pose, and say in scale_bars.csv how long it is. Where nothing checks the scale: a "
         "second bar would, one that `serves` as check, or the stated size of targets.",
     ),
+    "known-points": QualityCheck(
+        "Do known points lie where rays and the other known points have them?",
+        "A known point that contradicts them is left out of the datum: it would reject its own rays and bend the rest. "
+        "Where as many contradict as agree, all count as known less well.",
+        Rule(fails="any point of a pose beyond chance (p < 0.001 of all together), or without a ray that is left"),
+        "Look up coordinates and names of the points that are named, in known_points.csv and in the photographs.",
+    ),
     "target-sizes": QualityCheck(
         "How large are circles and markers on the scale that was found, over what is stated of them?",
         "Where the scale comes from a survey or a single bar, this alone tells a length in another unit. Sizes are "

@@ -153,6 +153,15 @@ PHOTOGRAPHS = (
         key=("pose", "bar"),
     ),
     parquet(
+        "known_point_errors",
+        "known points against the rays: known less where the rays and the other known points have it",
+        (
+            *("pose", "point", "dx_mm", "dy_mm", "dz_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "p_value"),
+            *("rays", "rejected", "reason"),
+        ),
+        key=("pose", "point"),
+    ),
+    parquet(
         "bundle_statistics",
         "figures of the adjustment: unknowns, redundancy, sigma0, variance components, geometry of the network",
         ("figure", "subject", "value", "unit"),

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
 from stages.bundle_adjustment.circle_centres import eccentricities, without_eccentricity
+from stages.bundle_adjustment.known_points import KnownTested, loosened, test_known
 from stages.bundle_adjustment.rays_as_network import ImagePoints, NamedNetwork, Names
 from stages.declaration import Progress
 from truing.estimation.bundle.adjustment import Adjustment
 from truing.estimation.bundle.datum import Datum
+from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.network import Index, Network, State
 from truing.estimation.bundle.snooping import Snooped, adjust_robustly
 from truing.estimation.bundle.start_values import Start, find_start
@@ -50,7 +52,7 @@ class Choices:
 class AdjustedNetwork:
     """The network as adjusted: names, the last robust adjustment, what eccentricity took off each ray (N, 2) in px,
     rows (M,) of image_points that became no ray with the reason (M,), the start values of the named points, and how
-    wide circles (P,) look over what is stated of them, NaN where either is not known."""
+    wide circles (P,) look over what is stated of them, NaN where either is not known; what rays say of known points."""
 
     named: NamedNetwork
     snooped: Snooped
@@ -59,6 +61,7 @@ class AdjustedNetwork:
     unmatched_reason: Names
     start: Start
     width_over_stated: Array
+    known: KnownTested = field(default_factory=KnownTested)
 
     @property
     def adjustment(self) -> Adjustment:
@@ -78,7 +81,11 @@ def adjust_network(
     if choices.datum == "known":
         check_known(named, start.state)
     progress(1, 4, f"adjusting {named.network.rays.count:,} rays")
-    snooped = _robustly(named.network, start.state, choices, start.ray_agrees)
+    known, agrees, state = KnownTested(), start.ray_agrees, start.state
+    if choices.datum == "known":
+        known, agrees, state = _against_known(named.network, start, choices)
+        named = replace(named, network=known.consistent(named.network))
+    snooped = _robustly(named.network, state, choices, agrees)
     progress(2, 4, "matching circles without code")
     whole, state, unmatched, reason = _with_circles(named, table, snooped)
     if len(whole.points) > len(named.points):
@@ -92,7 +99,7 @@ def adjust_network(
         progress(3, 4, "centres of circles")
         whole = replace(whole, network=without_eccentricity(whole.network, off))
         snooped = _robustly(whole.network, snooped.adjustment.state, choices, snooped.used)
-    return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii)
+    return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii, known)
 
 
 def check_known(named: NamedNetwork, state: State) -> None:
@@ -119,6 +126,18 @@ def check_known(named: NamedNetwork, state: State) -> None:
             faults.append(Fault("known_points", expected, column="x_mm, y_mm, z_mm", value=value))
     if faults:
         raise CampaignFaults(faults)
+
+
+def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, State]:
+    """What rays say of known points that hardly hold them, which rays agree with each other, where everything is."""
+    try:
+        loose = _robustly(loosened(network, start.state), start.state, choices, start.ray_agrees)
+    except UndeterminedNetworkError:  # such as single photographs, which known points alone orient
+        return KnownTested(), start.ray_agrees, start.state
+    found = test_known(network, loose)
+    state, points = loose.adjustment.state, start.state.points
+    state = replace(state, points=np.where(np.isfinite(points), state.points, points))
+    return found, loose.used if found.rows else start.ray_agrees, state
 
 
 def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) -> Snooped:

@@ -13,6 +13,7 @@ from stages.quality.bundle_figures import Figures, rows_of
 from stages.quality.check import PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.of_cameras import camera_stability
+from stages.quality.of_known_points import known_points
 from stages.quality.of_scale import bar_lengths, scale, target_sizes
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) ->
     survey = tables.get("survey")
     yield from scale(figures, tables.get("scale_bar_lengths"), surveyed=survey is not None and survey.num_rows > 0)
     yield from target_sizes(figures, limits)
+    yield from known_points(tables.get("known_point_errors"))
     for pose in dict.fromkeys(points.column("pose").to_pylist()):
         rows = rows_of(points, "pose", pose)
         yield _rays_per_point(f"pose {pose}", rows, limits)

@@ -66,12 +66,13 @@ def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
     images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, poses)
     rows = np.flatnonzero(used)
     rows = rows[np.argsort(image_slot[rays.image[rows]], kind="stable")]
-    seen = _present(np.concatenate([rays.point[rows], network.known.point if known else rays.point[:0]]))
+    seen = _present(rays.point[rows])
     points, point_slot, point_start = _slots(seen, network.point_pose, poses)
     bars = network.bars
     distances = np.flatnonzero((point_slot[bars.first] >= 0) & (point_slot[bars.second] >= 0))
     interior, bar, common = _common(network, images, distances)
-    known_rows = np.arange(len(network.known.point)) if known else np.empty(0, np.int64)
+    # A known point without a ray is not measured: what is known of it tells nothing of anything else.
+    known_rows = np.flatnonzero(point_slot[network.known.point] >= 0) if known else np.empty(0, np.int64)
     return Layout(
         rays=rows,
         ray_image=image_slot[rays.image[rows]],

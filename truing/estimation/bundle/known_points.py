@@ -1,0 +1,161 @@
+"""Which known points contradict the rays: a similarity between a pose's points as rays have them and as they are known.
+
+Rays alone leave seven freedoms, which the similarity takes; what is left has the covariance of both. Points are tested
+for a shift of their own (Baarda), from the largest set that a similarity through three of them fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, islice
+
+import numpy as np
+
+from truing.estimation.bundle.intersection import Mask
+from truing.estimation.bundle.network import Array
+from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rotation import skew
+
+LEVEL = 1e-3  # probability that a good pose has any point that is called wrong
+_TRIPLES = 400
+_FITS = 16.3  # squared sigmas of three coordinates that one good point in a thousand exceeds
+_LEAST_FIT = 3
+_TESTED = 0.01  # share of a point's error that its residual shows at least
+
+
+@dataclass(frozen=True)
+class KnownPointErrors:
+    """Per known point (m): off_m (m, 3) known less where rays and the other points have it, sigma_m (m, 3), T and its
+    p_value, NaN where nothing tests it; wrong (m,). resolved: whether the others agree with each other; else nobody can
+    say which is wrong, and inflation is by how much the covariances of all would have to be larger.
+
+    scale: of the known coordinates over that of the rays, with its sigma."""
+
+    off_m: Array
+    sigma_m: Array
+    T: Array
+    p_value: Array
+    wrong: Mask
+    resolved: bool
+    inflation: float
+    scale: float
+    scale_sigma: float
+
+
+def known_point_errors(points: Array, covariance: Array, known: Array, known_cov: Array) -> KnownPointErrors:
+    """Return what the rays of one pose say of its known points.
+
+    points (m, 3) in m as rays have them, covariance (3 m, 3 m) of these, known (m, 3) in m, known_cov (m, 3, 3); three
+    points or more, not on one line.
+    """
+    from scipy.special import chdtrc
+
+    count = len(points)
+    inside = _consensus(points, covariance, known, known_cov)
+    level, seen = LEVEL / count, set()
+    while True:
+        found = _tested(points, covariance, known, known_cov, inside)
+        seen.add(inside.tobytes())
+        p_value = np.where(np.isfinite(found.T), chdtrc(3, np.nan_to_num(found.T)), np.nan)
+        fails = inside & (p_value < level)
+        back = ~inside & (p_value >= level)
+        following = inside.copy()
+        if back.any():
+            following |= back
+        elif fails.any() and inside.sum() > _LEAST_FIT:
+            following[int(np.nanargmax(np.where(fails, found.T, np.nan)))] = False
+        if np.array_equal(following, inside) or following.tobytes() in seen:
+            break
+        inside = following
+    overall = float(chdtrc(found.freedom, found.chi2)) if found.freedom else 1.0
+    resolved = overall >= LEVEL and 2 * int(inside.sum()) > count
+    inflation = 1.0
+    if not resolved:  # where three alone are known, none can be tested by itself: their misfit is told
+        found = _tested(points, covariance, known, known_cov, np.ones(count, bool))
+        overall = float(chdtrc(found.freedom, found.chi2))
+        p_value = np.where(np.isfinite(found.T), chdtrc(3, np.nan_to_num(found.T)), overall)
+        inflation = max(found.chi2 / max(found.freedom, 1), 1.0)
+    wrong, untold = ~inside & resolved, ~np.isfinite(found.T) & (not resolved)
+    off = np.where(untold[:, None], found.misfit, found.off)
+    return KnownPointErrors(
+        off, found.sigma, found.T, p_value, wrong, resolved, inflation, found.scale, found.scale_sigma
+    )
+
+
+def _consensus(points: Array, covariance: Array, known: Array, known_cov: Array) -> Mask:
+    """Return the points (m,) that the best similarity through three of them fits, at least these three."""
+    count = len(points)
+    every = list(islice(combinations(range(count), 3), 20_000))
+    triples = np.array(every)[np.unique(np.linspace(0, len(every) - 1, min(_TRIPLES, len(every))).round().astype(int))]
+    fit = umeyama(points[triples], known[triples], with_scale=True)
+    placed = fit.scale[:, None, None] * np.einsum("bij,nj->bni", fit.R, points) + fit.t[:, None]
+    own = np.einsum("nini->n", covariance.reshape(count, 3, count, 3)) + np.einsum("nii->n", known_cov)
+    flat = np.linalg.svd(points[triples] - points[triples].mean(1, keepdims=True), compute_uv=False)
+    usable = flat[:, 1] > 0.05 * np.linalg.norm(points - points.mean(0), axis=1).max()
+    # Three points foretell others by their own noise, enlarged with the distance from them.
+    square = np.sum((placed - known) ** 2, -1) / (own / 3.0)
+    cost = np.where(usable[:, None], np.minimum(square, _FITS * 4.0), np.inf).sum(1)
+    best = int(np.argmin(cost))
+    inside = square[best] <= _FITS * 4.0
+    inside[triples[best]] = True
+    return inside
+
+
+@dataclass(frozen=True)
+class _Tested:
+    """misfit (m, 3) of known points to the similarity, beside what `KnownPointErrors` holds."""
+
+    misfit: Array
+    off: Array
+    sigma: Array
+    T: Array
+    chi2: float
+    freedom: int
+    scale: float
+    scale_sigma: float
+
+
+def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> _Tested:
+    """Return the error of every known point, with a similarity fitted to those inside (m,) by their covariance."""
+    count = len(points)
+    fit = umeyama(points[inside], known[inside], with_scale=True)
+    R, scale, shift = fit.R[0], float(fit.scale[0]), fit.t[0]
+    turned = np.kron(np.eye(count), scale * R)
+    sigma = turned @ covariance @ turned.T
+    for n in range(count):
+        sigma[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] += known_cov[n]
+    placed = scale * points @ R.T + shift
+    arms = placed - placed[inside].mean(0)
+    of_similarity = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), -skew(arms), arms[..., None]], -1)
+    A = [of_similarity.reshape(3 * count, 7)]
+    A += [np.eye(3 * count)[:, 3 * n : 3 * n + 3] for n in np.flatnonzero(~inside).tolist()]
+    design, P = np.concatenate(A, 1), np.linalg.inv(sigma)
+    apart = (known - placed).ravel()
+    cofactor = np.linalg.inv(design.T @ P @ design)
+    values = cofactor @ design.T @ P @ apart
+    left = apart - design @ values
+    W = P - P @ design @ cofactor @ design.T @ P
+    off, spread, T = np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan)
+    for place, n in enumerate(np.flatnonzero(~inside).tolist()):
+        own = slice(7 + 3 * place, 10 + 3 * place)
+        off[n], block = values[own], cofactor[own, own]
+        spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ np.linalg.solve(block, off[n])
+    for n in np.flatnonzero(inside).tolist():
+        own = slice(3 * n, 3 * n + 3)
+        M = W[own, own]
+        if np.linalg.eigvals(np.linalg.solve(P[own, own], M)).real.min() < _TESTED:
+            continue
+        block = np.linalg.inv(M)
+        off[n] = block @ (P @ left)[own]
+        spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ M @ off[n]
+    chi2, freedom = float(left @ P @ left), 3 * int(inside.sum()) - 7
+    return _Tested(
+        known - placed,
+        off,
+        spread,
+        T,
+        chi2,
+        max(freedom, 0),
+        scale * (1.0 + values[6]),
+        float(np.sqrt(cofactor[6, 6])),
+    )
