@@ -96,7 +96,15 @@ CALIBRATION = (
             *("repeated", "subject", "pure_error", "lower", "upper", "declared_sigma", "unit"),
             *("freedom_of_error", "groups", "told_by"),
         ),
+        optional=("p_equal",),
         key=("repeated", "subject"),
+    ),
+    parquet(
+        "pose_repeatability",
+        "repeatability at every pose that was repeated, of bodies and single reflectors: sigma of a coordinate, RP and "
+        "RP_a to RP_c of ISO 9283 with intervals of 95 %; pose: the first of its group",
+        ("subject", "pose", "figure", "value", "low", "high", "unit", "attained", "told_by"),
+        key=("subject", "pose", "figure"),
     ),
     parquet(
         "lack_of_fit",

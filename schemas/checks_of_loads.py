@@ -103,7 +103,7 @@ _OF_READINGS: Checks = {
     "repeatability": QualityCheck(
         "How far apart are runs of the same loads in the same order, over the declared noise?",
         "It is the only direct witness that the declared noise is true from run to run.",
-        Rule(warns="beyond 1.5 times, beyond chance"),
+        Rule(warns="beyond 1.5 times, beyond chance; programmes that scatter differently (p < 0.001)"),
         "Look what differed: seat of the load, temperature, preload. Not evaluated: repeat one run of each axis.",
     ),
 }

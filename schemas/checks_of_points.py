@@ -119,10 +119,14 @@ OF_POINTS: Checks = {
         "Correct the name in the entry that is told, or take the entry out.",
     ),
     "repeatability": QualityCheck(
-        "How far apart are poses that were taken twice at the same readings, over their stated uncertainty?",
+        "How far apart are poses and single reflectors that were taken twice, over their stated uncertainty?",
         "It is the only direct witness that the uncertainties are true of the machine and not of the fit alone.",
-        Rule("beyond 1.5 times, beyond chance", "beyond 3 times, beyond chance"),
-        "Look for backlash, temperature and settling between the repeats. Not evaluated: repeat three poses.",
+        Rule(
+            "beyond 1.5 times, beyond chance, all together or at one pose; poses that scatter differently (p < 0.001)",
+            "beyond 3 times, beyond chance, all together or at one pose",
+        ),
+        "Look for backlash, temperature and settling between the repeats, at the pose that is named. Not evaluated: "
+        "repeat three poses.",
     ),
     "time-gaps": QualityCheck(
         "How long is the longest pause, over the usual pace?",

@@ -72,6 +72,15 @@ REPEATS = (
     real("freedom_of_fit", "", "degrees of freedom that the model leaves beside the pure error", minimum=0.0),
     Column("groups", "integer", "how many poses or programmes of loads were repeated", minimum=1),
     Column("told_by", "text", "how repeats are known: repeat_of, the same readings, or the same loads in one order"),
+    real(
+        "p_equal",
+        "",
+        "probability that repeated groups of one scatter differ as much by chance; small: no one number holds for all",
+        minimum=0.0,
+        maximum=1.0,
+        nullable=True,
+    ),
+    Column("attained", "integer", "how many times the pose was measured", minimum=2),
     Column("contender", "text", "the model that is held against pure error"),
     real("f_ratio", "", "what the model leaves beside pure error over that, per degree of freedom", minimum=0.0),
 )

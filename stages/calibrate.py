@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from stages.calibration.data import Gathered
     from stages.calibration.extended import Extended
+    from stages.responses.tables import Rows
 
 LEAST_POSES = 3
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
@@ -35,6 +36,7 @@ OF_MECHANISM = (
 DECLARATION = Stage(
     name="calibrate",
     reads=(
+        "observations?",
         "configurations?",
         "survey?",
         "poses?",
@@ -60,6 +62,7 @@ DECLARATION = Stage(
         "error_classes?",
         "repeats?",
         "lack_of_fit?",
+        "pose_repeatability?",
     ),
     settings=(
         "campaign.kind",
@@ -94,13 +97,26 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if why := withheld(tables):
         return _of_nothing(why, settings)
     found = _calibrated(tables, settings, progress)
-    if settings.campaign.kind == "interferometer":
-        from stages.repeats.of_loads import repeats_of_loads as repeats_of
-    else:
-        from stages.repeats.of_poses import repeats_of_poses as repeats_of
     known = {name: table for name, table in found.artifacts.items() if hasattr(table, "num_rows")}
-    told = {rows.artifact: rows.table() for rows in repeats_of({**tables, **known}, settings) if rows.count}
+    named = "string" if _pose_names(tables) else "int64"
+    told = {rows.artifact: rows.table(named) for rows in _repeats({**tables, **known}, settings) if rows.count}
     return replace(found, artifacts={**found.artifacts, **told})
+
+
+def _repeats(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
+    """What was measured more than once, by table."""
+    if settings.campaign.kind == "interferometer":
+        from stages.repeats.of_loads import repeats_of_loads
+
+        return repeats_of_loads(tables, settings)
+    from stages.repeats.of_poses import repeats_of_poses
+
+    return repeats_of_poses(tables, settings)
+
+
+def _pose_names(tables: Mapping[str, pa.Table]) -> bool:
+    """Whether poses have names in place of numbers."""
+    return "configurations" in tables and str(tables["configurations"].schema.field("pose").type) == "string"
 
 
 def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:

@@ -31,6 +31,7 @@ DECLARATION = Stage(
         "likely_names?",
         "repeats?",
         "lack_of_fit?",
+        "pose_repeatability?",
         "qa?",
         "poses?",
         "residuals?",

@@ -18,7 +18,8 @@ from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
 from stages.quality.of_names import due
-from stages.quality.of_noise import noise, noise_by_pose, repeatability
+from stages.quality.of_noise import noise, noise_by_pose
+from stages.quality.of_repeats import repeatability
 from stages.quality.of_targets import (
     attachment_labels,
     completeness,

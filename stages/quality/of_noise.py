@@ -1,15 +1,14 @@
-"""Quality of the noise: is it what was declared, in every body, axis and pose, and between repeats."""
+"""Quality of the noise: is it what was declared, in every body, axis and pose?"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.repeats.groups import DECLARED, at_one_reading
 from truing.estimation.quality import (
     Scatter,
     unexplained_scatter,
@@ -17,7 +16,6 @@ from truing.estimation.quality import (
 from truing.estimation.rigid_poses.frame import redundancy
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
@@ -101,54 +99,3 @@ def _scatter_by_pose(body: BodyView) -> Scatter:
 def _odd_poses(scatter: Scatter) -> NDArray[np.bool_]:
     """Poses that chance makes as noisy once in a million: a gross error that its few neighbours hid, most often."""
     return (scatter.p_above(1.0) < _ODD_POSE) & (np.nan_to_num(scatter.ratio) > 1.5)
-
-
-def repeatability(
-    bodies: Sequence[BodyView], around: Surroundings, groups: Sequence[Index], how: str, share: float
-) -> Iterator[Check]:
-    """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty."""
-    reference, moving = bodies[0], [b for b in bodies[1:] if not b.name.startswith("leg")]
-    if not groups or not moving:
-        why = "no body is seen from another" if groups else "no configuration was measured twice"
-        yield without("repeatability", "repeatability", "", why)
-        return
-    for body in moving:
-        both = reference.fit.ok & body.fit.ok
-        p, cov = _relative_position(reference, body)
-        if how == DECLARED:
-            p = at_one_reading(np.where(both[:, None], p, np.nan), around.settings, groups)
-        parts = [g[both[g]] for g in groups]
-        squares = sum(_spread(p[g], cov[g]) for g in parts if len(g) > 1)
-        dof = 3.0 * sum(len(g) - 1 for g in parts if len(g) > 1)
-        scatter = Scatter(np.array([squares]), np.array([dof]))
-        ratio = float(scatter.ratio[0]) if dof else 0.0
-        failing = scatter.p_above(_POSE_NOISE_TOLERATED)[0] < share / len(moving)
-        noted = scatter.p_above(_NOISE_TOLERATED)[0] < share / len(moving)
-        yield Check(
-            "repeatability",
-            body.name,
-            ratio,
-            _POSE_NOISE_TOLERATED,
-            "1",
-            FAIL if failing else WARN if noted else PASS,
-            f"{body.name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
-            f"({int(dof / 3)} repeats, known by {how}).",
-        )
-
-
-def _relative_position(reference: BodyView, body: BodyView) -> tuple[Array, Array]:
-    """(B, 3) position of the body from the reference body, and its covariance to first order."""
-    turn = np.swapaxes(np.nan_to_num(reference.fit.R), 1, 2)
-    offset = np.nan_to_num(body.fit.t - reference.fit.t)
-    arm = np.cross(np.eye(3)[None], offset[:, None])
-    jacobian = np.concatenate([-np.broadcast_to(np.eye(3), arm.shape), arm], axis=2)
-    cov = np.nan_to_num(body.fit.covariance[:, :3, :3])
-    cov = cov + np.einsum("bij,bjk,blk->bil", jacobian, np.nan_to_num(reference.fit.covariance), jacobian)
-    return np.einsum("bij,bj->bi", turn, offset), np.einsum("bij,bjk,blk->bil", turn, cov, turn)
-
-
-def _spread(values: Array, cov: Array) -> float:
-    """Chi-square of a group's values (G, 3) about their weighted mean."""
-    weight = np.linalg.inv(cov)
-    mean = np.linalg.solve(weight.sum(axis=0), np.einsum("gij,gj->i", weight, values))
-    return float(np.einsum("gi,gij,gj->", values - mean, weight, values - mean))

@@ -13,6 +13,7 @@ from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
 from truing.estimation.interferometry.log_quality import signs_flipped, units_mistaken
+from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
 from truing.report.numbers import handy
 
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
 _NOTED = 1.1
 _REPEATS_NOTED = 1.5
+_UNEQUAL = 1e-3
 FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
 _BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # a stiffness off by that factor is another sensor's
@@ -234,26 +236,50 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
 
 
 def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Check:
-    """Runs of the same loads in the same order, each from its own zero: their scatter against the declared noise."""
+    """Runs of the same loads in the same order, each from its own zero: their scatter against the declared noise.
+
+    All programmes of loads together, and each by itself: those that scatter differently are never told as one.
+    """
     name = f"channel {channel.name}"
-    steps, square, dof = view.steps, 0.0, 0
+    groups = list(_repeated(view, channel))
+    if not groups or not np.isfinite(channel.declared):
+        return without("repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise")
+    scatter = Scatter(np.array([one.square for one in groups]), np.array([one.freedom for one in groups]))
+    pooled = Scatter(scatter.chi_square.sum(keepdims=True), scatter.dof.sum(keepdims=True))
+    noted = pooled.p_above(_REPEATS_NOTED)[0] < 0.5 * share
+    noted |= bool((scatter.p_above(_REPEATS_NOTED) < 0.5 * share / len(groups)).any())
+    ratio = float(pooled.ratio[0])
+    said = f"{channel.name}: runs of the same loads scatter by {ratio:.2f} times the declared noise"
+    apart = equal_scatter(scatter.chi_square, scatter.dof)
+    if apart is not None and apart.p_value < _UNEQUAL:
+        ratio, noted = float(scatter.ratio[apart.worst]), True
+        said = f"{channel.name}: repeats of {groups[apart.worst].run} scatter by {ratio:.2f} times the declared noise, "
+        said += f"those of all other loads by {apart.others:.2f} times"
+    said += f" ({pooled.dof[0]:.0f} degrees of freedom)."
+    return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, said)
+
+
+@dataclass(frozen=True)
+class _Programme:
+    """Loads that were run more than once: the first run of them, chi-square and degrees of freedom of all."""
+
+    run: str
+    square: float
+    freedom: float
+
+
+def _repeated(view: LoadingView, channel: ChannelView) -> Iterator[_Programme]:
+    steps = view.steps
     alike: dict[bytes, list[NDArray[np.int64]]] = {}
     for mine in channel.of_runs:
         alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
     for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
         used = channel.fit.kept[group].all(axis=0)
-        if not used.any():
+        if used.sum() < 2:
             continue
         values = steps.reading[channel.rows[group], channel.place][:, used]
         left = values - values.mean(axis=1, keepdims=True)
         left = left - left.mean(axis=0)
-        square += float(np.sum((left / channel.fit.sigma[group][:, used]) ** 2))
-        dof += (len(group) - 1) * max(int(used.sum()) - 1, 0)
-    if not dof or not np.isfinite(channel.declared):
-        return without("repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise")
-    scatter = Scatter(np.array([square]), np.array([float(dof)]))
-    ratio = float(scatter.ratio[0])
-    verdict = WARN if scatter.p_above(_REPEATS_NOTED)[0] < share else PASS
-    said = f"{channel.name}: runs of the same loads scatter by {ratio:.2f} times the declared noise"
-    said += f" ({dof} degrees of freedom)."
-    return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", verdict, said)
+        square = float(np.sum((left / channel.fit.sigma[group][:, used]) ** 2))
+        first = int(steps.run[channel.rows[group[0][0]]])
+        yield _Programme(view.run_name(first), square, (len(group) - 1.0) * (float(used.sum()) - 1.0))

@@ -40,16 +40,24 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     names: tuple[str, ...] = steps.signals
     readings = Repeated("reading", CHANNELS, _UNITS, SAME_LOADS, len(groups))
     declared = np.sqrt(known_mean(steps.sigma**2)) / READING_SI
-    readings.add_to(repeats, within_runs(steps.reading / READING_SI, groups), declared)
+    readings.add_to(
+        repeats, within_runs(steps.reading / READING_SI, groups), declared, _each(steps.reading / READING_SI, groups)
+    )
     signals = Repeated("signal", names, ("mV",) * len(names), SAME_LOADS, len(groups))
     noise = settings.noise.signal_mv
     stated = np.full(len(names), np.nan if noise is None else noise)
     if names:
-        signals.add_to(repeats, within_runs(1e3 * steps.signal, groups), stated)
+        each = _each(1e3 * steps.signal, groups)
+        signals.add_to(repeats, within_runs(1e3 * steps.signal, groups), stated, each)
         left = _linear_left(steps)
         signals.add_fit(fits, "linear in the loads", lack_of_fit(left[1], within_runs(left[0], groups)))
     _of_diagnosis(tables, steps, groups, readings, fits)
     return repeats, fits
+
+
+def _each(values: Array, groups: Sequence[Index]) -> list[Squares]:
+    """Deviations of values (B, C) between runs that repeat each other, group by group."""
+    return [within_runs(values, [group]) for group in groups]
 
 
 def _linear_left(steps: RecordedSteps) -> tuple[Array, Squares]:

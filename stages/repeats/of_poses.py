@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stages.point_arrays import number_column, positions, residual_points, text_column, used_targets
 from stages.repeats.groups import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
+from stages.repeats.iso9283 import repeatability_rows
 from stages.repeats.tables import Repeated, known_mean
 from stages.responses.tables import Rows
 from truing.estimation.pure_error import Squares, lack_of_fit, within_groups
@@ -31,32 +32,43 @@ _READING = re.compile(r"rho(\d+)_mm")
 _PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
 
 
-def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, Rows]:
-    """Rows of ``repeats`` and of ``lack_of_fit``; none where nothing was repeated."""
-    repeats, fits = Rows("repeats"), Rows("lack_of_fit")
+def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, Rows, Rows]:
+    """Rows of ``repeats``, ``lack_of_fit`` and ``pose_repeatability``; none where nothing was repeated."""
+    repeats, fits, by_pose = Rows("repeats"), Rows("lack_of_fit"), Rows("pose_repeatability")
     configurations = tables.get("configurations")
     if configurations is None or not configurations.num_rows:
-        return repeats, fits
+        return repeats, fits, by_pose
     groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
     if not groups:
-        return repeats, fits
+        return repeats, fits, by_pose
     poses = tuple(configurations.column("pose").to_pylist())
     readings = drive_readings(configurations, settings.campaign.drives)
-    for body, values, sigma in _relative_poses(tables.get("poses"), poses):
+    bodies = {}
+    for body, values, sigma in _relative_poses(tables.get("poses"), poses, groups):
         values = at_one_reading(values, readings, groups) if how == DECLARED else values
+        bodies[body] = values
         found = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS, how, len(groups))
-        found.add_to(repeats, within_groups(values / _SI, groups), sigma / _SI)
+        found.add_to(repeats, within_groups(values / _SI, groups), sigma / _SI, _each(values / _SI, groups))
     _of_points(tables.get("residuals"), poses, groups, how, settings.noise.point_mm, repeats)
     fitted = np.array(configurations.column("role").to_pylist(), dtype=object) != "verification"
     _of_attachments(tables, poses, groups, how, fitted, repeats, fits)
     _of_calibrations(tables, poses, [group[fitted[group]] for group in groups], fits)
-    return repeats, fits
+    by_pose.extend(repeatability_rows(bodies, tables, poses, groups, how))
+    return repeats, fits, by_pose
 
 
-def _relative_poses(table: pa.Table | None, poses: tuple[int | str, ...]) -> Iterator[tuple[str, Array, Array]]:
-    """Body, its poses (B, 6) seen from its reference, turned from the first of them, and a stated sigma (6,); SI.
+def _each(values: Array, groups: Sequence[Index]) -> list[Squares]:
+    """Deviations of values (B, C) from the mean, group by group."""
+    return [within_groups(values, [group]) for group in groups]
 
-    Bodies that are seen from the measurement alone may stand anywhere.
+
+def _relative_poses(
+    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index]
+) -> Iterator[tuple[str, Array, Array]]:
+    """Body, its poses (B, 6) seen from its reference, and a stated sigma (6,); SI.
+
+    Turned from the first of them; where bodies turn far, from the first of each group: rotation vectors of large
+    rotations have no difference that is an angle. Bodies that are seen from the measurement alone may stand anywhere.
     """
     if table is None or not table.num_rows:
         return
@@ -71,12 +83,24 @@ def _relative_poses(table: pa.Table | None, poses: tuple[int | str, ...]) -> Ite
         own[place[rows]], variance[place[rows]] = columns[rows] * ([1e-3] * 3 + [1.0] * 3), variances[rows]
         known = np.isfinite(own).all(axis=1)
         if not str(body).startswith("leg") and known.any():
-            R = exp_so3(own[known, 3:])
-            own[known, 3:] = log_so3(R @ R[0].T)
+            own[known, 3:] = _turned(exp_so3(own[known, 3:]), np.flatnonzero(known), groups)
             own[~known] = np.nan
             yield str(body), own, np.sqrt(known_mean(variance))
 
 
+def _turned(R: Array, rows: Index, groups: Sequence[Index]) -> Array:
+    """Rotation vectors (K, 3) of rotations (K, 3, 3) of these rows, from the first or from the first of their group."""
+    turned = log_so3(R @ R[0].T)
+    if np.linalg.norm(turned, axis=1).max() < _FAR_RAD:
+        return turned
+    for group in groups:
+        own = np.flatnonzero(np.isin(rows, group))
+        if len(own):
+            turned[own] = log_so3(R[own] @ R[own[0]].T)
+    return turned
+
+
+_FAR_RAD = 0.2
 _POSE = tuple((f"p{a}", "mm") for a in "xyz") + tuple((f"r{a}", "rad") for a in "xyz")
 
 
@@ -130,7 +154,7 @@ def _of_attachments(
     variance[at] = number_column(table, stated)[kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
     found = Repeated("attachment", subjects, ("um",) * legs, how, len(groups))
-    found.add_to(repeats, within_groups(shift, groups), np.sqrt(known_mean(variance)))
+    found.add_to(repeats, within_groups(shift, groups), np.sqrt(known_mean(variance)), _each(shift, groups))
     inside = [group[fitted[group]] for group in groups]
     # Of every leg, for a matrix takes also those whose attachments carry no targets; their zero is of no account.
     drive = _readings(tables["configurations"])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.responses.tables import Rows
-from truing.estimation.pure_error import LackOfFit, Squares
+from truing.estimation.pure_error import LackOfFit, Squares, equal_scatter
 
 Array = NDArray[np.float64]
 
@@ -35,20 +36,29 @@ class Repeated:
     how: str
     groups: int
 
-    def add_to(self, rows: Rows, found: Squares, declared: Array) -> None:
+    def add_to(self, rows: Rows, found: Squares, declared: Array, each: Sequence[Squares] = ()) -> None:
         """A row per subject that was repeated, and one of all over what is stated.
 
-        declared (C,): the stated sigma of one of them, NaN where none is.
+        declared (C,): the stated sigma of one of them, NaN where none is. each: the same group by group, by which it is
+        tested whether one number holds for all.
         """
-        self._add(rows, self.subjects, self.units, found, np.asarray(declared, float))
+        alike = [equal_scatter([g.square[c] for g in each], [g.freedom[c] for g in each]) for c in range(len(declared))]
+        p = np.array([np.nan if one is None else one.p_value for one in alike])
+        self._add(rows, self.subjects, self.units, found, np.asarray(declared, float), p)
         stated = (found.freedom > 0) & (np.nan_to_num(declared) > 0.0)
         if stated.sum() > 1:
             square = np.sum(found.square[stated] / np.asarray(declared, float)[stated] ** 2, keepdims=True)
             pooled = Squares(square, found.freedom[stated].sum(keepdims=True))
-            self._add(rows, (POOLED,), ("1",), pooled, np.ones(1))
+            self._add(rows, (POOLED,), ("1",), pooled, np.ones(1), np.array([np.nan]))
 
     def _add(
-        self, rows: Rows, subjects: tuple[str, ...], units: tuple[str, ...], found: Squares, declared: Array
+        self,
+        rows: Rows,
+        subjects: tuple[str, ...],
+        units: tuple[str, ...],
+        found: Squares,
+        declared: Array,
+        p_equal: Array,
     ) -> None:
         lower, upper = found.interval()
         told = np.flatnonzero(found.freedom > 0)
@@ -64,6 +74,7 @@ class Repeated:
                 freedom_of_error=found.freedom[told],
                 groups=[self.groups] * len(told),
                 told_by=[self.how] * len(told),
+                p_equal=p_equal[told],
             )
 
     def add_fit(self, rows: Rows, model: str, found: LackOfFit) -> None:

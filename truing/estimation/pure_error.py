@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+_LEAST = 1e-6  # of the common variance: repeats that agree in every digit scatter no less
+
 
 @dataclass(frozen=True)
 class Squares:
@@ -87,3 +89,36 @@ def lack_of_fit(left: Squares, pure: Squares) -> LackOfFit:
     ratio = np.where(told, share / np.where(told, pure.square / below, 1.0), np.nan)
     p = np.where(told, fdtrc(safe, below, np.nan_to_num(ratio)), np.nan)
     return LackOfFit(ratio, freedom, pure.freedom, p)
+
+
+@dataclass(frozen=True)
+class EqualScatter:
+    """Whether groups scatter alike: probability of their differences by chance, and the group that scatters most.
+
+    ``others``: standard deviation of all other groups together; NaN where there are none.
+    """
+
+    p_value: float
+    worst: int
+    others: float
+
+
+def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
+    """Test sums of squared deviations (G,) with their degrees of freedom (G,) for one common scatter (Bartlett).
+
+    None for fewer than two groups with a degree of freedom. Source: Bartlett, Proc. R. Soc. A 160 (1937) 268.
+    """
+    from scipy.special import chdtrc
+
+    square, freedom = np.asarray(square, float), np.asarray(freedom, float)
+    told = np.flatnonzero(freedom > 0.0)
+    if len(told) < 2 or not square[told].any():
+        return None
+    f = freedom[told]
+    common = float(square[told].sum() / f.sum())
+    variance = np.maximum(square[told] / f, _LEAST * common)
+    spread = float(f.sum() * np.log(common) - np.sum(f * np.log(variance)))
+    correction = 1.0 + (np.sum(1.0 / f) - 1.0 / f.sum()) / (3.0 * (len(told) - 1.0))
+    worst = int(np.argmax(variance))
+    rest = float((square[told].sum() - square[told][worst]) / (f.sum() - f[worst]))
+    return EqualScatter(float(chdtrc(len(told) - 1.0, spread / correction)), int(told[worst]), float(np.sqrt(rest)))

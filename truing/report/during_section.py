@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
@@ -13,8 +14,9 @@ if TYPE_CHECKING:
 
 _AXES = "xyz"
 _OPEN = 24
+_UNEQUAL = 1e-3
 _SURE = 0.05  # all subjects of a model together
-_TABLES = ("resurveys", "relabelled", "likely_names", "repeats", "lack_of_fit")
+_TABLES = ("resurveys", "relabelled", "likely_names", "repeats", "lack_of_fit", "pose_repeatability")
 
 
 def during(tables: Tables) -> Section | None:
@@ -26,6 +28,7 @@ def during(tables: Tables) -> Section | None:
         *_names(filled(tables, "relabelled")),
         *_suggested(filled(tables, "likely_names")),
         *_repeats(filled(tables, "repeats")),
+        *_by_pose(filled(tables, "pose_repeatability")),
         *_fits(filled(tables, "lack_of_fit")),
     )
     return Section("during", "During the campaign", _lead(tables), listings=listings, said=tuple(_said(tables)))
@@ -61,6 +64,10 @@ def _said(tables: Tables) -> list[tuple[str, str]]:
         if len(lost):
             which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
             said.append(("warn", f"Moved, and no pose said from which the new place holds: {which}."))
+    apart = _apart(filled(tables, "repeats"))
+    if apart:
+        which = ", ".join(list(apart.values())[:8])
+        said.append(("warn", f"Groups of repeats scatter differently; their pooled number holds for none: {which}."))
     return said
 
 
@@ -124,17 +131,42 @@ def _quoted(text: str) -> str:
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in plain_text) + '"'
 
 
+def _apart(table: pd.DataFrame | None) -> dict[int, str]:
+    """Subjects of repeats whose groups scatter differently, beyond chance, by the row's label."""
+    if table is None or "p_equal" not in table:
+        return {}
+    own = table[table["p_equal"] < _UNEQUAL]
+    return dict(zip(own.index.tolist(), own["subject"].astype(str), strict=True))
+
+
+def _by_pose(table: pd.DataFrame | None) -> list[Listing]:
+    """A row per subject and pose; figures with their intervals."""
+    if table is None:
+        return []
+    rows = []
+    for (subject, pose), own in table.groupby(["subject", "pose"], sort=False):
+        told = {r.figure: f"{quantity(r.value, r.unit)} ({quantity(r.low, r.unit)} … {quantity(r.high, r.unit)})"
+                for r in own.itertuples()}  # fmt: skip
+        figures = [told.get(name, "–") for name in ("sigma", "RP", "RP_a", "RP_b", "RP_c")]
+        rows.append((str(subject), str(pose), f"{own['attained'].iloc[0]}", *figures))
+    heads = ("subject", "pose", "measured", "sigma of a coordinate", "RP", "RP_a", "RP_b", "RP_c")
+    caption = "Repeatability pose by pose (ISO 9283: RP from five measurements on), with 95 % intervals"
+    return [Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, "pose_repeatability.parquet")]
+
+
 def _repeats(table: pd.DataFrame | None) -> list[Listing]:
     if table is None:
         return []
     rows = []
+    differ = _apart(table)
+    marks = tuple("warn" if at in differ else "" for at in table.index.tolist())
     for r in table.itertuples():
         stated = r.declared_sigma if r.declared_sigma == r.declared_sigma else None
         ratio = plain(r.pure_error / stated) if stated else "–"
         interval = f"{quantity(r.lower, r.unit)} … {quantity(r.upper, r.unit)}"
         rows.append(
             (r.repeated, r.subject, quantity(r.pure_error, r.unit), interval, f"{r.freedom_of_error:.0f}",
-             quantity(stated, r.unit), ratio)
+             quantity(stated, r.unit), ratio, p_value(p) if (p := getattr(r, "p_equal", math.nan)) == p else "–")
         )  # fmt: skip
     heads = (
         "of",
@@ -144,10 +176,11 @@ def _repeats(table: pd.DataFrame | None) -> list[Listing]:
         "degrees of freedom",
         "stated (1 sigma)",
         "ratio",
+        "groups alike, p",
     )
     number = int(table["groups"].max())
     caption = f"Pure error: the scatter of {number} repeated groups, known by {table['told_by'].iloc[0]}"
-    return [Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, "repeats.parquet")]
+    return [Listing(heads, tuple(rows), marks, caption, len(rows) > _OPEN, "repeats.parquet")]
 
 
 def _fits(table: pd.DataFrame | None) -> list[Listing]:

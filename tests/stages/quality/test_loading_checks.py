@@ -16,7 +16,7 @@ from stages.quality.loading_view import ChannelView
 from stages.quality.of_readings import noise
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
-from tests.tolerance import assert_close
+from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.flexible_response import ChannelFit
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
@@ -260,3 +260,19 @@ def test_noise_at_the_bound_fails_as_rarely_as_stated():
     assert abs(failing(2.0) - share) < allowed
     assert abs(failing(0.5) - share) < allowed
     assert failing(1.0) == 0.0
+
+
+def test_a_programme_of_loads_that_repeats_worse_than_the_others_is_named(tmp_path):
+    """Runs 7 and 8 load mx; one pooled number would hide that they alone do not come out again."""
+
+    def worse(readings: pd.DataFrame, _: pd.DataFrame) -> None:
+        own = readings["run"].isin([7, 8]) & (readings["channel"] == "dx")
+        readings.loc[own, "reading"] += np.random.default_rng(5).normal(0.0, 2.5, int(own.sum()))
+
+    qa = judged(tmp_path, worse, repeats=2)
+    rows = qa[qa["check"] == "repeatability"].set_index("subject")
+    row = rows.loc["channel dx"]
+    assert row["verdict"] == "warn"
+    assert row["message"].startswith("dx: repeats of run 7 scatter by ")
+    assert_between(row["value"], 3.0, 8.0)
+    assert set(rows.drop(index="channel dx")["verdict"]) == {"pass"}
