@@ -89,6 +89,35 @@ OF_POINTS: Checks = {
         Rule(warns="any"),
         "Write the `[[renamed]]` that the report proposes, once you have looked.",
     ),
+    "points-against-survey": QualityCheck(
+        "Are a body's points its survey, moved: not its mirror image, and in the same unit?",
+        "A mirrored body or another unit fits nothing, and every later figure rests on it.",
+        Rule(warns="beyond 10 sigma of a point, unexplained", fails="a mirror image or another unit explains it"),
+        "Correct the axis, the unit or the names that the message names, in the export or in its mapping.",
+    ),
+    "copied-poses": QualityCheck(
+        "Is each pose a measurement of its own?",
+        "Points that agree in every digit are a copy, or come from an instrument that stood still. Not evaluated where "
+        "the file's resolution is too coarse to tell.",
+        Rule(fails="two poses the same in every digit"),
+        "Export the poses that are named again; take out those that were not measured.",
+    ),
+    "legs-regular": QualityCheck(
+        "Do the legs of [mechanism] hold the platform in all six directions?",
+        "Parallel or otherwise singular legs leave a motion free: no readings say where the platform is.",
+        Rule(fails="a motion that changes no leg"),
+        "Compare a_mm, b_mm and u of [mechanism] with the drawing.",
+    ),
+    "readings-against-poses": QualityCheck(
+        "Do actuator readings move as the measured poses and [mechanism] ask for?",
+        "A unit, a sign, an exchanged column or a shifted row bends every parameter, and a matrix can swallow it. "
+        "Plausible slips in readings, rows and description are tried; one counts if it beats all physical effects.",
+        Rule(
+            "misfit beyond 0.2 of the movement",
+            "a slip explains the data, or the misfit is beyond 0.5 of the movement, of all legs or of one",
+        ),
+        "Undo the slip that the message names once you know it is true; else compare readings and poses one by one.",
+    ),
     "noise": QualityCheck(
         "How large is the scatter per body, and per body and axis, over the declared noise?",
         "Every uncertainty and test rests on the declared noise. Ten per cent off is ordinary; the test is one-sided "

@@ -232,7 +232,7 @@ QUALITY = (
         choices=("ok", "attention", "fails", "not tested"),
     ),
     Column("reason_code", "text", "code of the reason for the state"),
-    real("misfit", "", "rms of what the relation leaves of the data as recorded, unit in its row", nullable=True),
+    real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),
     Column("slips", "text", "JSON list of the slips that together explain the data: kind, quantity, subjects, factor"),
     Column("rivals", "text", "JSON list of slips that explain the data as well as those"),

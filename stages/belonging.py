@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
 from schemas.checks_of_positions import OF_POSITIONS
-from truing.belonging.relation import Slip, Tested
+from truing.belonging.relation import Slip, State, Tested
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+# What a body's poses rest on.
+OF_POSES = ("points-against-survey",)
 # Older checks of what a table says its numbers are; a finding on such numbers would be as large as the slip.
 _CHECKS = ("units", "signs", "channels-exchanged")
 
@@ -48,23 +50,20 @@ def _json(slips: Sequence[Slip]) -> str:
     return json.dumps([asdict(slip) for slip in slips])
 
 
-def withheld(tables: Mapping[str, pa.Table]) -> str:
+def withheld(tables: Mapping[str, pa.Table], relations: Container[str] | None = None) -> str:
     """Return why nothing may rest on these tables: failed relations that nobody accepted; empty where none failed.
 
-    ``tables`` holds ``qa`` and, where relations were tested, ``belonging``.
+    ``tables`` holds ``belonging``, and ``qa`` for the older checks of units, signs and channels. ``relations``: those
+    that matter; absent: every one, and the older checks.
     """
     rows = tables["belonging"].to_pylist() if "belonging" in tables else []
-    apart = {row["relation"] for row in rows if row["state"] == "fails" and not row["accepted"]}
-    checks = tables["qa"].to_pylist() if "qa" in tables else []
-    failed = [
-        row
-        for row in checks
-        if row["check"] in apart.union(_CHECKS) and row["verdict"] == "fail" and not row["accepted"]
-    ]
-    if not failed:
-        return ""
-    more = f"; {len(failed) - 1} more under Quality" if len(failed) > 1 else ""
-    return f"the data do not belong together: {failed[0]['message']} (check {failed[0]['check']}{more})"
+    apart = [row["relation"] for row in rows if row["state"] == State.FAILS and not row["accepted"]]
+    failed = [name for name in apart if relations is None or name in relations]
+    if relations is None and "qa" in tables:
+        older = [row for row in tables["qa"].to_pylist() if row["check"] in _CHECKS and row["verdict"] == "fail"]
+        failed += [row["check"] for row in older if not row["accepted"]]
+    names = ", ".join(dict.fromkeys(failed))
+    return f"the data do not belong together: see {names} under Quality" if failed else ""
 
 
 def subject_of(run: int | str) -> str:

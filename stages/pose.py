@@ -23,6 +23,7 @@ DECLARATION = Stage(
     reads=(
         *("observations?", "survey?", "scans?", "measured_poses?", "readings?", "given_compliance?"),
         *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
+        "belonging?",
     ),
     leaves=(
         *("poses?", "residuals?", "pose_sensitivities?", "pose_covariances?"),
@@ -44,11 +45,14 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
+    from stages.belonging import OF_POSES, withheld
+
     names = ("observations", "scans", "measured_poses")
     observations, scans, measured = (tables.get(name, ARTIFACTS[name].empty()) for name in names)
-    if not observations.num_rows and not scans.num_rows and not measured.num_rows:
+    why = "" if observations.num_rows or scans.num_rows or measured.num_rows else "no object points"
+    if why := why or withheld(tables, OF_POSES):
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
-        return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no object points")
+        return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
     from stages.point_arrays import observation_rows, pose_ids
     from stages.rigid_poses.correlated_poses import with_correlations
     from stages.rigid_poses.measured_poses import with_measured

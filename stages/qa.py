@@ -43,6 +43,7 @@ DECLARATION = Stage(
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
         *(
+            "mechanism.tolerance",
             "mechanism.elements",
             "loading",
             "interferometer",
@@ -86,12 +87,12 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     relations = relations_of_points(bodies, around, tables, settings)
     likely = likely_names(observations, bodies, around, settled)
     found = chain(
+        belonging_checks(relations),
         all_checks(bodies, reference, around, attachments, settings, limits, tables),
         names_known(observations, bodies, likely, settled),
         later_surveys(resurveys, settings.exclude, limits),
         overruled_points(observations, settings),
         photograph_checks(tables, limits),
-        belonging_checks(relations),
     )
     read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
     outcome = _judged(found, read, settings, progress, relations)

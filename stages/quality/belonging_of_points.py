@@ -3,19 +3,138 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.point_arrays import number_column, positions
 from stages.quality.bodies import BodyView, Surroundings
-from truing.belonging.relation import Tested
+from truing.belonging.leg_hypotheses import Motion
+from truing.belonging.points_of_bodies import BodyPoints, relate_copies, relate_survey, together
+from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
+from truing.belonging.relation import State, Tested
+from truing.estimation.covariance import relative
+from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
+    from truing.simulation.legs import Legs
+
+Array = NDArray[np.float64]
 
 
 def relations_of_points(
     bodies: Sequence[BodyView], around: Surroundings, tables: Mapping[str, pa.Table], settings: Campaign
 ) -> tuple[Tested, ...]:
     """Return the tested relations of a campaign of object points."""
-    return ()
+    surveyed = set(tables["survey"].column("body").to_pylist()) if "survey" in tables else set()
+    return (
+        _copies(bodies, around),
+        *together(tuple(relate_survey(_points(body)) for body in bodies if body.name in surveyed)),
+        *_readings(bodies, around, tables.get("configurations"), surveyed, settings),
+    )
+
+
+def _points(body: BodyView) -> BodyPoints:
+    """The targets that make the body's frame."""
+    frame = body.frame
+    seen = body.points.seen[:, frame]
+    sigma = body.sigma[:, frame][seen]
+    return BodyPoints(
+        body.name,
+        body.survey.points[frame],
+        body.points.points[:, frame],
+        seen,
+        float(np.median(sigma)) if sigma.size else 0.0,
+    )
+
+
+def _copies(bodies: Sequence[BodyView], around: Surroundings) -> Tested:
+    points = np.concatenate([body.points.points for body in bodies], axis=1)
+    seen = np.concatenate([body.points.seen for body in bodies], axis=1)
+    sigma = np.concatenate([body.measured_sigma.mean(axis=2) for body in bodies], axis=1)
+    least = float(sigma[seen].min()) if seen.any() else 0.0
+    return relate_copies(points, seen, least, tuple(map(str, around.poses)))
+
+
+def _readings(
+    bodies: Sequence[BodyView],
+    around: Surroundings,
+    configurations: pa.Table | None,
+    surveyed: set[str],
+    settings: Campaign,
+) -> tuple[Tested, ...]:
+    """Actuator readings against the poses of the platform."""
+    if not settings.mechanism.is_legged:
+        return (Tested(READINGS, State.NOT_TESTED, "no-mechanism"),)
+    if not {"base", "platform"} <= surveyed:
+        return (Tested(READINGS, State.NOT_TESTED, "no-survey"),)
+    by_name = {body.name: body for body in bodies}
+    section = cast("LeggedMechanism", settings.mechanism)
+    columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
+    missing = configurations is None or not {"base", "platform"} <= by_name.keys()
+    if configurations is None or missing or not set(columns) <= set(configurations.column_names):
+        return (Tested(READINGS, State.NOT_TESTED, "no-readings"),)
+    found = _in_order(configurations, columns, around)
+    base, platform = by_name["base"].fit, by_name["platform"].fit
+    R, p, covariance = relative(base.R, base.t, base.covariance, platform.R, platform.t, platform.covariance)
+    usable = (base.ok & platform.ok)[found.pose] & np.isfinite(found.readings).all(axis=1)
+    at = found.pose[usable]
+    spread = np.trace(covariance[at][:, :3, :3], axis1=1, axis2=2)
+    noise = float(np.sqrt(np.median(spread))) if len(at) else 0.0
+    motion = Motion(
+        _legs(section, p[at]),
+        _tolerances(section),
+        p[at],
+        R[at],
+        found.readings[usable],
+        float(np.hypot(noise, 1e-3 * settings.noise.actuator_mm)),
+        _drivers(around, at),
+    )
+    return relate_readings(motion, Names(columns, tuple(str(around.poses[pose]) for pose in at)))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of the configurations whose pose was measured, in the order of the file: readings (N, L) m, pose (N,)."""
+
+    readings: Array
+    pose: NDArray[np.int64]
+
+
+def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: Surroundings) -> _Rows:
+    pose = positions(configurations.column("pose"), around.poses)
+    readings = 1e-3 * np.column_stack([number_column(configurations, name) for name in columns])
+    return _Rows(readings[pose >= 0], pose[pose >= 0])
+
+
+def _legs(section: LeggedMechanism, p: Array) -> Legs:
+    """The legs of the description; those without a direction of their own point to where the platform was measured."""
+    from stages.diagnosis.mechanism_points import nominal_legs
+
+    legs = nominal_legs(section)
+    if "u" in legs.closure.geometry or not len(p):
+        return legs
+    away = np.mean(p + legs.b.mean(axis=0) - legs.a.mean(axis=0), axis=0)
+    return legs.replace(u=np.broadcast_to(away / max(float(np.linalg.norm(away)), 1e-12), legs.a.shape))
+
+
+def _tolerances(section: LeggedMechanism) -> dict[str, float]:
+    """One standard deviation of the geometry, m and 1; wide open where none is declared."""
+    given = section.tolerance
+    lengths = {"a": given.a_mm, "b": given.b_mm, "l": given.length_mm}
+    found = {name: FREE_LENGTH_M if value is None else 1e-3 * value for name, value in lengths.items()}
+    return {**found, "u": FREE_DIRECTION if given.u is None else given.u}
+
+
+def _drivers(around: Surroundings, at: NDArray[np.int64]) -> Array:
+    """(N, C) time and temperature over their spread, where they vary."""
+    columns = [around.time[at], *(() if around.temperature is None else (around.temperature[at],))]
+    varying = [values for values in columns if len(values) and np.isfinite(values).all() and np.ptp(values) > 0.0]
+    scaled = [(values - values.mean()) / values.std() for values in varying]
+    return np.column_stack(scaled) if scaled else np.zeros((len(at), 0))

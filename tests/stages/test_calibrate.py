@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +18,9 @@ import pytest
 from pipeline.settings_view import SettingsView
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign, read_campaign
+from stages.belonging import belonging_table
 from tests.tolerance import assert_between
+from truing.belonging.relation import State, Tested
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE = PROJECT / "sample_data" / "telescope"
@@ -324,26 +325,17 @@ def test_a_geometry_that_cannot_close_is_not_evaluated(line):
     for leg in changed["mechanism"]["legs"]:
         leg["length_mm"] = 20.0
     found, said = calibrated(line, read_campaign(changed))
-    assert "do not belong together" in said.figure
+    assert said.figure.startswith("not evaluated: ")
     assert all(frame.empty for frame in found.values())
 
 
-def scaled(tables: dict[str, pa.Table], factor: float) -> dict[str, pa.Table]:
-    """The tables with all readings multiplied, as in a wrong unit."""
-    frame = tables["configurations"].to_pandas()
-    readings = [name for name in frame if name.startswith("rho")]
-    frame[readings] *= factor
-    schema = tables["configurations"].schema
-    return {**tables, "configurations": pa.Table.from_pandas(frame, schema, preserve_index=False)}
-
-
-@pytest.mark.parametrize("factor", [1e3, 1e-3, -1.0])
-def test_readings_in_a_wrong_unit_are_told_and_not_calibrated(line, factor):
-    found, said = calibrated(scaled(line, factor), read_campaign(document(SAMPLE)))
-    assert "readings and poses do not belong together" in said.figure
-    told = float(re.search(r"read is (\S+) times as far", said.figure).group(1))
-    assert told == pytest.approx(factor, rel=0.05)  # tolerances and K make it a few per cent of the nominal machine's
+def test_what_does_not_belong_together_is_not_calibrated(line):
+    apart = belonging_table([Tested("readings-against-poses", State.FAILS, "no-slip")], [None])
+    found, said = calibrated({**line, "belonging": apart}, read_campaign(document(SAMPLE)))
+    assert said.figure.startswith("not evaluated: ")
     assert all(frame.empty for frame in found.values())
+    accepted = belonging_table([Tested("readings-against-poses", State.FAILS, "no-slip")], ["M. Keller: known"])
+    assert not calibrated({**line, "belonging": accepted}, read_campaign(document(SAMPLE)))[0]["calibration"].empty
 
 
 def test_a_platform_that_hardly_moved_is_told(line):

@@ -36,7 +36,8 @@ class Slip:
     """One slip: its kind, the quantity that it changed, the subjects (columns, rows, runs), and its size.
 
     ``factor``: recorded numbers times ``factor`` are right (kind unit), 1 for other kinds. ``shift``: rows by which
-    the recorded values stand too far down (kind rows-shifted).
+    the recorded values stand too far down (kind rows-shifted). ``offset``: what is to be added, in the unit of the
+    column (kind zero). ``dimension`` of the quantity: length, angle, force, torque or voltage.
     """
 
     kind: SlipKind
@@ -44,15 +45,17 @@ class Slip:
     subjects: tuple[str, ...] = ()
     factor: float = 1.0
     shift: int = 0
+    offset: float = 0.0
+    dimension: str = "length"
 
 
 @dataclass(frozen=True)
 class Tested:
     """Result for one relation: which slips explain the data, and which a campaign of this kind cannot show.
 
-    ``relation`` is the name of the quality check. ``misfit`` is rms of what the relation leaves as recorded,
-    ``misfit_explained`` with ``slips`` undone (None without slips), both in ``unit``; a relation fails beyond
-    ``limit``. ``slips`` hold together, not one or the other; ``rivals`` explain the data as well as they do.
+    ``relation`` is the name of the quality check. ``misfit`` is rms of what the relation leaves as recorded (a count
+    or ratio where ``unit`` is 1), ``misfit_explained`` with ``slips`` undone (None without slips), both in ``unit``; a
+    relation fails beyond ``limit``. ``slips`` hold together, not one or the other; ``rivals`` explain the data as well.
     ``tried`` counts the hypotheses. ``hidden``: slips that would not be seen. ``reason`` is a code for the words.
     """
 

@@ -8,16 +8,14 @@ from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.report.numbers import two_decimals
 
 _MOST = 6  # subjects that a sentence lists
+_SAME_FACTOR = 1e-6  # relative
 
 # What the two sides of a relation are called in a sentence.
 RELATIONS = {
     "readings-against-poses": "Actuator readings and measured poses",
     "points-against-survey": "Measured points and their survey",
-    "copied-poses": "Poses",
+    "copied-poses": "Measured poses",
     "legs-regular": "The legs of [mechanism]",
-    "loads-against-readings": "Loads and readings",
-    "signals-against-loads": "Signals and loads",
-    "copied-runs": "Runs",
 }
 
 # Names of factors by quantity: what was written, in place of what.
@@ -48,18 +46,24 @@ _FACTORS = {
 }
 # What columns are, by the units that their names end with.
 _ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "voltage"))
+_SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # what is seen in the numbers themselves, and no guess
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",
     "no-readings": "were not compared: the campaign has no actuator readings",
     "no-mechanism": "were not compared: no [mechanism] relates them",
+    "no-survey": "were not compared: no survey says where the frames of base and platform lie",
     "no-inverse": "were not compared: this mechanism gives no reading for a pose",
     "no-poses": "were not compared: fewer than three poses have both",
+    "unreached": "do not belong together: the legs of [mechanism] reach less than half of these poses at any reading",
+    "no-frame": "were not compared: the targets fix no frame",
     "no-slip": "do not belong together, and no slip that was tried explains it",
     "departs": "depart from each other more than a calibration usually explains",
     "legs-parallel": "are all parallel: they leave the platform free to move sideways",
     "legs-singular": "are singular: at the measured poses they leave a motion of the platform free",
     "regular": "hold the platform in all six directions",
+    "few-targets": "were not compared: fewer than four targets were seen",
+    "no-fit": "do not fit each other, and neither a mirror image nor another unit explains it",
     "distinct": "are all different measurements",
     "coarse": "were not compared: the resolution of the file is coarser than the noise",
 }
@@ -67,8 +71,10 @@ _REASONS = {
 
 def message(tested: Tested) -> str:
     """Return the sentences for one tested relation: result, size, the slip that explains it, what stays hidden."""
-    subject = f" ({tested.subject})" if tested.subject else ""
+    subject = f" ({listed(tested.subject.split())})" if tested.subject else ""
     sides = f"{RELATIONS[tested.relation]}{subject}"
+    if tested.slips and all(slip.kind in _SEEN for slip in tested.slips):
+        return f"{sides} are not all measurements of their own: {'; '.join(map(slip_words, tested.slips))}."
     if tested.slips:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
     said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
@@ -80,9 +86,9 @@ def message(tested: Tested) -> str:
 
 
 def _size(tested: Tested) -> str:
-    if tested.misfit is None:
+    if tested.misfit is None or tested.unit == "1":
         return ""
-    limit = "" if tested.limit is None else f", limit {two_decimals(tested.limit)} {tested.unit}"
+    limit = "" if tested.limit is None or tested.slips else f", limit {two_decimals(tested.limit)} {tested.unit}"
     return f" (rms misfit {two_decimals(tested.misfit)} {tested.unit}{limit})"
 
 
@@ -113,23 +119,28 @@ def listed(names: Sequence[str], most: int = _MOST) -> str:
 
 
 def _unit(slip: Slip) -> str:
-    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), None)
-    named_by = _FACTORS.values() if dimension is None else [_FACTORS[dimension]]
-    known = [name for by in named_by for factor, name in by.items() if abs(slip.factor / factor - 1.0) < 1e-6]
-    named = f" ({' or '.join(dict.fromkeys(known))})" if known else ""
-    return f"{_of(slip)} in another unit: multiply by {slip.factor:.7g}{named}"
+    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), slip.dimension)
+    known = _FACTORS.get(dimension, {})
+    named = [name for factor, name in known.items() if abs(slip.factor / factor - 1.0) < _SAME_FACTOR]
+    what = f" ({named[0]})" if named else ""
+    return f"{_of(slip)} {'in another unit' if named else 'off by a factor'}: multiply by {slip.factor:.7g}{what}"
+
+
+def _zero(slip: Slip) -> str:
+    by = f": add {slip.offset:.4g}" if slip.offset else ""
+    return f"{_of(slip)} counted from another zero{by}"
 
 
 _WORDS = {
     SlipKind.UNIT: _unit,
     SlipKind.SIGN: lambda slip: f"{_of(slip)} with the opposite sign",
-    SlipKind.ZERO: lambda slip: f"{_of(slip)} counted from another zero",
+    SlipKind.ZERO: _zero,
     SlipKind.COLUMNS: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
     SlipKind.ROWS_SHIFTED: lambda slip: f"{_of(slip)} shifted by {slip.shift:+d} rows",
     SlipKind.ROWS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's rows: {listed(slip.subjects)}",
     SlipKind.MIRRORED: lambda slip: f"{_of(slip)} mirrored (left-handed frame, or one axis with the opposite sign)",
     SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's place: {listed(slip.subjects)}",
     SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
-    SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen: the same numbers again while the machine moves",
-    SlipKind.COPIED: lambda slip: f"{slip.quantity} copied: {listed(slip.subjects)}",
+    SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
+    SlipKind.COPIED: lambda slip: f"{slip.quantity} {listed(slip.subjects)} are the same in every digit",
 }

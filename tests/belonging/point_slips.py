@@ -1,0 +1,224 @@
+"""Slips in the files of a campaign of object points on a legged mechanism; shares no code with what finds them."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import tomli_w
+
+
+@dataclass
+class Files:
+    """A campaign's files in memory: campaign.toml, configurations, points and survey."""
+
+    toml: dict[str, Any]
+    configurations: pd.DataFrame
+    points: pd.DataFrame
+    targets: pd.DataFrame
+
+    @property
+    def rho(self) -> list[str]:
+        """The columns of readings, in leg order."""
+        return [name for name in self.configurations.columns if name.startswith("rho")]
+
+    def legs(self, change: Callable[[dict[str, Any]], None]) -> None:
+        """Change every leg of [mechanism]."""
+        for leg in self.toml["mechanism"]["legs"]:
+            change(leg)
+
+
+@dataclass(frozen=True)
+class PointSlip:
+    """A slip by name, the kind that it should be found as, and what it does to the files."""
+
+    name: str
+    kind: str
+    make: Callable[[Files], None]
+    relation: str = "readings-against-poses"
+
+
+def read_files(folder: Path) -> Files:
+    """Read a campaign folder whose tables stand in plain CSV."""
+    toml = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
+    tables = (pd.read_csv(folder / f"{name}.csv") for name in ("configurations", "points", "targets"))
+    return Files(toml, *tables)
+
+
+def write_files(files: Files, folder: Path) -> Path:
+    """Write a campaign folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / "campaign.toml").write_text(tomli_w.dumps(files.toml), encoding="utf-8")
+    for name in ("configurations", "points", "targets"):
+        getattr(files, name).to_csv(folder / f"{name}.csv", index=False)
+    return folder
+
+
+def _readings(factor: float, *legs: int) -> Callable[[Files], None]:
+    def make(files: Files) -> None:
+        names = [files.rho[leg] for leg in legs] or files.rho
+        files.configurations[names] *= factor
+
+    return make
+
+
+def _columns(order: Callable[[list[str]], list[str]]) -> Callable[[Files], None]:
+    def make(files: Files) -> None:
+        files.configurations[files.rho] = files.configurations[order(files.rho)].to_numpy()
+
+    return make
+
+
+def _rows(order: Callable[[np.ndarray], np.ndarray]) -> Callable[[Files], None]:
+    def make(files: Files) -> None:
+        rows = order(np.arange(len(files.configurations)))
+        files.configurations[files.rho] = files.configurations[files.rho].to_numpy()[rows]
+
+    return make
+
+
+def _exchange(rows: np.ndarray) -> np.ndarray:
+    """Two poses far apart in the table stand in each other's row."""
+    i, j = len(rows) // 3, 2 * len(rows) // 3
+    rows[[i, j]] = rows[[j, i]]
+    return rows
+
+
+def _missing_row(rows: np.ndarray) -> np.ndarray:
+    """A row was lost halfway, all later ones moved up."""
+    half = len(rows) // 2
+    return np.r_[rows[:half], rows[half + 1 :], rows[half]]
+
+
+def _scaled_leg(key: str, factor: float) -> Callable[[Files], None]:
+    def change(leg: dict[str, Any]) -> None:
+        leg[key] = [factor * c for c in leg[key]] if isinstance(leg[key], list) else factor * leg[key]
+
+    return lambda files: files.legs(change)
+
+
+def _swap_ab(files: Files) -> None:
+    def change(leg: dict[str, Any]) -> None:
+        leg["a_mm"], leg["b_mm"] = leg["b_mm"], leg["a_mm"]
+
+    files.legs(change)
+
+
+def _one_length(files: Files) -> None:
+    files.toml["mechanism"]["legs"][2]["length_mm"] *= 0.1
+
+
+def _mirror_everything(files: Files) -> None:
+    files.points["y_mm"] *= -1.0
+    files.targets["y_mm"] *= -1.0
+
+
+def _mirror_points(files: Files) -> None:
+    files.points["x_mm"] *= -1.0
+
+
+def _mirror_survey(files: Files) -> None:
+    files.targets.loc[files.targets["body"] == "platform", "x_mm"] *= -1.0
+
+
+def _exchange_bodies(files: Files) -> None:
+    for table in (files.points, files.targets):
+        table["body"] = table["body"].replace({"base": "platform", "platform": "base"})
+        table["leg"] = np.nan if "leg" in table else None
+    files.points = files.points.drop(columns="leg")
+
+
+def _scale_points(factor: float, *tables: str) -> Callable[[Files], None]:
+    def make(files: Files) -> None:
+        for name in tables:
+            getattr(files, name)[["x_mm", "y_mm", "z_mm"]] *= factor
+
+    return make
+
+
+def _freeze(files: Files) -> None:
+    rows = np.arange(len(files.configurations)) >= len(files.configurations) // 2
+    name = files.rho[3]
+    files.configurations.loc[rows, name] = files.configurations[name].to_numpy()[rows][0]
+
+
+def _frozen_column(files: Files) -> None:
+    files.configurations[files.rho[1]] = files.configurations[files.rho[1]].to_numpy()[0]
+
+
+def _copy_pose(files: Files) -> None:
+    poses = files.configurations["pose"].tolist()
+    source, goal = poses[len(poses) // 4], poses[3 * len(poses) // 4]
+    kept = files.points[files.points["pose"] != goal]
+    files.points = pd.concat([kept, kept[kept["pose"] == source].assign(pose=goal)])
+
+
+def _frozen_instrument(files: Files) -> None:
+    poses = files.configurations["pose"].tolist()
+    first, later = poses[len(poses) // 2], poses[len(poses) // 2 + 1 :]
+    kept = files.points[~files.points["pose"].isin(later)]
+    copies = [kept[kept["pose"] == first].assign(pose=pose) for pose in later]
+    files.points = pd.concat([kept, *copies])
+
+
+def _parallel(files: Files) -> None:
+    files.legs(lambda leg: leg.update(a_mm=[leg["b_mm"][0], leg["b_mm"][1], leg["a_mm"][2]]))
+
+
+def _exchange_points(files: Files) -> None:
+    poses = files.configurations["pose"].tolist()
+    i, j = poses[len(poses) // 3], poses[len(poses) // 2]
+    files.points["pose"] = files.points["pose"].replace({i: j, j: i})
+
+
+READING_SLIPS = (
+    PointSlip("readings in m", "unit", _readings(1e-3)),
+    PointSlip("readings in inches", "unit", _readings(1 / 25.4)),
+    PointSlip("readings in um", "unit", _readings(1e3)),
+    PointSlip("readings in cm", "unit", _readings(0.1)),
+    PointSlip("readings in degrees of a spindle", "unit", _readings(360.0 / 0.7)),
+    PointSlip("one reading in m", "unit", _readings(1e-3, 4)),
+    PointSlip("sign of all readings", "sign", _readings(-1.0)),
+    PointSlip("sign of one reading", "sign", _readings(-1.0, 0)),
+    PointSlip("columns rotated", "columns-exchanged", _columns(lambda names: names[1:] + names[:1])),
+    PointSlip("columns reversed", "columns-exchanged", _columns(lambda names: names[::-1])),
+    PointSlip("two columns exchanged", "columns-exchanged", _columns(lambda n: [n[0], n[2], n[1], *n[3:]])),
+    PointSlip("two far columns exchanged", "columns-exchanged", _columns(lambda n: [n[4], *n[1:4], n[0], *n[5:]])),
+    PointSlip("rows shifted down", "rows-shifted", _rows(lambda rows: np.roll(rows, 1))),
+    PointSlip("rows shifted up by two", "rows-shifted", _rows(lambda rows: np.roll(rows, -2))),
+    PointSlip("a row lost halfway", "rows-exchanged", _rows(_missing_row)),
+    PointSlip("rows reversed", "rows-exchanged", _rows(lambda rows: rows[::-1])),
+    PointSlip("two rows exchanged", "rows-exchanged", _rows(_exchange)),
+    PointSlip("points of two poses exchanged", "rows-exchanged", _exchange_points),
+    PointSlip("a column frozen", "frozen", _frozen_column),
+    PointSlip("a column frozen halfway", "frozen", _freeze),
+)
+DESCRIPTION_SLIPS = (
+    PointSlip("a and b exchanged", "parts-exchanged", _swap_ab),
+    PointSlip("u downwards", "direction-reversed", lambda files: _scaled_leg("u", -1.0)(files)),
+    PointSlip("lengths ten times too small", "unit", _scaled_leg("length_mm", 0.1)),
+    PointSlip("one length ten times too small", "unit", _one_length),
+    PointSlip("lengths in inches", "unit", _scaled_leg("length_mm", 1 / 25.4)),
+    PointSlip("a in m", "unit", _scaled_leg("a_mm", 1e-3)),
+    PointSlip("points and survey mirrored", "mirrored", _mirror_everything),
+    PointSlip("points and survey in m", "unit", _scale_points(1e-3, "points", "targets")),
+    PointSlip("points and survey in inches", "unit", _scale_points(1 / 25.4, "points", "targets")),
+    PointSlip("bodies exchanged", "parts-exchanged", _exchange_bodies),
+    PointSlip("legs parallel", "", _parallel, "legs-regular"),
+)
+POINT_SLIPS = (
+    PointSlip("points mirrored", "mirrored", _mirror_points, "points-against-survey"),
+    PointSlip("survey of the platform mirrored", "mirrored", _mirror_survey, "points-against-survey"),
+    PointSlip("points in m", "unit", _scale_points(1e-3, "points"), "points-against-survey"),
+    PointSlip("survey in inches", "unit", _scale_points(1 / 25.4, "targets"), "points-against-survey"),
+    PointSlip("a pose copied", "copied", _copy_pose, "copied-poses"),
+    PointSlip("instrument frozen halfway", "copied", _frozen_instrument, "copied-poses"),
+)
+ALL_SLIPS = (*READING_SLIPS, *DESCRIPTION_SLIPS, *POINT_SLIPS)

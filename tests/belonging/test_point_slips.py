@@ -1,0 +1,90 @@
+"""Slips in readings, rows, points and the description of a mechanism are found under their own names."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from stages.belonging import withheld
+from stages.declaration import Outcome
+from tests.belonging.point_slips import ALL_SLIPS, Files, PointSlip, read_files, write_files
+from tests.blind.generator.case import hide
+from tests.made_once import made_once
+from tests.stages.line import run_line
+from truing.belonging.relation import SlipKind
+
+# Two machines, with effects in them that a good campaign may have: the slip has to be found beside these.
+MACHINES = {"6-pus": ("platform-deformation-matrix", "telescope"), "ups": ("actuator-gain", "hexapod")}
+AT_THE_DOOR = (  # a body that is a thousand times too large or small is a fault of the file
+    "lengths in inches",
+    "a in m",
+    "points and survey in m",
+    "points and survey in inches",
+    "points in m",
+    "survey in inches",
+)
+SEEN_LATER = [slip for slip in ALL_SLIPS if slip.name not in AT_THE_DOOR]
+
+
+@pytest.fixture(scope="module", params=MACHINES)
+def files(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Files:
+    cause, layout = MACHINES[request.param]
+
+    def write(place: Path) -> None:
+        hide((cause,), layout, 40.0, 4).write(place / "good")
+
+    return read_files(made_once(tmp_path_factory, f"belonging-{request.param}", write) / "good")
+
+
+def _checked(files: Files, folder: Path) -> tuple[dict[str, pa.Table], dict[str, Outcome]]:
+    return run_line(write_files(files, folder), "ingest", "qa")
+
+
+def _slips(rows: list[dict]) -> list[dict]:
+    return [slip for row in rows for slip in (*json.loads(row["slips"]), *json.loads(row["rivals"]))]
+
+
+def test_good_campaigns_with_effects_in_them_belong_together(files: Files, tmp_path: Path) -> None:
+    made, _ = _checked(files, tmp_path / "c")
+    assert {row["state"] for row in made["belonging"].to_pylist()} == {"ok"}
+    assert not withheld(made)
+
+
+@pytest.mark.parametrize("slip", SEEN_LATER, ids=lambda slip: slip.name)
+def test_a_slip_fails_its_relation_under_its_own_name(files: Files, slip: PointSlip, tmp_path: Path) -> None:
+    if slip.name == "u downwards" and files.toml["mechanism"]["type"] == "ups":
+        pytest.skip("a leg of variable length has no direction of its own")
+    slipped = copy.deepcopy(files)
+    slip.make(slipped)
+    made, said = _checked(slipped, tmp_path / "c")
+    failed = [row for row in made["belonging"].to_pylist() if row["state"] == "fails"]
+    own = [row for row in failed if row["relation"] == slip.relation]
+    assert own
+    assert any(name.startswith(slip.relation) for name in said["qa"].failed_checks)
+    assert withheld(made)
+    if slip.kind:
+        kinds = {one["kind"] for one in _slips(own)}
+        # what moves all rows by one is also an exchange of each with the next
+        assert slip.kind in kinds or {slip.kind, *kinds} == {SlipKind.ROWS_EXCHANGED, SlipKind.ROWS_SHIFTED}
+
+
+def test_the_factor_of_another_unit_is_the_one_that_mends_it(files: Files, tmp_path: Path) -> None:
+    slipped = copy.deepcopy(files)
+    slipped.configurations[slipped.rho] /= 25.4
+    made, _ = _checked(slipped, tmp_path / "c")
+    (slip,) = _slips([row for row in made["belonging"].to_pylist() if row["state"] == "fails"])
+    assert slip["factor"] == pytest.approx(25.4)
+    assert slip["subjects"] == []
+
+
+def test_two_slips_at_once_are_both_named(files: Files, tmp_path: Path) -> None:
+    slipped = copy.deepcopy(files)
+    rho = slipped.rho
+    slipped.configurations[rho] = 1e-3 * slipped.configurations[[rho[1], rho[0], *rho[2:]]].to_numpy()
+    made, _ = _checked(slipped, tmp_path / "c")
+    kinds = {slip["kind"] for slip in _slips([r for r in made["belonging"].to_pylist() if r["state"] == "fails"])}
+    assert {"unit", "columns-exchanged"} <= kinds

@@ -1,0 +1,127 @@
+"""What the tests of relations do with arrays: physics is no slip, and what poses cannot show is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.tolerance import assert_close
+from truing.belonging import relation
+from truing.belonging.evidence import log_evidence, physics
+from truing.belonging.leg_hypotheses import Motion
+from truing.belonging.points_of_bodies import BodyPoints
+from truing.belonging.points_of_bodies import relate_copies as copies
+from truing.belonging.points_of_bodies import relate_survey as survey_of
+from truing.belonging.readings_of_poses import Names
+from truing.belonging.readings_of_poses import relate_readings as relations
+from truing.belonging.relation import SlipKind, State
+from truing.simulation.kinematics import forward
+from truing.simulation.mechanisms import mechanism
+
+NOISE = 2e-6
+TOLERANCE = {"a": 5e-4, "b": 5e-4, "l": 5e-4, "u": 2e-3}
+
+
+def _legs():
+    angle = np.deg2rad([40, 80, 160, 200, 280, 320])
+    base = np.stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.zeros(6)], -1)
+    other = np.deg2rad([10, 110, 130, 230, 250, 350])
+    platform = np.stack([0.12 * np.cos(other), 0.12 * np.sin(other), np.zeros(6)], -1)
+    return mechanism("6-pus", base, platform, None, np.full(6, 0.5), np.full(6, 0.01))
+
+
+def _motion(travel: np.ndarray, change=lambda readings: readings, seed: int = 0) -> tuple[Motion, Names]:
+    """Poses that the true readings 10 mm + travel (B, 6) lead to, and readings as they were written down."""
+    rng = np.random.default_rng(seed)
+    legs, true = _legs(), 0.01 + travel
+    found = forward(legs, true)
+    readings = change(true + NOISE * rng.standard_normal(true.shape))
+    motion = Motion(legs, TOLERANCE, found.p, found.R, readings, NOISE, np.zeros((len(true), 0)))
+    columns = tuple(f"rho{leg}_mm" for leg in range(1, 7))
+    return motion, Names(columns, tuple(str(pose) for pose in range(len(true))))
+
+
+def _readings(*given) -> relation.Tested:
+    return next(one for one in relations(*_motion(*given)) if one.relation == "readings-against-poses")
+
+
+def _travel(count: int = 20, size: float = 1e-3) -> np.ndarray:
+    return np.random.default_rng(5).uniform(-size, size, (count, 6))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda r: 0.01 + 1.3 * (r - 0.01), id="all gains 30 % off"),
+        pytest.param(lambda r: r + 2e-3, id="another zero of 2 mm within four tolerances of a length"),
+        pytest.param(lambda r: r + 1e-4 * np.sin(r / 1e-4), id="a periodic error of a tenth of the travel"),
+        pytest.param(lambda r: r @ (np.eye(6) + 0.1 * np.roll(np.eye(6), 1, 0)), id="a tenth of the next leg"),
+    ],
+)
+def test_physics_is_no_slip(change) -> None:
+    found = _readings(_travel(), change)
+    assert not found.slips
+    assert found.state is not State.FAILS
+
+
+def test_columns_of_legs_that_move_alike_cannot_be_told_apart() -> None:
+    together = np.linspace(-1e-3, 1e-3, 15)[:, None] * np.ones(6)
+    found = _readings(together)
+    assert found.state is State.OK
+    assert len(found.hidden) == 15  # every pair
+    assert all(slip.kind is SlipKind.COLUMNS for slip in found.hidden)
+    exchanged = _readings(together, lambda r: r[:, [1, 0, 2, 3, 4, 5]])
+    assert exchanged.state is State.OK
+    assert _readings(together, lambda r: 1e-3 * r).slips[0].kind is SlipKind.UNIT
+
+
+def test_poses_that_hardly_moved_are_not_compared() -> None:
+    assert _readings(_travel(size=1e-6)).state is State.NOT_TESTED
+
+
+def test_two_poses_are_not_compared() -> None:
+    assert _readings(_travel(2)).reason == "no-poses"
+
+
+def test_readings_of_nothing_at_all_fail_without_a_name() -> None:
+    found = _readings(_travel(), lambda r: 0.01 + np.random.default_rng(9).normal(0.0, 1e-3, r.shape))
+    assert found.state is State.FAILS
+    assert not found.slips
+    assert found.tried > 1000
+
+
+def test_one_reading_of_nothing_fails_under_its_name() -> None:
+    def change(readings: np.ndarray) -> np.ndarray:
+        return np.column_stack([readings[:, :5], 0.01 + np.random.default_rng(9).normal(0.0, 1e-3, len(readings))])
+
+    found = _readings(_travel(), change)
+    assert found.state is State.FAILS
+    assert found.subject == "rho6_mm"
+
+
+def test_evidence_is_the_gaussian_marginal_likelihood() -> None:
+    rng = np.random.default_rng(2)
+    columns, misfit, level = rng.standard_normal((9, 3)), rng.standard_normal(9), 1.7
+    cov = columns @ columns.T + level**2 * np.eye(9)
+    wanted = -0.5 * (misfit @ np.linalg.solve(cov, misfit) + np.linalg.slogdet(2.0 * np.pi * cov)[1])
+    # with the floor at a level that is above the likeliest, that level is taken
+    assert_close(log_evidence(misfit, physics(columns), level), wanted, atol=1e-9)
+
+
+def test_a_mirrored_flat_body_is_said_to_be_hidden() -> None:
+    flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.3, 1.0, 0.0], [0.4, 0.2, 0.0]])
+    seen = np.ones((2, 5), bool)
+    found = survey_of(BodyPoints("platform", flat * [1.0, 1.0, -1.0], np.stack([flat, flat]), seen, 1e-5))
+    assert found.state is State.OK
+    assert found.hidden[0].kind is SlipKind.MIRRORED
+
+
+@pytest.mark.parametrize(("step", "state"), [(1e-6, State.FAILS), (1e-3, State.NOT_TESTED)])
+def test_equal_points_are_a_copy_only_where_the_file_resolves_the_noise(step: float, state: State) -> None:
+    rng = np.random.default_rng(3)
+    points = (rng.normal(0.0, 5e-6, (10, 4, 3)) + rng.uniform(0.0, 1.0, (4, 3))) / step
+    points[7] = points[2]
+    found = copies(points.round() * step, np.ones((10, 4), bool), 5e-6, tuple("abcdefghij"))
+    assert found.state is state
+    if found.slips:
+        assert found.slips[0].subjects == ("c", "h")

@@ -1,0 +1,119 @@
+"""Do measured points belong to the survey of their body, and are all poses measurements of their own?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
+from truing.estimation.rigid_poses.rigid import umeyama
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SURVEY, COPIES = "points-against-survey", "copied-poses"
+_LEAST_TARGETS = 4  # three points are congruent to their mirror image
+_FLAT = 0.02  # thickness over length, below which a body is its own mirror image
+_MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
+_FIFTH = 0.2  # the share of the misfit that a slip may leave
+_SCALE = 0.02  # relative, to a factor between units
+_CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
+
+
+@dataclass(frozen=True)
+class BodyPoints:
+    """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m."""
+
+    name: str
+    survey: Array
+    points: Array
+    seen: Mask
+    sigma: float
+
+
+def relate_survey(body: BodyPoints) -> Tested:
+    """Return whether a body's points are its survey, moved: not mirrored, and in the same unit."""
+    usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
+    if not usable.any():
+        return Tested(SURVEY, State.NOT_TESTED, "few-targets", body.name)
+    points, weight = body.points[usable], body.seen[usable].astype(float)
+    plain = umeyama(body.survey, points, weight)
+    scaled = umeyama(body.survey, points, weight, with_scale=True)
+    mirrored = umeyama(body.survey * [-1.0, 1.0, 1.0], points, weight)
+    before = _typical(plain.rms)
+    if not np.isfinite(before):
+        return Tested(SURVEY, State.NOT_TESTED, "no-frame", body.name)
+    tested = Tested(SURVEY, State.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma)
+    if before <= _MISFIT * body.sigma:
+        mirrored_slip = (Slip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
+        return replace(tested, tried=2, hidden=mirrored_slip if _is_flat(body.survey) else ())
+    trials = [(Slip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
+    if (factor := _unit(scaled.scale)) is not None:
+        trials.append((Slip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
+    slip, after = min(trials, key=lambda trial: trial[1])
+    if after > _FIFTH * before:
+        return replace(tested, state=State.ATTENTION, reason="no-fit", tried=2)
+    return replace(tested, state=State.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2)
+
+
+def together(tested: tuple[Tested, ...]) -> Iterator[Tested]:
+    """Yield one result for all bodies of the same state, reason and slip: that of the body that fits worst."""
+    groups: dict[tuple[object, ...], list[Tested]] = {}
+    for one in tested:
+        groups.setdefault((one.state, one.reason, *((slip.kind, slip.factor) for slip in one.slips)), []).append(one)
+    for group in groups.values():
+        worst = max(group, key=lambda one: one.misfit or 0.0)
+        names = tuple(one.subject for one in group)
+        slips = tuple(replace(slip, subjects=names) for slip in worst.slips)
+        hidden = tuple(slip for one in group for slip in one.hidden)
+        yield replace(worst, subject=" ".join(names), slips=slips, hidden=hidden, tried=sum(one.tried for one in group))
+
+
+def _unit(scale: Array) -> float | None:
+    """The factor between units that makes points of scales (B,) as large as their survey; None where none does."""
+    if not np.isfinite(scale).any():
+        return None
+    factor, known = 1.0 / float(np.nanmedian(scale)), np.array(both_ways(LENGTH_FACTORS))
+    nearest = float(known[np.argmin(np.abs(np.log(abs(factor) / known)))])
+    return nearest if abs(np.log(abs(factor) / nearest)) < _SCALE else None
+
+
+def _is_flat(survey: Array) -> bool:
+    """Whether a body is, but for rounding, its own mirror image."""
+    size = np.linalg.svd(survey - survey.mean(axis=0), compute_uv=False)
+    return bool(size[-1] <= _FLAT * size[0])
+
+
+def _typical(rms: Array) -> float:
+    """The median over poses; infinite where no pose was fitted."""
+    known = rms[np.isfinite(rms)]
+    return float(np.median(known)) if len(known) else float("inf")
+
+
+def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> Tested:
+    """Return whether poses are measurements of their own: no two agree in every digit of points (B, T, 3), m.
+
+    Not tested where the file's resolution is so coarse, against the noise sigma, that chance could do it.
+    """
+    groups: dict[bytes, list[int]] = {}
+    for pose in np.flatnonzero(seen.any(axis=1)):
+        key = points[pose][seen[pose]].round(12).tobytes() + seen[pose].tobytes()
+        groups.setdefault(key, []).append(int(pose))
+    alike = [group for group in groups.values() if len(group) > 1]
+    if not alike:
+        return Tested(COPIES, State.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
+    coordinates = 3 * int(min(seen[group[0]].sum() for group in alike))
+    chance = min(_resolution(points[seen]) / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** coordinates
+    if chance * len(points) ** 2 > _CHANCE:
+        return Tested(COPIES, State.NOT_TESTED, "coarse")
+    slips = tuple(Slip(SlipKind.COPIED, "points of poses", tuple(poses[pose] for pose in group)) for group in alike)
+    return Tested(COPIES, State.FAILS, "slip", misfit=float(sum(map(len, alike))), limit=0.0, unit="1", slips=slips)
+
+
+def _resolution(values: Array) -> float:
+    """The smallest step, m, between different numbers of a file."""
+    steps = np.diff(np.unique(values.round(12)))
+    return float(steps.min()) if len(steps) else float("inf")

@@ -1,0 +1,194 @@
+"""Hypotheses about how readings were written down, leg by leg, and the evidence for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.special import gammaln
+
+from truing.belonging.evidence import Physics, log_evidence, physics
+from truing.belonging.leg_hypotheses import Description, Motion
+from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Honest widths of physical effects on a reading, one standard deviation: no slip is needed for what they explain.
+_GAIN = 0.1  # of a leg's own travel
+_LEAK = 0.05  # of another leg's travel: deformation of platform and base
+_CURVED = 0.05  # of the own travel, quadratic
+_DRIVEN_M = 5e-5  # by time, temperature and other recorded drivers, over their spread
+PENALTY = 15.0  # log prior odds against a slip
+_UNREACHED = 0.1  # of the readings that poses ask for
+
+
+@dataclass(frozen=True)
+class Changed:
+    """How the readings of one leg are changed: times ``factor``, and counted from another zero or not."""
+
+    factor: float
+    zero: bool
+
+    @property
+    def penalty(self) -> float:
+        """Log prior odds against it."""
+        return PENALTY * ((abs(self.factor) != 1.0) + (self.factor < 0.0) + self.zero)
+
+
+@dataclass(frozen=True)
+class Written:
+    """How readings were written down: for each leg the column that holds it and its change; the evidence for it."""
+
+    description: Description
+    columns: Index
+    changes: tuple[Changed, ...]
+    evidence: float
+    misfit: Array  # (B, L) m, readings as meant less those that the poses ask for
+
+    def readings(self, recorded: Array, asked: Array) -> Array:
+        """Return readings (B, L) as they were meant."""
+        factor = np.array([change.factor for change in self.changes])
+        meant = recorded[:, self.columns] * factor
+        zero = np.array([change.zero for change in self.changes])
+        return meant + np.where(zero, np.nanmedian(asked - meant, axis=0), 0.0)
+
+    def slips(self, names: tuple[str, ...], recorded: Array) -> tuple[Slip, ...]:
+        """Return what was done to the recorded readings and the description; nothing where all is as recorded."""
+        offset = self.misfit.mean(axis=0) + np.mean(reached(self.description), axis=0)
+        offset -= np.array([change.factor for change in self.changes]) * recorded[:, self.columns].mean(axis=0)
+        changed = _change_slips(self, names, 1e3 * offset)
+        return (*self.description.slips, *_column_slips(self.columns, names), *changed)
+
+
+def own_changes() -> tuple[Changed, ...]:
+    """Return the changes that are tried on each leg; as recorded first."""
+    factors = (1.0, *both_ways(LENGTH_FACTORS))
+    return tuple(Changed(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors)
+
+
+def best_written(motion: Motion, description: Description, *, exchanged: bool) -> tuple[Written, Written, int]:
+    """Return the readings as recorded and as they are most likely meant under a description, and how many were tried.
+
+    ``exchanged``: whether columns may stand in each other's place, too.
+    """
+    asked = reached(description)
+    changes = _with_fitted(own_changes(), motion, asked)
+    count = asked.shape[1]
+    effects = _effects(motion, description, asked)
+    source = range(count)
+    scores = np.full((count, count, len(changes)), -np.inf)
+    for leg in range(count):
+        for column in source if exchanged else (leg,):
+            misfit = _misfits(motion.readings[:, column], asked[:, leg], changes)
+            # of the readings as recorded: a factor that shrinks them makes no hypothesis likelier
+            shrunk = len(misfit[0]) * np.log(np.abs([change.factor for change in changes]))
+            scores[leg, column] = log_evidence(misfit, effects[leg], motion.noise) + shrunk
+    if description.slips and np.isnan(description.asked()).mean() > _UNREACHED:
+        scores[:] = -np.inf  # a description is no explanation where its legs do not reach
+    own = np.arange(count)
+    plain = _written(motion, description, asked, own, [changes[0]] * count, float(scores[own, own, 0].sum()))
+    found = _most_likely(scores, changes, exchanged=exchanged)
+    best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
+    return plain, best, scores.size if exchanged else count * len(changes)
+
+
+def reached(description: Description) -> Array:
+    """Return the readings (B, L), m, that poses ask for; where no leg reaches, ones that are far off."""
+    asked = description.asked()
+    far = np.broadcast_to(np.abs(description.legs.l) + np.abs(description.legs.rho0), asked.shape)
+    return np.where(np.isfinite(asked), asked, 2.0 * far + 1.0)
+
+
+def _with_fitted(changes: tuple[Changed, ...], motion: Motion, asked: Array) -> tuple[Changed, ...]:
+    """The changes, and the one factor common to all legs that explains most, where it is none of them."""
+    read, wanted = (values - values.mean(axis=0) for values in (motion.readings, asked))
+    square = float(np.sum(read**2))
+    slope = float(np.sum(read * wanted)) / square if square > 0.0 else 0.0
+    known = np.array([abs(change.factor) for change in changes])
+    if slope == 0.0 or np.abs(np.log(abs(slope) / known)).min() < 3.0 * _GAIN:
+        return changes
+    return (*changes, *(Changed(float(f"{slope:.4g}"), zero) for zero in (False, True)))
+
+
+def _effects(motion: Motion, description: Description, asked: Array) -> list[Physics]:
+    """What physics may add to each leg's readings: numbers of its geometry, travel of all legs, recorded drivers."""
+    geometry = np.nan_to_num(description.by_geometry()) * description.scales(motion.tolerance)
+    travel = asked - asked.mean(axis=0)
+    widest = np.maximum(np.abs(travel).max(axis=0), 1e-12)
+    found = []
+    for leg in range(asked.shape[1]):
+        reach = travel * np.where(np.arange(asked.shape[1]) == leg, _GAIN, _LEAK)
+        curved = _CURVED * travel[:, leg, None] ** 2 / widest[leg]
+        found.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers])))
+    return found
+
+
+def _misfits(recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Array:
+    """(T, B) readings changed in T ways, less those asked for."""
+    misfit = np.array([change.factor for change in changes])[:, None] * recorded - asked
+    zero = np.array([change.zero for change in changes])
+    return np.where(zero[:, None], misfit - np.median(misfit, axis=1, keepdims=True), misfit)
+
+
+def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool) -> tuple[Index, list[int], float]:
+    """Columns (L,), change per leg, and evidence less penalties: one change for all legs, or a leg's own."""
+    count = len(scores)
+    penalty = np.array([change.penalty for change in changes])
+    exchange = PENALTY + float(gammaln(count + 1.0))  # log of the number of orders
+    # all legs changed alike, which counts as one change, or each by itself, each of which pays
+    alone = scores - np.log(count) * (penalty > 0.0) - penalty
+    ways = [(scores[:, :, change] - penalty[change] / count, change) for change in range(len(changes))]
+    own = np.arange(count)
+    best: tuple[Index, list[int], float] = (own, [0] * count, -np.inf)
+    for value, common in (*ways, (alone.max(axis=2), None)):
+        orders = [own, _assigned(value)] if exchanged else [own]
+        for columns in orders:
+            total = float(value[own, columns].sum()) - exchange * bool((columns != own).any())
+            if total > best[2]:
+                chosen = alone[own, columns].argmax(axis=1).tolist() if common is None else [common] * count
+                best = columns, chosen, total
+    return best
+
+
+def _assigned(value: Array) -> Index:
+    """The column (L,) of each leg that together are worth most."""
+    return linear_sum_assignment(np.where(np.isfinite(value), value, -1e30), maximize=True)[1]
+
+
+def _written(
+    motion: Motion, description: Description, asked: Array, columns: Index, changes: list[Changed], evidence: float
+) -> Written:
+    meant = Written(description, columns, tuple(changes), evidence, np.empty(0))
+    misfit = meant.readings(motion.readings, asked) - asked
+    return Written(description, columns, tuple(changes), evidence - PENALTY * len(description.slips), misfit)
+
+
+def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[Slip, ...]:
+    moved = np.flatnonzero(columns != np.arange(len(columns)))
+    if not len(moved):
+        return ()
+    subjects = tuple(f"{names[leg]} holds {names[np.flatnonzero(columns == leg)[0]]}" for leg in moved)
+    if len(moved) == 2:
+        subjects = tuple(names[leg] for leg in moved)
+    return (Slip(SlipKind.COLUMNS, "columns of readings (or legs of [mechanism])", subjects),)
+
+
+def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) -> tuple[Slip, ...]:
+    """Changes of readings by kind; columns that share one are one slip."""
+    found: dict[tuple[SlipKind, float], list[int]] = {}
+    for leg, change in enumerate(written.changes):
+        if abs(change.factor) != 1.0:
+            found.setdefault((SlipKind.UNIT, abs(change.factor)), []).append(leg)
+        if change.factor < 0.0:
+            found.setdefault((SlipKind.SIGN, 1.0), []).append(leg)
+        if change.zero:
+            found.setdefault((SlipKind.ZERO, 1.0), []).append(leg)
+    slips = []
+    for (kind, factor), legs in found.items():
+        subjects = () if len(legs) == len(names) else tuple(sorted(names[written.columns[leg]] for leg in legs))
+        offset = float(np.median(offset_mm[legs])) if kind is SlipKind.ZERO else 0.0
+        slips.append(Slip(kind, "readings", subjects, factor, offset=offset))
+    return tuple(slips)

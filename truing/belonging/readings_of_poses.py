@@ -1,0 +1,234 @@
+"""Do actuator readings, measured poses and the description of a legged mechanism belong together?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.leg_hypotheses import Description, Motion, descriptions
+from truing.belonging.reading_hypotheses import PENALTY, Written, best_written, reached
+from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.belonging.row_hypotheses import RowOrder, best_order
+from truing.simulation.kinematics import closure_rows, upper_joints
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+READINGS, LEGS = "readings-against-poses", "legs-regular"
+_APART = 0.5  # of the movement that poses ask for: by as much no machine departs from its drawing
+_NOTED = 0.2
+_MOVED = 10.0  # sigmas of a reading that a leg has to move to be compared
+_AS_LIKELY = 10.0  # log evidence within which two explanations cannot be told apart
+_CLEAR = 50.0  # log evidence by which a slip has to win
+_HALVES = 0.5  # the share of the misfit that a slip may leave
+_LEAST_POSES = 3
+_MOST_POSES = 240  # for hypotheses about columns and the description; rows are looked at in all poses
+_STRAIGHT = 0.05  # rad between directions of parallel legs
+_SINGULAR = 1e-4  # of the largest singular value of the legs' rows, arms in units of their rms
+_MOSTLY = 0.7  # of the rows that moved
+_FROZEN = 4  # readings in a row that are the same number
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the campaign calls its columns of readings (L) and its poses (B)."""
+
+    columns: tuple[str, ...]
+    poses: tuple[str, ...]
+
+
+def relate_readings(motion: Motion, names: Names) -> tuple[Tested, ...]:
+    """Return whether the legs hold the platform, and whether readings and poses belong together.
+
+    Poses without a reading or a pose are to be left out of ``motion``.
+    """
+    if len(motion.p) < _LEAST_POSES:
+        return (Tested(READINGS, State.NOT_TESTED, "no-poses"),)
+    regular = relate_legs(motion)
+    if regular is not None and regular.state is State.FAILS:
+        return regular, Tested(READINGS, State.NOT_TESTED, "legs-singular")
+    try:
+        found = _test(motion, names)
+    except NotImplementedError:
+        found = Tested(READINGS, State.NOT_TESTED, "no-inverse")
+    return (found,) if regular is None else (regular, found)
+
+
+def relate_legs(motion: Motion) -> Tested | None:
+    """Return whether the legs of the description hold the platform at the measured poses; None for fewer than six."""
+    legs = motion.legs
+    if legs.count < 6:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        towards = legs.closure.close(legs, upper_joints(legs, motion.p, motion.R), motion.readings)[1]
+    known = np.isfinite(towards).all((-1, -2))
+    if not known.any():
+        return None
+    rows = closure_rows(legs, motion.R[known], -towards[known])
+    arm = np.sqrt(np.mean(np.sum((legs.b - legs.b.mean(axis=0)) ** 2, axis=-1)))
+    size = np.linalg.svd(rows / np.repeat([1.0, max(arm, 1e-12)], 3), compute_uv=False)
+    worst = float((size[:, 5] / size[:, 0]).max())
+    if worst >= _SINGULAR:
+        return Tested(LEGS, State.OK, "regular", misfit=worst, limit=_SINGULAR, unit="1")
+    bend = np.linalg.norm(np.cross(towards[known], towards[known][:, :1]), axis=-1).max()
+    reason = "legs-parallel" if bend < _STRAIGHT else "legs-singular"
+    return Tested(LEGS, State.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
+
+
+def _test(motion: Motion, names: Names) -> Tested:
+    asked = next(descriptions(motion)).asked()
+    search = _search(motion)
+    misfit, moved, legs = _plain_misfit(motion, asked)
+    frozen = _frozen(motion, asked, names)
+    comparable = np.isfinite(misfit)
+    base = Tested(READINGS, State.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried)
+    if not comparable:
+        base = replace(base, state=State.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1")
+    slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
+    if slips:
+        before, after = _halved(search.plain.misfit, _reordered(search.meant, search.order))
+        explained = replace(base, state=State.FAILS, reason="slip", misfit=1e3 * before, misfit_explained=1e3 * after)
+        return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
+    if frozen:
+        return replace(base, state=State.FAILS, reason="slip", slips=frozen)
+    if not comparable:
+        return base
+    if moved <= 1e3 * _MOVED * motion.noise:
+        return replace(base, state=State.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
+    if misfit > _APART * moved or len(legs):
+        subject = " ".join(names.columns[leg] for leg in legs) if len(legs) < len(names.columns) else ""
+        return replace(base, state=State.FAILS, reason="no-slip", subject=subject)
+    hidden = _hidden(motion, search.plain, names)
+    state, reason = (State.ATTENTION, "departs") if misfit > _NOTED * moved else (State.OK, "agrees")
+    return replace(base, state=state, reason=reason, hidden=hidden)
+
+
+def _plain_misfit(motion: Motion, asked: Array) -> tuple[float, float, Index]:
+    """Misfit and movement over all legs, rms in mm about each leg's mean; and the legs that miss by themselves."""
+    told = np.isfinite(asked).all(axis=1)
+    if told.mean() < 0.5:
+        return float("inf"), 0.0, np.arange(0)
+    wanted, read = (values[told] - values[told].mean(axis=0) for values in (asked, motion.readings))
+    own, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
+    wrong = (own > _APART * moved) & (moved > _MOVED * motion.noise)
+    return 1e3 * _rms(read - wanted), 1e3 * _rms(wanted), np.flatnonzero(wrong)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """As recorded, as most likely meant (in all poses), the order of rows, and the number of hypotheses tried."""
+
+    plain: Written
+    meant: Written
+    order: RowOrder
+    tried: int
+    rivals: tuple[Written, ...]
+
+
+def _search(motion: Motion) -> _Found:
+    step = -(-len(motion.p) // _MOST_POSES)
+    thin, tried = motion.every(step), 0
+    scored: list[tuple[Written, Description]] = []
+    plain = None
+    for description in descriptions(motion):
+        own, meant, count = best_written(thin, description.every(step), exchanged=False)
+        plain = plain or own
+        scored.append((meant, description))
+        tried += count
+    assert plain is not None  # the description as recorded is always among them
+    ahead = max(scored, key=lambda one: one[0].evidence)
+    for description in {id(one): one for one in (scored[0][1], ahead[1])}.values():
+        _, meant, count = best_written(thin, description.every(step), exchanged=True)
+        scored.append((meant, description))
+        tried += count
+    best, description = max(scored, key=lambda one: one[0].evidence)
+    if not _pays(plain, best, motion.noise):
+        best, description = plain, scored[0][1]
+    near = [_in_full(motion, own, whole) for own, whole in scored if best.evidence - own.evidence < _AS_LIKELY]
+    meant = _in_full(motion, best, description)
+    asked = reached(description)
+    return _Found(plain, meant, best_order(meant.misfit + asked, asked, motion.noise), tried, tuple(near))
+
+
+def _in_full(motion: Motion, written: Written, description: Description) -> Written:
+    """A hypothesis that was chosen on some of the poses, for all of them."""
+    asked = reached(description)
+    return replace(written, description=description, misfit=written.readings(motion.readings, asked) - asked)
+
+
+def _pays(plain: Written, best: Written, noise: float) -> bool:
+    """Whether slips explain more than all physics of the catalogue, and at least halve the misfit."""
+    if best.evidence - plain.evidence <= _CLEAR:
+        return False
+    before, after = _halved(plain.misfit, best.misfit)
+    return before > _MOVED * noise and after <= _HALVES * before
+
+
+def _halved(before: Array, after: Array) -> tuple[float, float]:
+    """Rms misfit, m, before and after slips are undone: about the mean of each leg, or whole where that says more."""
+    pairs = [(_rms(one - one.mean(axis=0)), _rms(one)) for one in (before, after)]
+    about, whole = zip(*pairs, strict=True)
+    return about if about[1] <= _HALVES * about[0] else whole
+
+
+def _rivals(search: _Found, names: Names, motion: Motion, slips: tuple[Slip, ...]) -> tuple[Slip, ...]:
+    """Single slips that explain the data as well as those that were chosen."""
+    found = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
+    return tuple(dict.fromkeys(one[0] for one in found if len(one) == 1 and one[0] not in slips))
+
+
+def _reordered(written: Written, order: RowOrder) -> Array:
+    """What is left once columns and rows stand where they were meant."""
+    asked = reached(written.description)
+    kept = order.rows >= 0
+    return np.asarray((written.misfit + asked)[order.rows[kept]] - asked[kept])
+
+
+def _row_slips(order: RowOrder, names: Names) -> tuple[Slip, ...]:
+    """An order of rows as one slip: all shifted, shifted from a pose on, reversed, or exchanged one by one."""
+    moved = order.moved
+    if order.gain <= 0.0:
+        return ()
+    if order.shift:
+        return (Slip(SlipKind.ROWS_SHIFTED, "readings", (), shift=order.shift),)
+    by = order.rows[moved] - moved
+    steps, counts = np.unique(by, return_counts=True)
+    if counts.max() >= _MOSTLY * len(moved) and len(moved) > 2:
+        first = moved[by == steps[counts.argmax()]][0]
+        where = (f"from pose {names.poses[first]} on",)
+        return (Slip(SlipKind.ROWS_SHIFTED, "readings", where, shift=int(steps[counts.argmax()])),)
+    if len(moved) > 2 and np.mean(order.rows[moved] + moved == len(order.rows) - 1) >= _MOSTLY:
+        return (Slip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
+    places = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
+    return (Slip(SlipKind.ROWS_EXCHANGED, "readings", places),)
+
+
+def _frozen(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
+    """Columns that repeat one number over poses which ask for clearly different ones."""
+    found = []
+    for leg, name in enumerate(names.columns):
+        value = motion.readings[:, leg]
+        ends = np.flatnonzero(np.diff(value) != 0.0)
+        for first, last in zip(np.r_[0, ends + 1], np.r_[ends + 1, len(value)], strict=True):
+            wanted = asked[first:last, leg]
+            if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > 2.0 * _MOVED * motion.noise:
+                found.append(Slip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",)))
+                break
+    return tuple(found)
+
+
+def _hidden(motion: Motion, plain: Written, names: Names) -> tuple[Slip, ...]:
+    """Exchanges of columns that these poses could not show: legs that move alike."""
+    asked = reached(plain.description)
+    travel = asked - asked.mean(axis=0)
+    level = max(_rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)
+    needed = 2.0 * (_CLEAR + PENALTY) / len(asked)
+    apart = np.mean((travel[:, :, None] - travel[:, None, :]) ** 2, axis=0)
+    pairs = [(i, j) for i, j in np.argwhere(apart < needed * level**2).tolist() if i < j]
+    return tuple(Slip(SlipKind.COLUMNS, "columns of readings", (names.columns[i], names.columns[j])) for i, j in pairs)
