@@ -175,9 +175,13 @@ def _too_little(gathered: Gathered) -> str:
 
 def _unreached(gathered: Gathered) -> str:
     """Why the nominal mechanism cannot be calibrated at these readings; empty where it can."""
-    from truing.simulation.kinematics import reaches
+    import numpy as np
 
-    legs, rho = gathered.machine.legs, gathered.measured.rho
+    from truing.simulation.kinematics import inverse, reaches
+
+    legs, rho, platform = gathered.machine.legs, gathered.measured.rho, gathered.measured.platform
+    if 2 * np.isfinite(inverse(legs, platform.p, platform.R)).all(1).sum() < len(rho):
+        return "the legs of [mechanism] do not reach these poses at any reading"
     if legs.count < LEAST_LEGS:
         return ""
     if not reaches(legs, legs.rho0[None]).all():

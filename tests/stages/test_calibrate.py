@@ -20,7 +20,7 @@ from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign, read_campaign
 from stages.belonging import belonging_table
 from tests.tolerance import assert_between
-from truing.belonging.relation import State, Tested
+from truing.belonging import relation
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE = PROJECT / "sample_data" / "telescope"
@@ -53,7 +53,7 @@ def rigid() -> dict[str, Any]:
 
 def calibrated(tables: dict[str, pa.Table], campaign: Campaign) -> tuple[dict[str, pd.DataFrame], Any]:
     """Every table of the stage as a frame, held to its schema, and what the stage said."""
-    given = {name: tables[name] for name in GIVEN if name in tables}
+    given = {name: tables[name] for name in (*GIVEN, "belonging") if name in tables}
     said = STAGE.run(given, SettingsView(campaign, STAGE.DECLARATION.settings), lambda *_: None)
     for name, table in said.artifacts.items():
         assert not ARTIFACTS[name].faults(table), [str(fault) for fault in ARTIFACTS[name].faults(table)]
@@ -329,13 +329,14 @@ def test_a_geometry_that_cannot_close_is_not_evaluated(line):
     assert all(frame.empty for frame in found.values())
 
 
-def test_what_does_not_belong_together_is_not_calibrated(line):
-    apart = belonging_table([Tested("readings-against-poses", State.FAILS, "no-slip")], [None])
-    found, said = calibrated({**line, "belonging": apart}, read_campaign(document(SAMPLE)))
+def test_what_does_not_belong_together_is_not_calibrated_unless_a_person_accepts_it(line):
+    failed = [relation.Tested("readings-against-poses", relation.State.FAILS, "no-slip")]
+    campaign = read_campaign(document(SAMPLE))
+    found, said = calibrated({**line, "belonging": belonging_table(failed, [None])}, campaign)
     assert said.figure.startswith("not evaluated: ")
     assert all(frame.empty for frame in found.values())
-    accepted = belonging_table([Tested("readings-against-poses", State.FAILS, "no-slip")], ["M. Keller: known"])
-    assert not calibrated({**line, "belonging": accepted}, read_campaign(document(SAMPLE)))[0]["calibration"].empty
+    found, _ = calibrated({**line, "belonging": belonging_table(failed, ["M. Keller: known"])}, campaign)
+    assert not found["calibration"].empty
 
 
 def test_a_platform_that_hardly_moved_is_told(line):
