@@ -67,6 +67,7 @@ DECLARATION = Stage(
     settings=(
         "campaign.kind",
         "campaign.drives",
+        "measurement.frame",
         "mechanism.type",
         "mechanism.legs",
         "mechanism.tolerance",

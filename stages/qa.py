@@ -41,7 +41,14 @@ DECLARATION = Stage(
     ),
     leaves=("qa", "likely_names?", "belonging?"),
     settings=(
-        *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
+        *(
+            "campaign.kind",
+            "campaign.drives",
+            "measurement.frame",
+            "mechanism.type",
+            "mechanism.legs",
+            "mechanism.height_mm",
+        ),
         *(
             "mechanism.tolerance",
             "mechanism.elements",
@@ -137,7 +144,7 @@ def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterab
 
     runs = list(positioning_runs(tables["positions"]))
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    read = f"{tables['positions'].num_rows} approaches of an axis in {len(runs)} runs"
+    read = f"{tables['positions'].num_rows} approaches of an axis in {len(runs)} run{'s' * (len(runs) > 1)}"
     return position_checks(runs, limits), read
 
 

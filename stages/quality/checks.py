@@ -64,7 +64,8 @@ def all_checks(
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(reference, 10.0 * share)
-    yield from repeatability(bodies, around, *_repeats(table, around, settings), share)
+    stood = settings.is_frame_fixed and reference is None
+    yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
     yield time_gaps(around, limits)
     yield temperature_span(around, limits)
     recorded = (

@@ -34,14 +34,23 @@ class _Repeated:
 
 
 def repeatability(
-    bodies: Sequence[BodyView], around: Surroundings, groups: Sequence[Index], how: str, share: float
+    bodies: Sequence[BodyView],
+    around: Surroundings,
+    groups: Sequence[Index],
+    how: str,
+    share: float,
+    *,
+    instrument_stood: bool = False,
 ) -> Iterator[Check]:
-    """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty."""
+    """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty.
+
+    ``instrument_stood``: bodies need no other body to be seen from.
+    """
     if not groups:
         why = "no configuration was measured twice; measure three of them again at the end"
         yield without("repeatability", "repeatability", "", why)
         return
-    seen = list(_seen_again(bodies))
+    seen = list(_seen_again(bodies, instrument_stood=instrument_stood))
     if not seen:
         why = "no body is seen from another; give the body that stands still three targets"
         yield without("repeatability", "repeatability", "", why)
@@ -56,13 +65,13 @@ def repeatability(
         yield _check(one.name, Scatter(squares, freedom), names, how, share / len(seen))
 
 
-def _seen_again(bodies: Sequence[BodyView]) -> Iterator[_Repeated]:
+def _seen_again(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[_Repeated]:
     """Bodies seen from the first, and each target of bodies that have too few for a pose; legs move by themselves.
 
-    Where no body has a pose, single reflectors are seen from the instrument: alone they mean nothing in a frame that
-    changes from pose to pose.
+    Where no body has a pose, or the instrument stood still, they are seen from the instrument: single reflectors alone
+    mean nothing in a frame that changes from pose to pose.
     """
-    reference = bodies[0] if len(bodies[0].survey.targets) >= _FRAME else None
+    reference = bodies[0] if len(bodies[0].survey.targets) >= _FRAME and not instrument_stood else None
     for body in bodies:
         if body is reference or body.name.startswith("leg"):
             continue
@@ -70,6 +79,9 @@ def _seen_again(bodies: Sequence[BodyView]) -> Iterator[_Repeated]:
             yield from _reflectors(reference, body)
         elif reference is not None:
             yield _Repeated(body.name, *_relative_position(reference, body), reference.fit.ok & body.fit.ok)
+        elif instrument_stood:
+            cov = np.nan_to_num(_measured_cov(body)[:, :3, :3])
+            yield _Repeated(body.name, np.nan_to_num(body.fit.t), cov, body.fit.ok)
 
 
 def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[_Repeated]:

@@ -44,7 +44,7 @@ def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     poses = tuple(configurations.column("pose").to_pylist())
     readings = drive_readings(configurations, settings.campaign.drives)
     bodies = {}
-    for body, values, sigma in _relative_poses(tables.get("poses"), poses, groups):
+    for body, values, sigma in _relative_poses(tables.get("poses"), poses, groups, settings.is_frame_fixed):
         values = at_one_reading(values, readings, groups) if how == DECLARED else values
         bodies[body] = values
         found = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS, how, len(groups))
@@ -63,12 +63,14 @@ def _each(values: Array, groups: Sequence[Index]) -> list[Squares]:
 
 
 def _relative_poses(
-    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index]
+    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index], instrument_stood: bool
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Body, its poses (B, 6) seen from its reference, and a stated sigma (6,); SI.
+    """Body, its poses (B, 6) seen from its reference, or from an instrument that stood still, and a stated sigma (6,);
+    SI.
 
     Turned from the first of them; where bodies turn far, from the first of each group: rotation vectors of large
-    rotations have no difference that is an angle. Bodies that are seen from the measurement alone may stand anywhere.
+    rotations have no difference that is an angle. Bodies that are seen from an
+    instrument alone may stand anywhere where it was moved.
     """
     if table is None or not table.num_rows:
         return
@@ -77,7 +79,10 @@ def _relative_poses(
     columns = np.column_stack([number_column(table, f"{kind}_{unit}") for kind, unit in _POSE])
     variances = np.column_stack([number_column(table, f"cov_{k}_{k}") for k in range(6)])
     place = positions(table.column("pose"), poses)
-    for body in dict.fromkeys(bodies[default & (parents != "measurement")]):
+    relative = default & (parents != "measurement")
+    if instrument_stood:
+        relative |= default & ~np.isin(bodies, [*bodies[relative], *parents[relative]])
+    for body in dict.fromkeys(bodies[relative]):
         rows = default & (bodies == body) & (place >= 0)
         own, variance = np.full((2, len(poses), 6), np.nan)
         own[place[rows]], variance[place[rows]] = columns[rows] * ([1e-3] * 3 + [1.0] * 3), variances[rows]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.broken import (
+    axis_tables,
     campaign_files,
     hostile_files,
     load_tables,
@@ -20,6 +21,7 @@ CASES: tuple[Broken, ...] = (
     *campaign_files.CASES,
     *point_tables.CASES,
     *load_tables.CASES,
+    *axis_tables.CASES,
     *hostile_files.CASES,
     *no_files.CASES,
     *ordinary_life.CASES,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
+
 from tests.conftest import PROJECT
 from tests.cut_telescope import cut_telescope
 
@@ -30,4 +32,18 @@ def bench(folder: Path) -> Path:
     return folder
 
 
-CAMPAIGNS = {"telescope": telescope, "bench": bench}
+def axis(folder: Path) -> Path:
+    """Positioning runs of an axis: six targets up and down in five cycles, in the order taken."""
+    folder.mkdir(parents=True)
+    rng, rows = np.random.default_rng(230), []
+    for cycle in range(1, 6):
+        for way, side, targets in (("forward", 0.002, range(6)), ("backward", -0.002, reversed(range(6)))):
+            for k in targets:
+                at = 100.0 * k + 10.0 + 0.004 * np.sin(k) + side + rng.normal(0.0, 0.0005)
+                rows.append(f"X,{100 * k + 10},{way},{cycle},{at:.4f}")
+    (folder / "positioning.csv").write_text("\n".join(["run,target_mm,direction,cycle,position_mm", *rows]) + "\n")
+    (folder / "campaign.toml").write_text('[campaign]\nname = "axis"\nkind = "interferometer"\n')
+    return folder
+
+
+CAMPAIGNS = {"telescope": telescope, "bench": bench, "axis": axis}

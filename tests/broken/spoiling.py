@@ -20,7 +20,7 @@ class Broken:
     """
 
     name: str
-    of: str  # telescope or bench
+    of: str  # telescope, bench or axis
     spoil: Spoil
     says: tuple[str, ...]
     code: ExitCode = ExitCode.UNUSABLE_CAMPAIGN

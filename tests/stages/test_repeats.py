@@ -55,7 +55,9 @@ def line(folder):
 def stage_of(tables, kind="photogrammetry", **noise):
     """The rows that the calibrate stage adds, without its calibrations."""
     own = {"actuator_mm": 0.001, "point_mm": 0.005, "signal_mv": sensor_campaign.SIGNAL_MV, **noise}
-    settings = SimpleNamespace(campaign=SimpleNamespace(drives=()), noise=SimpleNamespace(**own), exclude=())
+    settings = SimpleNamespace(
+        is_frame_fixed=False, campaign=SimpleNamespace(drives=()), noise=SimpleNamespace(**own), exclude=()
+    )
     made = (repeats_of_poses if kind == "photogrammetry" else repeats_of_loads)(tables, settings)
     return tuple(rows.table().to_pandas() for rows in made[:2])
 

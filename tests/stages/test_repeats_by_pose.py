@@ -117,6 +117,17 @@ def test_a_single_reflector_without_any_body_is_seen_from_the_instrument(tmp_pat
     assert {row["subject"] for row in rows} == {"ball ball0"}
 
 
+def test_a_body_alone_is_seen_from_an_instrument_that_stood_still(tmp_path):
+    toml = TOML.replace('[bodies]\nreference = "base"\n', '[measurement]\nframe = "campaign"\n')
+    line = written(tmp_path, (0.01, 0.01, 0.3), toml, ("tool",)).call("ingest", "qa", "pose", "calibrate")
+    assert "tool: repeats of pose p2 scatter" in of_repeatability(line)["tool"]["message"]
+    rows = line.tables["pose_repeatability"].to_pylist()
+    assert {(row["subject"], row["figure"]) for row in rows} >= {("tool", "RP"), ("tool", "RP_c")}
+    (tmp_path / "campaign.toml").write_text(toml.replace('"campaign"\n', '"pose"\n', 1))
+    moved = stage_line(tmp_path).call("ingest", "qa")
+    assert [row["verdict"] for row in of_repeatability(moved).values()] == ["not evaluated"]
+
+
 def test_repeats_that_were_seen_once_are_not_evaluated(tmp_path):
     """Zero repeats are no perfect ones."""
     written(tmp_path, (0.01, 0.01, 0.01))

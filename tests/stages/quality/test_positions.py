@@ -123,6 +123,7 @@ SLIPS: list[tuple[Slip, str, str, str]] = [
     (shifted(1), "positions-against-targets", "fail", "shifted by +1 rows?"),
     (shifted(-1), "positions-against-targets", "fail", "shifted by -1 rows?"),
     (from_row(30, STEP_MM * 2**16), "encoder-overflow", "fail", "2^16 steps of 0.1 um"),
+    (from_row(40, STEP_MM * 2**31), "encoder-overflow", "fail", "2^31 steps of 0.1 um"),
     (from_row(30, STEP_MM * 2**32), "encoder-overflow", "fail", "2^32 steps of 0.1 um"),
     (one_row(30, -STEP_MM * 2**16), "encoder-overflow", "fail", "at target 35 mm backward in cycle 2."),
     (from_row(30, 0.1), "position-jumps", "fail", "from target 35 mm backward in cycle 2 on"),

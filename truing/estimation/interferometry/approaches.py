@@ -58,9 +58,10 @@ def overflow(deviation: Array, step: float) -> Overflow | None:
     """
     if step <= 0.0:
         return None
+    middle = float(np.sort(deviation, axis=None)[(deviation.size - 1) // 2])  # one of them, and no mean of two
     for bits in reversed(_BITS):
         jump = step * 2.0**bits
-        turns = np.round((deviation - np.median(deviation)) / jump)
+        turns = np.round((deviation - middle) / jump)
         if not turns.any() or _by_direction_alone(turns):
             continue
         left = float(np.ptp(deviation - turns * jump))
