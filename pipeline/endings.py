@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.interruption import answered, exit_code_of, heard, interruptible
+from pipeline.memory_limit import check_memory_limit
 from pipeline.problems import (
     Defect,
     EnvironmentProblem,
@@ -18,6 +19,7 @@ from pipeline.problems import (
 )
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults
+from schemas.memory import shortage
 
 KEPT = "finished artifacts are intact; run again to resume"
 
@@ -26,8 +28,11 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
     """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
     try:
         with heard():
+            check_memory_limit()
             return action()
     except CampaignFaults as error:
+        if shortage(error) is not None:  # what could not be read for want of memory is no fault of the campaign
+            return _end_of(error, voice)
         for line in dict.fromkeys(map(str, error.faults)):
             voice.warn(" ".join(line.split("\n")))
         return ExitCode.UNUSABLE_CAMPAIGN

@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import FrameType
 
 from pipeline.interruption import interruptible
-from pipeline.problems import Interrupted
+from pipeline.problems import ExitCode, Interrupted, environment_problem
 
 
 def main() -> None:
@@ -22,6 +22,12 @@ def main() -> None:
             _call()
     except Interrupted as error:
         code = _end_interrupted(error)
+    except (ImportError, MemoryError) as error:  # before any action began
+        known = environment_problem(error, "loading the program")
+        if known is None:
+            raise
+        sys.stderr.write(f"{known}\n")
+        code = ExitCode.ENVIRONMENT
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
         _keep(code)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from schemas.faults import CampaignFaults, Fault
+from schemas.memory import raise_shortage
 from schemas.settings_text import regular_size
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def read_given(path: Path, what: str) -> pa.Table:
     except FileNotFoundError:
         raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
     except (pa.ArrowException, OSError, UnicodeError) as error:
+        raise_shortage(error)
         if isinstance(error, OSError) and error.errno:  # the environment's
             raise
         raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
+from schemas.memory import shortage
+
 
 class ExitCode(IntEnum):
     """What the shell is told."""
@@ -44,6 +46,7 @@ class Interrupted(BaseException):
     """The run was asked to stop (SIGINT or SIGTERM); no ordinary handler may swallow it."""
 
 
+_MORE_MEMORY = "run it where there is more, or raise its limit (ulimit -v)"
 _CAUSES = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -61,13 +64,19 @@ _CAUSES = {
 
 def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | None:
     """The problem in words where the environment is to blame for ``error``, else None."""
-    if isinstance(error, MemoryError):
-        return EnvironmentProblem(f"{doing}: there is not enough memory")
+    if (found := shortage(error)) is not None:
+        return EnvironmentProblem(f"{doing}: there is not enough memory{_brief(found)}; {_MORE_MEMORY}")
     cause = _CAUSES.get(error.errno or 0) if isinstance(error, OSError) else None
     if not isinstance(error, OSError) or cause is None:
         return None
     place = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
     return EnvironmentProblem(f"{doing}: {cause}{place}")
+
+
+def _brief(error: BaseException) -> str:
+    """What a library says of the memory that it lacks, as how much it wanted; empty where it says nothing."""
+    said = " ".join(str(error).split())[:160]
+    return f" ({said})" if said else ""
 
 
 @contextmanager

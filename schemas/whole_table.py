@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from schemas.artifact import Artifact
+from schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -21,6 +22,7 @@ def whole_table(path: Path, artifact: Artifact) -> pa.Table:
         table.validate(full=True)
         faults = artifact.faults(table)
     except (pa.ArrowException, UnicodeError) as error:
+        raise_shortage(error)
         raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
     except OSError as error:
         if error.errno:  # not of the file's bytes, but of reaching them

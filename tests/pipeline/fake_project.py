@@ -98,6 +98,10 @@ def run(tables, settings, progress):
         os.kill(os.getpid(), 9)
     if trouble == "undeclared":
         settings.diagnosis.false_alarm
+    if trouble == "memory":
+        raise MemoryError("Unable to allocate 7.45 TiB for an array")
+    if trouble == "mapping":
+        raise ImportError("libblas.so: failed to map segment from shared object")
     if trouble == "full":
         raise OSError(28, "No space left on device", "residuals.parquet")
     progress(1, 1, "points")

@@ -130,6 +130,42 @@ def test_no_space_within_a_stage_is_the_environments(fake: FakeProject) -> None:
     assert fake.run() == list(STAGES)[2:]
 
 
+@pytest.mark.parametrize(("trouble", "said"), [("memory", "7.45 TiB"), ("mapping", "libblas.so: failed to map")])
+def test_want_of_memory_within_a_stage_is_the_environments(trouble: str, said: str, fake: FakeProject) -> None:
+    done = fake.call("run", str(fake.campaign), trouble=trouble)
+    assert done.returncode == 4
+    assert done.stderr.startswith("stage pose: there is not enough memory (")
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (fake.out / "defect.log").exists()
+    assert fake.run() == list(STAGES)[2:]
+
+
+@posix_only
+@pytest.mark.parametrize("megabytes", [30, 300, 1500])
+@pytest.mark.parametrize("command", ["run", "check", "export"])
+def test_a_limit_that_lets_no_library_load_is_said(command: str, megabytes: int, fake: FakeProject) -> None:
+    limited = (
+        "import resource, sys;"
+        f"resource.setrlimit(resource.RLIMIT_AS, ({megabytes << 20}, resource.RLIM_INFINITY));"
+        f"sys.argv = ['truing', {command!r}, sys.argv[1]];"
+        "from pipeline.entry import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", limited, str(fake.campaign)],
+        cwd=fake.cwd,
+        env=fake.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=30,
+    )
+    assert done.returncode == 4, done.stderr
+    assert "memory" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(fake.cwd.iterdir()) == []
+
+
 def test_a_file_in_place_of_the_run_folder(fake: FakeProject) -> None:
     (fake.cwd / "runs").write_text("")
     done = fake.call("run", str(fake.campaign))

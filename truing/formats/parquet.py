@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from schemas.memory import raise_shortage
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
@@ -28,6 +29,7 @@ def read_parquet(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
         with pq.ParquetFile(path, memory_map=False) as file:
             yield from _batches(file, path.stat().st_size, wanted)
     except pa.ArrowException as error:
+        raise_shortage(error)
         raise Unusable("a whole Parquet file", value=(str(error).splitlines() or [""])[0][:80]) from None
 
 
@@ -60,7 +62,8 @@ def _column(values: pa.Array, kind: Kind, name: str) -> pa.Array:
 
     try:
         return _as_kind(values, kind)
-    except (pa.ArrowException, UnicodeError):
+    except (pa.ArrowException, UnicodeError) as error:
+        raise_shortage(error)
         raise Unusable("a column of numbers or of text", column=name, value=str(values.type)[:80]) from None
 
 

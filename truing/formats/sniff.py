@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from schemas.mapping import FileMapping
+from schemas.memory import raise_shortage
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
@@ -108,7 +109,8 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
 
         try:
             names = tuple(pq.read_schema(path).names)
-        except pa.ArrowException:
+        except pa.ArrowException as error:
+            raise_shortage(error)
             return Guess(notes=("it is no whole Parquet file",))
         mapping, notes = _columns(names)
         return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))

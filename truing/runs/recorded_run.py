@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
+from schemas.memory import raise_shortage
 from schemas.settings_text import read_settings_text, regular_size
 from schemas.whole_table import whole_table
 from truing.runs.page_parts import page_parts, provenance_of
@@ -127,7 +128,8 @@ def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
     try:
         regular_size(path)
         facts = provenance_of(pq.read_schema(path).empty_table())
-    except (OSError, pa.ArrowException, UnicodeError):
+    except (OSError, pa.ArrowException, UnicodeError) as error:
+        raise_shortage(error)
         raise ValueError(f"{path.name}: expected a whole Parquet file") from None
     if (name := facts.get("schema", "")) in known:
         _check_provenance(path.name, facts, ARTIFACTS[name].version)
