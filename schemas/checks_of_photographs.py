@@ -71,10 +71,16 @@ OF_PHOTOGRAPHS: Checks = {
         "Free more parameters of the camera (`[[cameras]] free`); fix its focus; group photographs into two cameras.",
     ),
     "camera-stability": QualityCheck(
-        "Do principal distance and principal point of a camera differ from pose to pose?",
-        "All poses share one camera: where it changes, points are bent, and the deformation found is the lens's.",
-        Rule(warns="beyond chance (p < 0.001)"),
-        "Fix focus, zoom and stabiliser, let the camera warm up. The diagnosis asks what the change follows.",
+        "Do photographs by one camera differ in principal distance, or its poses in principal distance and point?",
+        "All photographs share one camera: where it changes, points are bent, and the deformation found is the lens's. "
+        "Each photograph is held against what most share, so that a few that changed are named, and no other.",
+        Rule(
+            warns="beyond chance (p < 0.001)",
+            fails="beyond chance, and points move by more than their sigma where these photographs have a camera of "
+            "their own; poses that differ by more than three times their uncertainty",
+        ),
+        "Give the photographs that are named a camera of their own (`of`, `poses`, `images` of `[[cameras]]`). Fix "
+        "focus, zoom and stabiliser, let the camera warm up. The diagnosis asks what the change follows.",
     ),
     "bar-lengths": QualityCheck(
         "How far is each scale bar's length as adjusted from the calibrated one, over the uncertainty of that?",

@@ -50,6 +50,9 @@ CAMERAS = (
     Column("free", "flag", "whether it is estimated"),
     real("balancing_radius_px", "px", "where the radial distortion is zero by definition; 0: in the middle", minimum=0),
     real("pixel_um", "um", "pitch of the pixels", minimum=0.0, nullable=True),
+    real("principal_distance_off_px", "px", "principal distance of one photograph less that of most by its camera"),
+    real("principal_distance_sigma_px", "px", "one standard deviation of it", minimum=0.0),
+    Column("setting", "integer", "0: as most photographs by its camera; 1, 2, ..: those that share another", minimum=0),
     Column("other_parameter", "text", "the parameter that it is correlated with"),
 )
 

@@ -13,6 +13,9 @@ _COVARIANCE = tuple(f"cov_{i}_{j}" for i in range(6) for j in range(i, 6))
 _FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
 # What bars are called that are none: distances of the survey, and diagonals of markers.
 FROM_SURVEY, FROM_MARKER = "survey, ", "marker, "
+# Figures of bundle_statistics on images of one camera that differ: of which pose points move, and of which camera.
+BENT = "points moved by a camera that changed, over sigma"
+SHARED = "one principal distance of all images, p-value"
 _BAR = ("bar", "first", "second", "length_mm", "sigma_mm", "repeat_sigma_mm", "serves")
 
 PHOTOGRAPHS = (
@@ -151,6 +154,12 @@ PHOTOGRAPHS = (
         "every scale bar in every pose: the adjusted length against the calibrated one",
         ("pose", *_BAR, "adjusted_mm", "adjusted_sigma_mm", "deviation_mm", "deviation_sigma_mm"),
         key=("pose", "bar"),
+    ),
+    parquet(
+        "image_cameras",
+        "the principal distance of every photograph by itself, against that of most by its camera",
+        ("pose", "image", "camera", "principal_distance_off_px", "principal_distance_sigma_px", "setting"),
+        key=("pose", "image"),
     ),
     parquet(
         "known_point_errors",

@@ -21,7 +21,14 @@ DECLARATION = Stage(
     reads=("image_points", "photographs", "image_targets?", "scale_bars?", "known_points?", "cameras_given?"),
     leaves=(
         *("object_points", "point_correlations", "point_sensitivities", "cameras", "camera_correlations"),
-        *("image_orientations", "image_residuals", "scale_bar_lengths?", "known_point_errors?", "bundle_statistics"),
+        *(
+            "image_orientations",
+            "image_residuals",
+            "scale_bar_lengths?",
+            "known_point_errors?",
+            "image_cameras",
+            "bundle_statistics",
+        ),
         *("ray_statistics", "ray_information", "ray_effects"),
     ),
     settings=(
@@ -37,6 +44,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
     from stages.bundle_adjustment.adjusting import Choices, adjust_network
     from stages.bundle_adjustment.given_cameras import given_cameras
+    from stages.bundle_adjustment.image_cameras import image_cameras
     from stages.bundle_adjustment.known_points import known_points_table
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.statistics import statistics_table
@@ -66,7 +74,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
             )
             raise CampaignFaults([Fault("image_points", f"{expected}rays has one", column="point")]) from None
         raise CampaignFaults([Fault("image_points", expected, value=str(error))]) from None
-    artifacts["bundle_statistics"] = statistics_table(found)
+    artifacts["image_cameras"], of_cameras = image_cameras(found)
+    artifacts["bundle_statistics"] = statistics_table(found, of_cameras)
     adjusted = found.adjustment
     if known:
         artifacts["known_point_errors"] = known_points_table(named, named.network, found.known, adjusted.used)

@@ -37,7 +37,7 @@ DECLARATION = Stage(
         "relabelled?",
         "resurveys?",
         *("photographs?", "object_points?", "image_orientations?", "image_residuals?", "scale_bar_lengths?"),
-        *("known_point_errors?", "bundle_statistics?", "ray_statistics?", "ray_information?"),
+        *("known_point_errors?", "image_cameras?", "bundle_statistics?", "ray_statistics?", "ray_information?"),
     ),
     leaves=("qa", "likely_names?", "belonging?"),
     settings=(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,11 +16,13 @@ from truing.estimation.bundle.variance_components import POOLED, VarianceCompone
 if TYPE_CHECKING:
     import pyarrow as pa
 
+Figure = tuple[str, str, float | None, str]
+
 _SIMILARITY = 7  # freedoms of a pose whose scale nothing gives, either
 
 
-def statistics_table(found: AdjustedNetwork) -> pa.Table:
-    """The table bundle_statistics."""
+def statistics_table(found: AdjustedNetwork, more: Sequence[Figure] = ()) -> pa.Table:
+    """The table bundle_statistics, with more figures behind those of the adjustment."""
     import pyarrow as pa
 
     adjusted, snooped, named = found.adjustment, found.snooped, found.named
@@ -44,6 +47,7 @@ def statistics_table(found: AdjustedNetwork) -> pa.Table:
         *_regions(found),
         *_origins(found),
         *_sizes(found),
+        *more,
     ]
     rows = [
         dict(zip(("figure", "subject", "value", "unit"), figure, strict=True))
@@ -51,9 +55,6 @@ def statistics_table(found: AdjustedNetwork) -> pa.Table:
         if figure[2] is None or np.isfinite(figure[2])
     ]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["bundle_statistics"].arrow_schema())
-
-
-Figure = tuple[str, str, float | None, str]
 
 
 def _components(found: AdjustedNetwork, components: VarianceComponents) -> list[Figure]:

@@ -33,6 +33,7 @@ def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) ->
     if "bundle_statistics" not in tables:
         return
     figures = Figures(tables["bundle_statistics"])
+    images = tables.get("image_cameras")
     points, residuals = tables["object_points"], tables["image_residuals"]
     yield from _oriented(tables["photographs"], tables["image_orientations"], limits)
     survey = tables.get("survey")
@@ -48,7 +49,7 @@ def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) ->
         yield _rejected(camera, rows_of(residuals, "camera", camera), limits)
         yield _systematic(camera, figures, residuals)
     yield from _noise(figures, limits)
-    yield from camera_stability(tables.get("ray_statistics"), tables.get("ray_information"))
+    yield from camera_stability(tables.get("ray_statistics"), tables.get("ray_information"), images, figures)
     yield from bar_lengths(tables.get("scale_bar_lengths"), limits)
 
 

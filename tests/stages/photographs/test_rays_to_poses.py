@@ -177,7 +177,7 @@ def test_a_camera_that_jumps_is_told_of(tmp_path: Path) -> None:
     photograph(tmp_path / "jump", UnstableCamera("c", jump_px=2.0, from_pose=3))
     tables = run_line(tmp_path / "jump", "images", "bundle", "ingest", "qa")[0]
     (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "camera-stability"]
-    assert row["verdict"] == "warn"
+    assert row["verdict"] == "fail"
     assert "pose 3" in row["message"]
 
 

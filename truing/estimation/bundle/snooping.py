@@ -36,7 +36,8 @@ class Snooped:
     many rays came back, the variance components, the tests of all rays, and the test of sigma0 with the covariances as
     stated (the squares that data snooping cuts off good rays added). The adjustment's covariances are to be multiplied
     by covariance_factor: one where the components give the scale. held are elements (camera, name) of interiors that
-    the network does not determine: they stay what they were at the start."""
+    the network does not determine: they stay what they were at the start. by_rays is the adjustment in which several
+    bars of a pose hardly hold, which bars that contradict each other do not bend."""
 
     adjustment: Adjustment
     used: Mask
@@ -53,6 +54,7 @@ class Snooped:
     sigma0: GlobalTest
     covariance_factor: float
     held: tuple[tuple[str, str], ...]
+    by_rays: Adjustment
 
 
 def adjust_robustly(
@@ -110,6 +112,7 @@ def _snooped(
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
+    by_rays = adjusted
     if network is not whole:
         network = whole
         adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays())
@@ -130,6 +133,7 @@ def _snooped(
         components=replace(latest, factor=components.factor) if with_components else components,
         tests=tests,
         held=(),
+        by_rays=by_rays,
         covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
         sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
     )

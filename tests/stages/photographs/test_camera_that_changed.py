@@ -1,0 +1,89 @@
+"""A camera that changed between images: which images, what it does to points, and a camera of their own for them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.photographs.machine import photograph
+from tests.stages.line import run_line
+
+ZOOM = 1.003
+LINE = ("images", "bundle", "ingest", "qa")
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("plain") / "rays"
+    photograph(folder, poses=3)
+    return folder, run_line(folder, *LINE)[0]
+
+
+def _zoomed(plain: Path, folder: Path, choose: Callable[[Sequence[str]], Sequence[str]]) -> set[str]:
+    """A copy of a campaign in which the image coordinates of some photographs grow about the middle of the format."""
+    shutil.copytree(plain, folder)
+    rays = pd.read_csv(folder / "image_points.csv", dtype={"image": str})
+    camera = pd.read_csv(folder / "cameras.csv").iloc[0]
+    images = set(choose(list(dict.fromkeys(rays["image"]))))
+    own = rays["image"].isin(images)
+    for column, side in (("x_px", "width_px"), ("y_px", "height_px")):
+        middle = (camera[side] - 1) / 2
+        rays.loc[own, column] = middle + ZOOM * (rays.loc[own, column] - middle)
+    rays.to_csv(folder / "image_points.csv", index=False)
+    return images
+
+
+def _check(tables: dict[str, Any]) -> pd.DataFrame:
+    qa = tables["qa"].to_pandas()
+    return qa[qa["check"] == "camera-stability"]
+
+
+def test_a_camera_that_stayed_as_it_was_has_one_setting(plain: tuple[Path, dict[str, Any]]) -> None:
+    images = plain[1]["image_cameras"].to_pandas()
+    assert set(images["setting"]) == {0}
+    assert set(_check(plain[1])["verdict"]) == {"pass"}
+    off = images["principal_distance_off_px"] / images["principal_distance_sigma_px"]
+    assert np.abs(off).max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("choose", "told"),
+    [
+        (lambda names: names[3:9], "01-04 of pose 1, 01-05 of pose 1"),
+        (lambda names: [name for name in names if name.startswith("02")], "all of pose 2"),
+    ],
+)
+def test_images_that_were_zoomed_are_named_and_have_a_camera_of_their_own(
+    plain: tuple[Path, dict[str, Any]], tmp_path: Path, choose: Callable[[Sequence[str]], Sequence[str]], told: str
+) -> None:
+    folder = tmp_path / "zoomed"
+    zoomed = _zoomed(plain[0], folder, choose)
+    tables = run_line(folder, *LINE)[0]
+    images = tables["image_cameras"].to_pandas()
+    assert set(images[images["setting"] > 0]["image"]) == zoomed
+    (row,) = _check(tables).itertuples()
+    assert row.verdict == "fail"
+    assert told in row.message
+    cure = re.search(r"\[\[cameras\]\] (.*)\.$", row.message)
+    assert cure is not None
+    keys = re.sub(r", (?=[a-z]+ = )", "\n", cure[1])
+    assert tomllib.loads(keys)["of"] == "camera"
+    settings = folder / "campaign.toml"
+    settings.write_text(f"{settings.read_text()}\n[[cameras]]\n{keys}\n")
+    cured = run_line(folder, *LINE)[0]
+    assert set(_check(cured)["verdict"]) <= {"pass", "not evaluated"}
+    assert set(cured["image_cameras"].to_pandas()["setting"]) == {0}
+    both = (
+        cured["object_points"]
+        .to_pandas()
+        .merge(plain[1]["object_points"].to_pandas(), on=["pose", "point"], suffixes=("", "_plain"))
+    )
+    assert len(both) == plain[1]["object_points"].num_rows

@@ -1,0 +1,162 @@
+"""Did single images see with another principal distance than the others of their camera: refocused, zoomed, warm.
+
+Every image of a pose gets a principal distance of its own, all else that cameras have being held; these are tested
+against one that most of them share (a shift of one image, Baarda), so that a minority that changed bends no reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truing.estimation.bundle.adjustment import Adjustment, adjust
+from truing.estimation.bundle.camera import PARAMETERS
+from truing.estimation.bundle.determinable import UndeterminedNetworkError
+from truing.estimation.bundle.intersection import Mask
+from truing.estimation.bundle.network import Array, Index, Network, State
+
+LEVEL = 1e-3  # probability that any image of a camera that stayed as it was is called changed
+_ITERATIONS = 8
+_FEWEST = 4  # images of a camera: of three nobody can say which is another one
+_C = PARAMETERS.index("c")
+
+
+@dataclass(frozen=True)
+class ImageStability:
+    """Of one camera: its images (n,) by number, by how much the principal distance of each is off that of most,
+    off_px (n,) with sigma_px (n,); setting (n,): 0 as most, 1, 2, .. those that share another one; p_value of one
+    principal distance for all images, with its redundancy."""
+
+    camera: int
+    images: Index
+    off_px: Array
+    sigma_px: Array
+    setting: Index
+    p_value: float
+
+
+def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageStability]:
+    """Return what the rays used say of each camera's images; none of cameras with few images, or whose network does
+    not tell.
+
+    variance_factor (N,): by which the covariances of rays were multiplied.
+    """
+    found = [own for own in _by_pose(adjusted, variance_factor) if own is not None]
+    network, stable = adjusted.network, []
+    for camera in range(len(network.cameras)):
+        parts = [_of_camera(own, network.image_camera == camera) for own in found]
+        images = np.concatenate([np.zeros(0, np.int64), *(images for images, _, _ in parts)])
+        if len(images) >= _FEWEST:
+            values = np.concatenate([values for _, values, _ in parts])
+            stable.append(_settings(camera, images, values, [block for _, _, block in parts]))
+    return stable
+
+
+Own = tuple[Index, Array, Array]  # images, their principal distances in px, and the covariance of these
+
+
+def _of_camera(own: Own, chosen: Mask) -> Own:
+    images, values, covariance = own
+    mine = chosen[images]
+    return images[mine], values[mine], covariance[np.ix_(mine, mine)]
+
+
+def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Own | None]:
+    """The principal distance of every image of a pose by itself, None where its rays do not tell them."""
+    network = _one_camera_each(adjusted.network)
+    state = replace(adjusted.state, interior=adjusted.state.interior[adjusted.network.image_camera])
+    of_ray = network.image_pose[network.rays.image]
+    for pose in np.unique(of_ray[adjusted.used]):
+        used = adjusted.used & (of_ray == pose)
+        try:
+            yield _pose_by_itself(network, state, adjusted, used, factor)
+        except (UndeterminedNetworkError, np.linalg.LinAlgError):
+            yield None
+
+
+def _pose_by_itself(network: Network, state: State, adjusted: Adjustment, used: Mask, factor: Array) -> Own:
+    own = adjust(network, state, adjusted.datum, used=used, variance_factor=factor, max_iterations=_ITERATIONS)
+    names = own.covariance.names
+    places = [k for k, (_, parameter) in enumerate(names) if parameter == "c"]
+    images = np.array([int(names[k][0]) for k in places], dtype=np.int64)
+    return images, own.state.interior[images, _C], own.covariance.common[np.ix_(places, places)]
+
+
+def _one_camera_each(network: Network) -> Network:
+    """The network in which every image has a camera of its own, of which the principal distance alone is free."""
+    cameras = tuple(
+        replace(network.cameras[camera], name=str(image), free=("c",))
+        for image, camera in enumerate(network.image_camera)
+    )
+    return replace(network, cameras=cameras, image_camera=np.arange(len(cameras)))
+
+
+def _settings(camera: int, images: Index, values: Array, blocks: list[Array]) -> ImageStability:
+    """Sort images by the principal distances that they share, the most frequent first."""
+    from scipy.linalg import block_diag
+    from scipy.special import chdtrc
+
+    covariance = block_diag(*blocks)
+    setting, left, p_value = np.full(len(images), -1), np.arange(len(images)), 1.0
+    off, sigma = np.zeros(len(images)), np.sqrt(np.diagonal(covariance))
+    reference = np.nan
+    for number in range(len(images)):
+        inside, common, chi2 = _shared(values[left], covariance[np.ix_(left, left)])
+        if number == 0:
+            reference, freedom = common, len(images) - 1
+            p_value = float(chdtrc(freedom, chi2)) if freedom else 1.0
+        setting[left[inside]] = number
+        left = left[~inside]
+        if not len(left):
+            break
+    off = values - reference
+    return ImageStability(camera, images, off, sigma, setting, p_value)
+
+
+def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
+    """Return which values (n,) most share, that value, and the chi2 of all of them sharing one."""
+    from scipy.special import chdtri
+
+    count = len(values)
+    P: Array = np.asarray(np.linalg.inv(covariance), np.float64)
+    critical = float(chdtri(1, LEVEL / count))
+    every = np.ones(count)
+    mean = float(every @ P @ values / (every @ P @ every))
+    chi2 = float((values - mean) @ P @ (values - mean))
+    sigma: Array = np.sqrt(np.diagonal(covariance))
+    # Of all values the one that most others are near to: a median would lie between two settings.
+    near = np.abs(values[:, None] - values) <= np.sqrt(critical) * np.hypot(sigma[:, None], sigma)
+    inside = near[int(np.argmax(near.sum(1)))]
+    seen: set[bytes] = set()
+    while inside.tobytes() not in seen:
+        seen.add(inside.tobytes())
+        tests, common = _tests(values, P, inside)
+        fails, back = inside & (tests > critical), ~inside & (tests <= critical)
+        following = inside.copy()
+        if back.any():
+            following |= back
+        elif fails.any() and inside.sum() > 1:
+            following[int(np.argmax(np.where(fails, tests, -1.0)))] = False
+        if np.array_equal(following, inside):
+            break
+        inside = following
+    return inside, common, chi2
+
+
+def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
+    """Return the test value (n,) of a shift of each value, those outside having one anyway, and the value shared."""
+    count = len(values)
+    outside = np.flatnonzero(~inside)
+    design = np.concatenate([np.ones((count, 1)), np.eye(count)[:, outside]], 1)
+    cofactor = np.linalg.inv(design.T @ P @ design)
+    found = cofactor @ design.T @ P @ values
+    W = P - P @ design @ cofactor @ design.T @ P
+    T = np.zeros(count)
+    T[outside] = found[1:] ** 2 / np.diagonal(cofactor)[1:]
+    shown = np.diagonal(W)[inside]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = (W @ values)[inside] ** 2 / shown
+    T[inside] = np.where(shown > 1e-9 * np.diagonal(P)[inside], own, 0.0)
+    return T, float(found[0])
