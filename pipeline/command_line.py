@@ -122,8 +122,9 @@ def check(campaigns: Campaigns) -> None:
 @app.command()
 def init(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with raw files and no campaign.toml yet.")],
+    every_key: Annotated[bool, typer.Option("--all", help="Write every key there is, explained.")] = False,
 ) -> None:
-    """Look at the raw files of a folder and write a campaign.toml to complete, every key explained.
+    """Look at the raw files of a folder and write a campaign.toml to complete, with what this campaign needs.
 
     An existing campaign.toml is never overwritten, and a raw file is never changed.
 
@@ -131,7 +132,7 @@ def init(
     """
     from pipeline.init_campaign import init_campaign
 
-    _end(lambda: init_campaign(folder))
+    _end(lambda: init_campaign(folder, every_key=every_key))
 
 
 @app.command()

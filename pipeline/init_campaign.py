@@ -1,4 +1,4 @@
-"""`truing init`: looks at the raw files of a folder and writes a campaign.toml to complete, every key explained."""
+"""`truing init`: looks at the raw files of a folder and writes a campaign.toml to complete."""
 
 from __future__ import annotations
 
@@ -25,13 +25,18 @@ from truing.formats.source import OF_IMAGES
 if TYPE_CHECKING:
     from truing.formats.sniff import Guess
 
+    _Entry = tuple["RawGroup", Guess, list[str]]
+
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
 _LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning"}
 _APART = ("targets", "configurations", "scans", "surfaces")  # what words in their names tell apart is not one table
 _AXES, _LONGER = 3, 4
 _MOST_FILES = 5000
 _SHOWN_COLUMNS = 40
-_NOT_RAW = {".toml", ".md", ".html", ".pdf"}
+_FEW = 6
+_LONGEST_NOTE = 240
+_MOST_LINES = 28  # of entries in a starter file
+_NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 _SCAN_WORDS = {
     "pose",
     "scan",
@@ -57,14 +62,17 @@ class RawGroup:
     names: tuple[str, ...] = ()
 
 
-def init_campaign(folder: Path) -> ExitCode:
-    """Write the folder's campaign.toml; raises CampaignFaults where there is no folder, or one already."""
+def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
+    """Write the folder's campaign.toml, with every key explained or with those that this campaign needs; raises
+    CampaignFaults where there is no folder, or one already."""
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = network_tables(_with_surfaces(_together([(group, _guess(group)) for group in raw_groups(folder)])))
+    guesses = network_tables(
+        _with_surfaces(_beside(_together([(group, _guess(group)) for group in raw_groups(folder)])))
+    )
     guesses += _photographs(folder)
-    text = campaign_text(folder.resolve().name, guesses)
+    text = (campaign_text if every_key else starter)(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
     for group, guess in guesses:
@@ -159,6 +167,11 @@ def _joined(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tu
     return [(RawGroup(pattern, own[0][0].example, len(names), names), guess)]
 
 
+def _beside(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """Every table of a file by itself, where it holds several with keys of their own."""
+    return [(group, one) for group, guess in guesses for one in (replace(guess, beside=()), *guess.beside)]
+
+
 def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """Of dense scans, many files are poses, and a file of its own beside them is the surface they are laid onto."""
     poses = any(guess.table == "scans" and group.count > 1 for group, guess in guesses)
@@ -178,9 +191,9 @@ def _summary(group: RawGroup, guess: Guess) -> str:
     return _shown(f"{many}{what}; columns {_listed(guess.columns)}")
 
 
-def _listed(columns: tuple[str, ...]) -> str:
-    more = f", and {len(columns) - _SHOWN_COLUMNS} more" if len(columns) > _SHOWN_COLUMNS else ""
-    return ", ".join(columns[:_SHOWN_COLUMNS]) + more if columns else "unknown"
+def _listed(columns: tuple[str, ...], most: int = _SHOWN_COLUMNS) -> str:
+    more = f", and {len(columns) - most} more" if len(columns) > most else ""
+    return ", ".join(columns[:most]) + more if columns else "unknown"
 
 
 def _shown(text: str) -> str:
@@ -198,18 +211,76 @@ def _is_text(name: str) -> bool:
 
 
 def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
-    """The campaign.toml to complete."""
+    """The campaign.toml with every key explained, to complete."""
     tables = Counter(guess.table for _, guess in guesses)
-    kind = "interferometer" if tables.keys() & _LOADING_TABLES else "photogrammetry"
+    kind = _kind(tables)
     files = (_file_lines(group, guess, alone=tables[guess.table] == 1) for group, guess in guesses)
     parts = {
-        "@NAME@": json.dumps(name if is_safe_name(name) else "my-campaign", ensure_ascii=False),
+        "@NAME@": _name(name),
         "@KIND@": json.dumps(kind),
         "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
         "@QUALITY_LIMITS@": "\n".join(_quality_limits(kind)),
         "@FILES@": "\n".join(line for lines in files for line in lines),
     }
     return re.sub("|".join(parts), lambda match: parts[match[0]], _TEMPLATE.read_text(encoding="utf-8"))
+
+
+def starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
+    """The campaign.toml with what this campaign needs, to complete."""
+    from pipeline.starter import starter_text
+
+    tables = Counter(guess.table for _, guess in guesses)
+    read = [(group, guess) for group, guess in guesses if guess.table is not None]
+    left = [(group, guess) for group, guess in guesses if guess.table is None]
+    entries = [(g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0))) for g, guess in read]
+    kept, more = _within(entries, _MOST_LINES)
+    files = [line for _, _, lines in kept for line in lines]
+    counted = sum(guess.table == "poses" and "number_rows" in guess.mapping for _, guess, _ in kept)
+    if counted > 1:
+        files += [
+            "",
+            "# Several entries of poses count from 1: keep those of this campaign, or let the others begin later.",
+        ]
+    files += _listing(
+        "Found as well; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more]
+    )
+    files += _listing("Not read:", [_left_words(group, guess) for group, guess in left])
+    return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files)
+
+
+def _within(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry]]:
+    """The first entry of each table, others while all have so many lines together, and those left over."""
+    firsts = {entry[1].table: number for number, entry in reversed(list(enumerate(entries)))}
+    order = sorted(range(len(entries)), key=lambda number: (number not in firsts.values(), number))
+    kept: set[int] = set()
+    for number in order:
+        most -= len(entries[number][2])
+        if most >= 0 or number in firsts.values():
+            kept.add(number)
+    return [e for n, e in enumerate(entries) if n in kept], [e for n, e in enumerate(entries) if n not in kept]
+
+
+def _listing(head: str, words: list[str]) -> list[str]:
+    """Lines of remarks below a head; none without words."""
+    more = [f"#   and {len(words) - _FEW} others"] if len(words) > _FEW else []
+    return ["", f"# {head}", *(f"#   {_shown(one)}" for one in words[:_FEW]), *more] if words else []
+
+
+def _found_words(group: RawGroup, guess: Guess) -> str:
+    return f"{group.glob}{f', {group.count} files' if group.count > 1 else ''}: {guess.table}"
+
+
+def _left_words(group: RawGroup, guess: Guess) -> str:
+    why = f": {guess.notes[0]}" if guess.notes else f": not recognised; columns {_listed(guess.columns, _FEW)}"
+    return f"{group.glob}{f', {group.count} files' if group.count > 1 else ''}{why}"[:240]
+
+
+def _name(name: str) -> str:
+    return json.dumps(name if is_safe_name(name) else "my-campaign", ensure_ascii=False)
+
+
+def _kind(tables: Counter[str | None]) -> str:
+    return "interferometer" if tables.keys() & _LOADING_TABLES else "photogrammetry"
 
 
 def _mapping_keys() -> Iterator[str]:
@@ -231,12 +302,15 @@ def _quality_limits(kind: str) -> Iterator[str]:
         yield f"#   {name:<17} {limits.of}: {', '.join(f'{verb} {words}' for verb, words in verdicts if words)}"
 
 
-def _file_lines(group: RawGroup, guess: Guess, *, alone: bool) -> Iterator[str]:
+def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOWN_COLUMNS) -> Iterator[str]:
     """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
-    held = f"{group.count} photographs" if guess.table == "images" else f"columns {_listed(guess.columns)}"
-    yield from ("", f"# {_shown(group.glob)}: {_shown(held)}")
+    held = f"{group.count} photographs" if guess.table == "images" else f"columns {_listed(guess.columns, most)}"
+    yield ""
+    if most or guess.table == "images":
+        yield f"# {_shown(group.glob)}: {_shown(held)}"
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
-    yield from (f"# {_shown(note)}" for note in (*guess.notes, *_of_names(mapping)))
+    notes = [_shown(note) for note in (*guess.notes, *_of_names(mapping))]
+    yield from (f"# {note}" if most or len(note) < _LONGEST_NOTE else f"# {note[:_LONGEST_NOTE]}..." for note in notes)
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
     if guess.table == "images" and not mapping:
@@ -259,6 +333,8 @@ def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[
     if guess.table == "image_points" and group.count > 1 and mapping.get("constants") == {"pose": 1}:
         rest = {key: value for key, value in mapping.items() if key != "constants"}
         return {**rest, **told_apart(group.names, "pose")}
+    if guess.table in ("poses", "configurations") and group.count > 1 and "pose" in mapping.get("number_rows", {}):
+        return {**mapping, "number_rows": {"row": 1}, **told_apart(group.names, "set"), "join": {"pose": "{set}-{row}"}}
     if guess.table not in ("points", "scans") or group.count == 1:
         return mapping
     if group.example.suffix.lower() in (".c3d", ".trc"):

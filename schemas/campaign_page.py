@@ -24,7 +24,7 @@ from schemas.sensor_mechanism import SensorMechanism
 _HEAD = """# What may campaign.toml hold, key by key?
 
 Written by `python -m schemas` from the definitions that check it. Every key that is not here is a fault, and the
-message names the nearest one that is. A key without a default is optional unless it says `required`. `truing init
+message names the nearest one that is. A key without a default is optional unless it says `required`. `truing init --all
 FOLDER` writes a campaign.toml with all of this as comments, and `truing check CAMPAIGN` tells every fault at once.
 
 | key | takes | unit | default | meaning |

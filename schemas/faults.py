@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 _LONGEST = {
     "place": 160,
@@ -11,13 +11,16 @@ _LONGEST = {
     "expected": 1000,
 }  # characters: a message tells of a file, it does not repeat it
 
+_FILES_SHOWN = 3  # with the same fault; more of them are counted
+
 
 @dataclass(frozen=True)
 class Fault:
     """One thing wrong with an input: where it stands, what stands there, and what was expected.
 
     ``row`` is the line of the file as an editor counts it (the header is line 1), or the row counted from 1
-    in a binary table. ``more`` counts further faults of the same kind that are not listed one by one.
+    in a binary table. ``more`` counts further faults of the same kind that are not listed one by one, ``more_files``
+    the further files that they stand in.
     """
 
     file: str
@@ -26,6 +29,7 @@ class Fault:
     column: str | None = None
     value: str | None = None
     more: int = 0
+    more_files: int = 0
 
     def __str__(self) -> str:
         place = _shown(self.file, 4 * _LONGEST["place"])
@@ -34,7 +38,8 @@ class Fault:
         if self.column is not None:
             place += f", column {_shown(self.column, _LONGEST['place'])}"
         found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
-        others = f" (and {self.more} more like it)" if self.more else ""
+        within = f", in {self.more_files} other files" if self.more_files else ""
+        others = f" (and {self.more} more like it{within})" if self.more else ""
         return f"{place}: {found}expected {_shown(self.expected, _LONGEST['expected'])}{others}"
 
 
@@ -48,9 +53,24 @@ def _shortened(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 24]} ... {text[-12:]}"
 
 
+def by_kind(faults: Iterable[Fault]) -> Iterator[Fault]:
+    """Faults with those that many files have in common said once, with how many, where the first of them stood."""
+    listed = list(faults)
+    alike: dict[tuple[str | None, str], list[Fault]] = {}
+    for fault in listed:
+        alike.setdefault((fault.column, fault.expected), []).append(fault)
+    for fault in listed:
+        same = alike[fault.column, fault.expected]
+        files = len({one.file for one in same})
+        if files <= _FILES_SHOWN:
+            yield fault
+        elif fault is same[0]:
+            yield replace(fault, more=sum(1 + one.more for one in same) - 1, more_files=files - 1)
+
+
 class CampaignFaults(Exception):
     """The campaign cannot be used as it stands: every fault that was found, never just the first."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
-        self.faults = tuple(faults)
+        self.faults = tuple(by_kind(faults))
         super().__init__("\n".join(str(fault) for fault in self.faults))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import BaseModel
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner, Result
 
 from pipeline.campaign_run import PROJECT
@@ -30,8 +31,8 @@ TEMPLATE = (PROJECT / "pipeline" / "campaign_template.toml").read_text(encoding=
 SAMPLE = PROJECT / "sample_data" / "telescope"
 
 
-def init(folder: Path) -> Result:
-    return CliRunner().invoke(app, ["init", str(folder)])
+def init(folder: Path, *options: str) -> Result:
+    return CliRunner().invoke(app, ["init", *options, str(folder)])
 
 
 def written(folder: Path) -> dict[str, Any]:
@@ -54,7 +55,7 @@ def test_every_key_of_the_schema_is_in_the_template(key: str) -> None:
 
 
 def test_every_key_of_a_mapping_is_explained(tmp_path: Path) -> None:
-    init(tmp_path)
+    init(tmp_path, "--all")
     text = (tmp_path / "campaign.toml").read_text(encoding="utf-8")
     assert all(re.search(rf"^#   {key} +\S", text, re.MULTILINE) for key in FileMapping.model_fields)
 
@@ -339,3 +340,155 @@ def test_folders_of_a_pose_each_are_not_one_pose(tmp_path: Path, number: str) ->
     entries = written(tmp_path)["files"]["images"]
     poses = [re.search(entry["from_name"], entry["path"])["pose"] for entry in entries]  # type: ignore[index]
     assert poses == ["1", "2"]
+
+
+def starter(folder: Path, files: dict[str, str]) -> tuple[str, dict[str, Any]]:
+    """The starter file of a folder with these files, as text and as it is read."""
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    assert init(folder).exit_code == 0
+    return (folder / "campaign.toml").read_text(encoding="utf-8"), written(folder)
+
+
+def rows(*columns: Any) -> str:
+    return "".join(",".join(map(str, row)) + "\n" for row in zip(*columns, strict=True))
+
+
+NUMBERS = np.random.default_rng(4)
+TURNED = Rotation.from_rotvec(NUMBERS.uniform(-1.5, 1.5, (8, 3)))
+PLACED = NUMBERS.uniform(-900.0, 900.0, (8, 3)).round(4)
+
+
+def test_the_starter_holds_what_the_campaign_needs_in_few_lines(tmp_path: Path) -> None:
+    shutil.copytree(SAMPLE, tmp_path / "raw", ignore=shutil.ignore_patterns("*.toml"))
+    text, _ = starter(tmp_path / "raw", {})
+    assert len(text.splitlines()) < 60
+    assert {line.split(" =")[0] for line in text.splitlines() if "needed" in line} >= {"# point_mm"}
+    assert "# [mechanism]" in text  # actuators are read
+    assert "wavelength" not in text
+    assert "photographs" not in text
+
+
+def test_every_line_of_a_starter_that_is_switched_off_can_be_switched_on(tmp_path: Path) -> None:
+    text, _ = starter(tmp_path, {"a.csv": "pose,x,y,z,roll,pitch,yaw\n" + rows(range(8), *PLACED.T, *PLACED.T)})
+    lines = [re.sub(r"^# (?=[a-z_]+ = |\[)", "", line) for line in text.splitlines()]
+    document = tomllib.loads("\n".join(lines))
+    assert {"measurement", "poses", "noise"} <= set(document)
+    assert faults_of(document) == []
+
+
+def test_a_starter_stays_short_whatever_lies_there(tmp_path: Path) -> None:
+    files = {f"{name}.csv": f"pose,body,target,x_mm,y_mm,z_mm\n1,{name},A,1,2,3\n" for name in "abcdefghijklmnop"}
+    for number, name in enumerate(files):
+        (tmp_path / str(number)).mkdir()
+        (tmp_path / str(number) / name).write_text(files[name].replace(",", ";" if number % 2 else ","))
+    text, document = starter(tmp_path, {})
+    assert len(text.splitlines()) < 60
+    told = re.findall(r"^#   (\d+)/", text, re.MULTILINE)
+    assert len(document["files"]["points"]) + len(told) + int(re.search(r"and (\d+) others", text)[1]) == len(files)  # type: ignore[index]
+    assert init(tmp_path, "--all").exit_code == 2  # never overwritten
+
+
+@pytest.mark.parametrize(
+    ("header", "numbers", "columns", "more"),
+    [
+        ("x,y,z,qw,qx,qy,qz", TURNED.as_quat(scalar_first=True), {"qw": "qw"}, {}),
+        ("x,y,z,rx,ry,rz", TURNED.as_rotvec(), {"rx_rad": "rx"}, {}),
+        ("x,y,z,rx,ry,rz", TURNED.as_euler("XYZ", degrees=True), {"euler_a_deg": "rx"}, {}),
+        ("x [m],y [m],z [m],rx [rad],ry [rad],rz [rad]", TURNED.as_rotvec(), {"rx_rad": "rx [rad]"}, {"unit": "m"}),
+    ],
+)
+def test_positions_with_attitudes_are_poses(
+    tmp_path: Path, header: str, numbers: Any, columns: dict[str, str], more: dict[str, str]
+) -> None:
+    _, document = starter(tmp_path, {"log.csv": f"{header}\n" + rows(*PLACED.T, *numbers.T)})
+    entry = document["files"]["poses"]
+    assert columns.items() <= entry["columns"].items()
+    assert entry.get("unit") == more.get("unit")
+    assert "points" not in document["files"]
+
+
+def test_measured_poses_are_told_from_commanded_ones_with_their_sigmas_and_joints(tmp_path: Path) -> None:
+    header = "Goal x,Goal y,Goal z,Goal roll,Goal pitch,Goal yaw,elbow,measured_x,measured_y,measured_z"
+    header += ",measured_rx,measured_ry,measured_rz,measured_std_x,measured_std_y,measured_std_z"
+    angles = TURNED.as_euler("XYZ", degrees=True)
+    text, document = starter(
+        tmp_path,
+        {"log.csv": f"{header}\n" + rows(*PLACED.T, *angles.T, range(8), *PLACED.T, *angles.T, *np.full((3, 8), 0.01))},
+    )
+    entry = document["files"]["poses"]["columns"]
+    assert (entry["x_mm"], entry["euler_c_deg"], entry["sigma_z_mm"]) == ("measured_x", "measured_rz", "measured_std_z")
+    assert "# euler = " in text
+    fixed = re.sub(r"^# (rotation_rad|euler)", r"\1", text, flags=re.MULTILINE)
+    (tmp_path / "campaign.toml").write_text(fixed)
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "8 measured poses" in done.stdout
+
+
+def test_matrices_are_poses_and_one_alone_is_a_transformation(tmp_path: Path) -> None:
+    whole = np.tile(np.eye(4), (8, 1, 1))
+    whole[:, :3, :3], whole[:, :3, 3] = TURNED.as_matrix(), PLACED
+    np.savetxt(tmp_path / "T.txt", whole.reshape(8, 16))
+    np.savetxt(tmp_path / "blocks.txt", whole.reshape(-1, 4))
+    np.savetxt(tmp_path / "handeye.txt", whole[0])
+    text, document = starter(tmp_path, {})
+    entries = {entry["path"]: entry for entry in document["files"]["poses"]}
+    assert entries["T.txt"]["columns"]["m23"] == 12
+    assert entries["blocks.txt"]["rows_per_pose"] == 4
+    assert "handeye.txt: a single rigid motion" in text
+    assert "points" not in document["files"]
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("Fx,Fy,Fz,Mx,My,Mz", {"fx_n": "Fx", "mz_nm": "Mz"}),
+        ("Fx,Fy,Fz,Mx,My,Mz,s0,s1,s2,s3", {"fx_n": "Fx", "v1_mv": "s0", "v4_mv": "s3"}),
+        ("force_x,force_y,force_z,sensor_x,sensor_y,sensor_z", {"fx_n": "force_x", "v3_mv": "sensor_z"}),
+    ],
+)
+def test_loads_are_what_acted_and_not_what_a_sensor_shows(tmp_path: Path, header: str, columns: dict[str, str]) -> None:
+    cells = [[0.5 * k for _ in header.split(",")] for k in range(4)]
+    _, document = starter(tmp_path, {"loads.csv": f"{header}\n" + rows(*zip(*cells, strict=True))})
+    entry = document["files"]["signals"]
+    assert columns.items() <= entry["columns"].items()
+    assert not any(name.startswith("shown_") for name in entry["columns"])
+
+
+def test_columns_of_numbers_without_names_are_no_coordinates_where_there_are_six(tmp_path: Path) -> None:
+    text, document = starter(tmp_path, {"joints.txt": rows(*NUMBERS.uniform(-90, 90, (6, 8)).round(3))})
+    assert "files" not in document
+    assert "6 columns of numbers without names" in text
+
+
+def test_numbers_of_targets_are_no_coordinate(tmp_path: Path) -> None:
+    _, document = starter(tmp_path, {"survey.txt": rows(range(1, 9), *PLACED.round().astype(int).T)})
+    (table,) = document["files"]
+    assert document["files"][table]["columns"] == {"target": 1, "x_mm": 2, "y_mm": 3, "z_mm": 4}
+
+
+def test_metres_stay_metres_and_expanded_uncertainties_keep_their_factor(tmp_path: Path) -> None:
+    header = "pose,target,X [m],Y [m],Z [m],UX [mm],UY [mm],UZ [mm]"
+    text, document = starter(tmp_path, {"points_.csv": f"{header}\n1,A,0.1,0.2,0.3,0.02,0.02,0.02\n"})
+    entry = document["files"]["points"]
+    assert (entry["unit"], entry["coverage"]) == ("m", 2.0)
+    assert entry["units"] == {f"sigma_{a}_mm": "mm" for a in "xyz"}
+    assert "k = 2 is taken" in text
+    (tmp_path / "campaign.toml").write_text(text.replace("[[files", "[files") + 'constants = { body = "b" }\n')
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+
+
+def test_the_same_fault_in_many_files_is_one_message_with_a_count(tmp_path: Path) -> None:
+    for number in range(40):
+        (tmp_path / f"pose_{number}.csv").write_text("target,x_mm,y_mm,z_mm\nA,1,2,3\nB,x,5,6\n")
+    (tmp_path / "campaign.toml").write_text(
+        '[campaign]\nname = "c"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n[files.points]\n'
+        'path = "pose_*.csv"\nfrom_name = \'pose_(?P<pose>\\d+)\'\nconstants = { body = "b" }\n'
+    )
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("pose_0.csv, row 3, column x_mm: found 'x'; expected a number")
+    assert line.endswith("(and 39 more like it, in 39 other files)")

@@ -16,6 +16,12 @@ _FLAGS_FROM = 7  # columns of an adjustment's list after id, three coordinates a
 _BETWEEN = ("_", ".", ":", "-", " ", "")
 _UNIT_BEHIND = re.compile(r"[\s_]*[\[(/]?\s*(mm|cm|um|µm|m|in)\s*[\])]?$")
 _FEWEST = 2  # targets side by side
+# what forces, motions and settings are called: their components are no coordinates
+_NO_POINTS = re.compile(
+    r"force|moment|torque|\bload|sensor|accel|gyro|veloc|speed|goal|command|setpoint|roll|pitch|yaw|"
+    r"(?:^|[ _])q[wxyz]\b",
+    re.I,
+)
 
 
 def metashape(lines: Sequence[str]) -> Known | None:
@@ -87,7 +93,7 @@ def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
                 count = _targets_of(template, names)
                 unit = _UNIT_BEHIND.search(ending)
                 best = max(best, (count, -rank, template, unit[1] if unit else None), key=lambda one: one[:2])
-    return best[2:] if best[0] >= _FEWEST else None
+    return best[2:] if best[0] >= _FEWEST and not _NO_POINTS.search(" ".join(names)) else None
 
 
 def _targets_of(template: str, names: Sequence[str]) -> int:

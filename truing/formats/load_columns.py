@@ -11,6 +11,14 @@ _LETTER = re.compile(rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what
 _SPELT = re.compile(
     rf"(?P<axis>[xyz])[ _.-](?P<what>force|moment|torque|displacement|translation|rotation){_UNIT}", re.I
 )
+_BEHIND = re.compile(
+    rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>force|moment|torque|displacement|translation|rotation)"
+    rf"[ _.-](?P<axis>[xyz]){_UNIT}",
+    re.I,
+)
+_CHANNEL = re.compile(r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge)[ _.-]?(?:\d+|[xyz])", re.I)
+_TIME = re.compile(r"(?:t|time|zeit|timestamp)\b.*", re.I)
+_MOST_CHANNELS = 8
 _COLUMN = {
     "f": "f{}_n",
     "force": "f{}_n",
@@ -41,10 +49,21 @@ def load_columns(names: Sequence[str]) -> Loads | None:
         signals = {f"v{_CHANNELS.index(column) + 1}_mv": name for column, name in plain.items()}
         note = "known loads, taken to be in N and N m (else: units), beside the channels of a sensor"
         return "signals", {"columns": {**signals, **applied}, **steps}, note
+    if (channels := _channels(names)) or not any(_TIME.fullmatch(name.strip()) for name in names):
+        signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
+        note = "loads, taken to be applied, in N and N m (else: units)"
+        note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
+        return "signals", {"columns": {**signals, **plain}, **told, **steps}, note
     shown = {f"shown_{column}": name for column, name in plain.items()}
     told = {"units": {f"shown_{column}": unit for column, unit in units.items()}} if units else {}
     note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
     return "signals", {"columns": shown, **told, **steps}, note
+
+
+def _channels(names: Sequence[str]) -> list[str]:
+    """Columns called as the channels of an amplifier are, where there are several."""
+    found = [name for name in names if _CHANNEL.fullmatch(name.strip())]
+    return found if _FEWEST <= len(found) <= _MOST_CHANNELS else []
 
 
 def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], dict[str, str]]:
@@ -53,7 +72,7 @@ def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], d
     applied: dict[str, str] = {}
     units: dict[str, str] = {}
     for name in names:
-        match = _LETTER.fullmatch(name.strip()) or _SPELT.fullmatch(name.strip())
+        match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(name.strip()))), None)
         if match is None:
             continue
         column = _COLUMN[match["what"].lower()].format(match["axis"].lower())

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.memory import raise_shortage
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.raw import Unusable
 
@@ -70,6 +71,7 @@ def _older(path: Path) -> dict[str, Variable]:
     except OSError:
         raise
     except Exception as error:  # the library lets whatever a damaged file causes through
+        raise_shortage(error)
         raise Unusable("a whole MATLAB file (.mat)", value=(str(error).splitlines() or [""])[0][:80]) from None
     found: dict[str, Variable] = {}
     for name, value in content.items():
@@ -162,6 +164,7 @@ def _open_hdf5(path: Path) -> Iterator[Mapping[str, Variable]]:
     except Unusable:
         raise
     except Exception as error:  # the library lets whatever a damaged file causes through
+        raise_shortage(error)
         raise Unusable("a whole MATLAB file (.mat, version 7.3)", value=str(error)[:80]) from None
     yield found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -58,6 +59,13 @@ class Notation:
         plain = pc.if_else(pc.fill_null(good, False), self._plain(texts), pa.scalar(None, pa.string()))
         bad = np.asarray(pc.and_(pc.is_null(plain), pc.invert(absent)).to_numpy(zero_copy_only=False), dtype=bool)
         return plain.cast(pa.float64()), bad
+
+    def matrix(self, records: Sequence[Sequence[str]]) -> NDArray[np.float64]:
+        """(N, W) the cells of N records as numbers, NaN where one is none."""
+        import pyarrow as pa
+
+        columns = [self.parse(pa.array(column, pa.string()))[0] for column in zip(*records, strict=True)]
+        return np.column_stack([np.asarray(column.fill_null(np.nan), dtype=float) for column in columns])
 
     def _plain(self, texts: pa.Array) -> pa.Array:
         import pyarrow.compute as pc

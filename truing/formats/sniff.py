@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from schemas.mapping import FileMapping
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.columns import find_column
+from schemas.mapping import FileMapping, is_uncertainty
 from schemas.memory import raise_shortage
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
+from truing.formats.header_units import bare_and_unit, expanded
 from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
 from truing.formats.known_networks import OF_RIGS, KnownNetwork, by_format, by_look, tells_of_rigs
 from truing.formats.load_columns import load_columns
 from truing.formats.numbers import Notation
+from truing.formats.pose_columns import Poses, bare_poses, is_one_motion, pose_columns
 from truing.formats.presets import format_of
+from truing.formats.shapes import COORDINATES
 from truing.formats.source import RawFile
+from truing.formats.units import UnknownUnit, conversion
 
+_ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
+_CONTRACTS = {"fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm", "load", "x_mm"}  # names that need no guess
+_DATE = "%Y%m%d%H%M%S"
 _INDEXED = re.compile(r"\w+\[\d+, ?\d+\] ?= ?[-+\d.]+")
 _LOOK = 1 << 16
 _LINES = 60
 _COMMENTS = ("#", "%", "//")
+_AXES = 3
 _NOTATIONS = (
     Notation(".", None),
     Notation(",", None),
@@ -40,9 +53,12 @@ _SIGNS = (
     ("signals", {"v1_mv"}),
     ("configurations", {"pose", "time_s"}),
     ("configurations", {"rho1_mm"}),
-    ("points", {"pose", "x_mm"}),
-    ("targets", {"target", "x_mm"}),
-    ("points", {"x_mm"}),
+    ("poses", {"pose", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"}),
+    ("poses", {"pose", "x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"}),
+    ("poses", {"pose", "x_mm", "y_mm", "z_mm", "euler_a_deg", "euler_b_deg", "euler_c_deg"}),
+    ("points", {"pose", "x_mm", "y_mm", "z_mm"}),
+    ("targets", {"target", "x_mm", "y_mm", "z_mm"}),
+    ("points", {"x_mm", "y_mm", "z_mm"}),
 )
 _KNOWN = {
     "pose": r"pose|frame|pos(e|ition)?[ _]?(nr|no|id)|epoche?|station|aufnahme|messung|stellung",
@@ -52,9 +68,9 @@ _KNOWN = {
     "x_mm": r"x",
     "y_mm": r"y",
     "z_mm": r"z",
-    "sigma_x_mm": r"(sigma|s|std|mx)[ _]?x",
-    "sigma_y_mm": r"(sigma|s|std|my)[ _]?y",
-    "sigma_z_mm": r"(sigma|s|std|mz)[ _]?z",
+    "sigma_x_mm": r"(sigma|s|std|sd|mx)[ _]?x|u[ _]?x|u[ _]?\(?95\)?[ _]?x|[23][ _]?(σ|sigma)[ _]?x",
+    "sigma_y_mm": r"(sigma|s|std|sd|my)[ _]?y|u[ _]?y|u[ _]?\(?95\)?[ _]?y|[23][ _]?(σ|sigma)[ _]?y",
+    "sigma_z_mm": r"(sigma|s|std|sd|mz)[ _]?z|u[ _]?z|u[ _]?\(?95\)?[ _]?z|[23][ _]?(σ|sigma)[ _]?z",
     "time_s": r"t|time|zeit|temps|timestamp",
     "temperature_c": r"temp(erature?|eratur)?",
     "leg": r"leg|bein|jambe",
@@ -66,13 +82,13 @@ _KNOWN = {
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
 _DENSE = 1000  # a cloud of more points than this is a scan of a surface, not a set of targets
-_UNIT = re.compile(r"^(.*?)[\s_]*[\s_\[(/]\s*(mm|cm|um|µm|m|in|deg|rad|s|ms|°C|K)\s*[\])]?$")
 
 
 @dataclass(frozen=True)
 class Guess:
     """What a file seems to hold: keys for [files.<table>], its columns, the table, what to look at again, and the
-    other tables that are read from it with the same keys. known: no table of it is wanted; the first note says why."""
+    other tables that are read from it with the same keys. known: no table of it is wanted; the first note says why.
+    beside: what other tables it holds, each with keys of its own."""
 
     mapping: dict[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
@@ -80,6 +96,7 @@ class Guess:
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     known: bool = False
+    beside: tuple[Guess, ...] = ()
 
 
 def sniff_file(path: Path) -> Guess:
@@ -93,6 +110,10 @@ def sniff_file(path: Path) -> Guess:
     if tells_of_rigs(path.name):
         return Guess(notes=(OF_RIGS,), known=True)
     try:
+        if file_format in ("xlsx", "mat"):
+            from truing.formats.sniff_binary import sniff_matlab, sniff_workbook
+
+            return (sniff_workbook if file_format == "xlsx" else sniff_matlab)(path, sniff_cells)
         if file_format in ("delimited", "xyz", "aicon", "metashape xml"):
             return _sniff_text(path)
         if (network := by_format(file_format, path.name)) is not None:
@@ -113,6 +134,10 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
             raise_shortage(error)
             return Guess(notes=("it is no whole Parquet file",))
         mapping, notes = _columns(names)
+        if (loads := load_columns(names)) is not None and not _CONTRACTS.intersection(names):
+            table, keys, note = loads
+            time = {key: name for key, name in mapping.get("columns", {}).items() if key == "time_s"}
+            return Guess({**keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
         return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))
     if file_format == "rtl":
         note = "positioning runs of an axis, targets in mm and deviations in um; the file's name names the run"
@@ -183,10 +208,15 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     records = [record for record in records[skipped:] if len(record) == width]
     if width < 2 or len(records) < 0.6 * (len(lines) - skipped):
         return Guess(mapping, notes=("its lines make no table",))
+    return sniff_cells(records, mapping | ({"skip_lines": skipped} if skipped else {}), separator)
+
+
+def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: str = ",") -> Guess:
+    """A proposal for records of equally many cells, the first of which may be a header."""
+    width = len(records[0])
     notation = _notation(records[1:] or records)
     has_header = len(records) > 1 and not any(_is_number(cell, notation) for cell in records[0])
     names = tuple(records[0]) if has_header else tuple(str(i + 1) for i in range(width))
-    mapping |= {"skip_lines": skipped} if skipped else {}
     known = tracker(names, notation.thousands) if has_header else None
     known = known or (None if has_header else adjusted_points(records, lambda cell: _is_number(cell, notation)))
     if known is not None:
@@ -195,6 +225,11 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     mapping |= {"header": False} if not has_header else {}
     mapping |= {"decimal": notation.decimal} if notation.decimal != "." else {}
     mapping |= {"thousands": notation.thousands} if notation.thousands else {}
+    values = notation.matrix(records[1:] if has_header else records)
+    if (poses := pose_columns(names, values) if has_header else bare_poses(values)) is not None:
+        return _poses(poses, names, mapping, records[1:], values)
+    if not has_header and is_one_motion(values):
+        return Guess(mapping, names, None, (_ONE_MOTION,), known=True)
     found, notes = _columns(names) if has_header else _positions(records, notation)
     table = _table({*names, *found.get("columns", {})})
     if table == "quadrature" and "phase_deg" in found.get("columns", {}):
@@ -208,6 +243,34 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
     if has_header and table in (None, "configurations") and (template := wide_template(names)) is not None:
         return _side_by_side(template, names, mapping | found)
     return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _poses(
+    poses: Poses, names: tuple[str, ...], mapping: dict[str, Any], records: list[list[str]], values: NDArray[np.float64]
+) -> Guess:
+    """Poses, and the configurations that other columns of the same rows make."""
+    keys = dict(poses.mapping)
+    others = tuple(name for name in names if poses.taken and name not in poses.taken)
+    meant = _columns(others)[0].get("columns", {})
+    told = {key: raw for key, raw in meant.items() if key in ("pose", "time_s", "temperature_c")}
+    number = {"pose": told["pose"]} if "pose" in told else {}
+    if number or "pose" in names:
+        keys["columns"] = {**number, **keys["columns"]}
+    elif poses.taken:
+        keys["number_rows"] = {"pose": 1}
+    own = [name for name in others if name not in number.values() and np.isfinite(values[:, names.index(name)]).any()]
+    if not own:
+        return Guess({**mapping, **keys}, names, "poses", poses.notes)
+    time = [record[names.index(told["time_s"])] for record in records] if "time_s" in told else []
+    lost = [told.pop("time_s")] if len(set(time)) < len(time) else []  # times that come again order nothing
+    dates = {"time_format": _DATE} if time and all(re.fullmatch(r"(19|20)\d{12}", cell) for cell in time) else {}
+    numbered = {key: keys[key] for key in ("number_rows",) if key in keys}
+    ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *lost))
+    entry = {**mapping, **({"columns": told} if told else {}), **dates, **numbered, "ignore": ignore}
+    said = f"what else there is, pose by pose: {', '.join(own[:8])}{', ...' if len(own) > 8 else ''}"
+    return Guess(
+        {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (said,)),)
+    )
 
 
 def _network(known: KnownNetwork) -> Guess:
@@ -243,18 +306,54 @@ def _is_number(cell: str, notation: Notation) -> bool:
 
 def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     """Which column seems to be what, and its unit, where its name is not the contract's already."""
-    columns, units, notes = {}, {}, []
+    columns: dict[str, str] = {}
+    units: dict[str, str] = {}
+    taken: list[str] = []
     for name in names:
-        bare, unit = _bare(name)
-        known = _meant(bare)
-        if known is None or name == known or known in columns or known in names:
+        bare, unit = bare_and_unit(name)
+        known = _meant(bare) or _meant(name)
+        if known is None or name == known or known in columns or known in names or not _may_be(known, unit):
             continue
         columns[known] = name
-        if unit is not None and not known.endswith(f"_{unit}") and unit not in ("s", "°C"):
+        if unit is not None and unit not in ("s", "degC"):
             units[known] = unit
-        notes.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
+        taken.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
+    notes = ["; ".join(taken)] if taken else []
     mapping: dict[str, Any] = {"columns": columns} if columns else {}
-    return mapping | ({"units": units} if units else {}), notes
+    said = {
+        raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
+    }
+    if said:
+        factor = next(iter(said.values())).coverage
+        mapping["coverage"] = factor
+        notes.append(f"{', '.join(said)}: expanded uncertainties, k = {factor:g} is taken; coverage = 1 for one sigma")
+    own = {units.get(name) for name in COORDINATES}
+    whole = own.pop() if len(own) == 1 and not any(name in names for name in COORDINATES) else None
+    if whole not in (None, "mm"):
+        mapping["unit"] = whole  # of all coordinates, and of their uncertainties where these say no other
+    else:
+        whole = None
+    left = {
+        name: unit for name, unit in units.items() if unit != (whole if whole and name.endswith("_mm") else _own(name))
+    }
+    return mapping | ({"units": left} if left else {}), notes
+
+
+def _own(column: str) -> str | None:
+    """The unit that a column's name ends with."""
+    return column.rsplit("_", 1)[-1] if "_" in column else None
+
+
+def _may_be(column: str, unit: str | None) -> bool:
+    """Whether a column may come in a unit: a length in radians is none."""
+    known = find_column(column)
+    if unit is None or known is None or not known.unit:
+        return True
+    try:
+        conversion(unit, known.unit)
+    except UnknownUnit:
+        return False
+    return True
 
 
 def _meant(bare: str) -> str | None:
@@ -264,24 +363,35 @@ def _meant(bare: str) -> str | None:
     return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
 
 
-def _bare(name: str) -> tuple[str, str | None]:
-    match = _UNIT.match(name.strip())
-    return (match[1].strip(" _[(/"), match[2]) if match and match[1].strip(" _[(/") else (name.strip(), None)
-
-
 def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
     """Coordinates in a file without header: the first three columns of numbers, after a name if there is one."""
-    numbers = [all(_is_number(record[i], notation) for record in records) for i in range(len(records[0]))]
-    numbers[0] = numbers[0] and not is_id(records)
+    width = len(records[0])
+    numbers = [all(_is_number(record[i], notation) for record in records) for i in range(width)]
+    if numbers[0] and width > _AXES and (is_id(records) or _counts(records)):
+        numbers[0] = False  # the numbers of targets, or of rows
     first = next((i for i in range(len(numbers) - 2) if all(numbers[i : i + 3])), None)
     if first is None:
         return {}, ["three columns of numbers side by side were not found"]
-    columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(("x_mm", "y_mm", "z_mm"))}
+    if sum(numbers) > _AXES:
+        said = f"{sum(numbers)} columns of numbers without names: not taken for coordinates"
+        return {}, [f"{said}; columns = {{ x_mm = {first + 1}, ... }} where they are"]
+    columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(COORDINATES)}
     if first > 0:
         columns = {"target": first, **columns}
+    shown = [[record[i] for i in range(first, first + 3)] for record in records]
+    place = notation.matrix(shown)
+    low, high = float(place.min()), float(place.max())
     return {"columns": columns}, [
-        f"columns {first + 1} to {first + 3} are taken for x, y, z in mm; take this entry out where they are not"
+        f'columns {first + 1} to {first + 3} are taken for x, y, z in mm ({low:.4g} to {high:.4g}); metres: unit = "m"'
     ]
+
+
+def _counts(records: list[list[str]]) -> bool:
+    """Whether the first column counts: 1, 2, 3, ... or any other whole numbers one apart."""
+    first = [record[0].strip() for record in records]
+    return all(cell.isdigit() for cell in first) and all(
+        int(after) == int(before) + 1 for before, after in itertools.pairwise(first)
+    )
 
 
 def _table(names: set[str]) -> str | None:

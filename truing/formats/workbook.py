@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from schemas.mapping import FileMapping
+from schemas.memory import raise_shortage
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary, strings
 from truing.formats.faultlog import CellFaults
@@ -158,6 +159,7 @@ def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
     except (Unusable, OSError, GeneratorExit):
         raise
     except Exception as error:  # the library lets whatever a damaged part causes through
+        raise_shortage(error)
         raise Unusable("a whole Excel workbook (.xlsx)", value=(str(error).splitlines() or [""])[0][:80]) from None
 
 
@@ -252,7 +254,7 @@ def _names(heading: Row, entry: FileMapping) -> tuple[str, ...]:
     while heading and heading[-1] is None:
         heading = heading[:-1]
     if entry.header is not False:
-        return tuple(" ".join(_text(cell).split()) for cell in heading)
+        return tuple(" ".join(text_of(cell).split()) for cell in heading)
     positions = [str(position + 1) for position in range(len(heading))]
     return (*entry.names[: len(heading)], *positions[len(entry.names) :])
 
@@ -289,7 +291,7 @@ def _column(cells: Row, kind: Kind, mark: str) -> pa.Array:
         return pa.array([_seconds(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
     if kind == "identifier" and all(_is_number(cell) and float(cell) == round(float(cell)) for cell in cells):  # type: ignore[arg-type]
         return pa.array([int(cell) for cell in cells], pa.int64())  # type: ignore[arg-type]
-    texts = strings([_text(cell, mark) for cell in cells])
+    texts = strings([text_of(cell, mark) for cell in cells])
     return texts if kind == "number" else as_dictionary(texts)
 
 
@@ -302,7 +304,8 @@ def _seconds(moment: datetime) -> float:
     return (moment - datetime(1970, 1, 1)).total_seconds()
 
 
-def _text(cell: Cell, mark: str = ".") -> str:
+def text_of(cell: Cell, mark: str = ".") -> str:
+    """A cell as the text that stands for it; empty where it holds nothing."""
     if cell is None:
         return ""
     if isinstance(cell, float) and cell == round(cell) and abs(cell) < 1e15:

@@ -1,0 +1,136 @@
+"""The campaign.toml that `truing init` starts a campaign with: what this campaign needs, and where the rest is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from truing.formats.sniff import Guess
+
+_AT = 33  # column of remarks
+_WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
+_KINDS = {
+    "photogrammetry": "points and poses of bodies; interferometer: motion of a platform under load",
+    "interferometer": "motion of a platform under load; photogrammetry: points and poses of bodies",
+}
+_NEEDED = "needed: one standard deviation of"
+_OF_READINGS = {
+    "interferometer": (
+        ("linear_um = 0.5", f"{_NEEDED} a linear channel"),
+        ("angular_arcsec = 0.2", f"{_NEEDED} an angular channel, where there is one"),
+    ),
+    "quadrature": (("linear_um = 0.5", f"{_NEEDED} a linear channel"),),
+    "displacement": (
+        ("displacement_mm = 0.001", f"{_NEEDED} a translation"),
+        ("rotation_rad = 1e-6", f"{_NEEDED} a rotation"),
+    ),
+    "signals": (("signal_mv = 0.01", f"{_NEEDED} a signal"),),
+}
+_LEGS = (
+    ("[mechanism]", "needed to calibrate or diagnose the machine; without it, poses and deformation of bodies"),
+    ('type = "6-pus"', "fixed legs, moved actuators; ups: legs of variable length"),
+    ("reference_temperature_c = 20.0", ""),
+    ("legs = [", "one such entry per leg, in leg order; a and u in the base frame, b in the platform's"),
+    ("  { a_mm = [100.0, 0.0, 0.0], b_mm = [80.0, 0.0, 0.0], u = [0.0, 0.0, 1.0], length_mm = 500.0 },", ""),
+    ("]", ""),
+    ("[mechanism.tolerance]", "one standard deviation of manufacturing and assembly"),
+    ("a_mm = 0.5", "and b_mm, u, length_mm"),
+)
+
+
+def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence[str]) -> str:
+    """The whole file; name and kind as TOML, files: the lines of [files]."""
+    tables = {guess.table for guess in guesses if guess.table}
+    lines = [
+        "# What was measured, and how precisely. Complete the lines that say needed, then ask:  truing check .",
+        "# A line behind a # is switched off. Raw files are never changed. All keys, explained:  truing init --all",
+        "",
+        "format = 1",
+        "",
+        "[campaign]",
+        f"name = {name}",
+        _remark(f'kind = "{kind}"', _KINDS[kind]),
+        *_drives(guesses, tables),
+        "",
+        "[noise]",
+        *(_off(line, remark) for line, remark in _noise(guesses, tables, kind)),
+        *_sections(guesses, tables),
+        *files,
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _remark(line: str, remark: str) -> str:
+    return f"{line:<{_AT}}# {remark}" if remark else line
+
+
+def _off(line: str, remark: str) -> str:
+    return _remark(f"# {line}", remark)
+
+
+def _has(guesses: Sequence[Guess], *columns: str) -> bool:
+    """Whether any file gives one of these columns, or one that begins so."""
+    named = (name for guess in guesses for name in (*guess.columns, *guess.mapping.get("columns", {})))
+    return any(name.startswith(columns) for name in named)
+
+
+def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
+    if "configurations" in tables and not _has(guesses, "rho"):
+        yield _off('drives = ["elevation_deg"]', "columns of configurations that deformation may follow")
+
+
+def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tuple[str, str]]:
+    """Keys of [noise] that the tables ask for."""
+    if not tables and kind == "photogrammetry":
+        yield "point_mm = 0.005", f"{_NEEDED} a coordinate of a point"
+    if tables & {"points", "scans", "surfaces"}:
+        own = [guess for guess in guesses if guess.table == "points"]
+        known = own and all(
+            "sigma_x_mm" in (*guess.columns, *guess.mapping.get("columns", {}))
+            or guess.mapping.get("format") in _WITH_SIGMAS
+            for guess in own
+        )
+        yield (
+            "point_mm = 0.005",
+            "one standard deviation, where a file gives none" if known else f"{_NEEDED} a coordinate",
+        )
+    if "poses" in tables:
+        given = "where the file gives none" if _has(guesses, "sigma_") else "of the poses' places"
+        yield "displacement_mm = 0.01", f"{_NEEDED} a coordinate, {given}"
+        yield "rotation_rad = 1e-5", f"{_NEEDED} a rotation about an axis, {given.replace('places', 'attitudes')}"
+    if tables & {"images", "image_points"}:
+        yield "image_px = 0.05", "one standard deviation of an image coordinate, where a file gives none"
+    if _has(guesses, "rho"):
+        yield "actuator_mm = 0.001", "one standard deviation of an actuator's reading; absent: exact"
+    done: set[str] = set()
+    for table, keys in _OF_READINGS.items():
+        for line, remark in keys if table in tables else ():
+            if line not in done:
+                yield line, remark
+            done.add(line)
+
+
+def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
+    """Sections beside the noise, each after an empty line."""
+    if "poses" in tables:
+        yield from ("", "[measurement]")
+        yield _off('frame = "campaign"', "the instrument stood still; absent: every pose has a frame of its own")
+    if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):
+        yield from ("", "[poses]")
+        yield _off('euler = "XYZ"', "needed: the order; about turned axes in capitals, about fixed axes as xyz")
+    if _has(guesses, "rho"):
+        yield ""
+        yield from (_off(line, remark) for line, remark in _LEGS)
+    elif tables & {"points", "poses", "scans", "images", "image_points"}:
+        yield from ("", _off("[bodies]", ""))
+        yield _off('reference = "base"', "the body that the others are seen from; absent: the frame of the measurement")
+    if tables & {"interferometer", "displacement", "signals"}:
+        yield from (
+            "",
+            "# [mechanism]: the platform on its legs or the sensor, type 6-upur; truing init --all shows its keys",
+        )
+    if tables & {"interferometer", "quadrature"}:
+        yield from ("", _off("[interferometer]", ""))
+        yield _off("wavelength_nm = 632.990577", "in vacuum")
+        yield _off("compensated = true", "readings already compensated for the refractive index of air")
