@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,38 @@ from schemas.faults import CampaignFaults, Fault
 _ROUNDS = 3  # taking out a faulty key may uncover what stood behind it
 
 
-def check_campaign(campaign: CampaignFolder) -> str:
-    """Read and check everything, write nothing; returns what ingest read. Raises CampaignFaults with every fault."""
+@dataclass(frozen=True)
+class Checked:
+    """What was read of a campaign without a fault, what its stages will make of it, and what looks like a mistake."""
+
+    read: str
+    prospects: tuple[str, ...] = ()
+    attention: tuple[str, ...] = ()
+
+
+def check_campaign(campaign: CampaignFolder) -> Checked:
+    """Read and check everything, write nothing. Raises CampaignFaults with every fault, and where no stage could
+    evaluate anything."""
+    from stages.attention import attention
+    from stages.prospects import Found, nothing_evaluated, prospects
+
     faults = settings_faults(campaign)
     if faults:
         raise CampaignFaults([*faults, *_raw_faults_despite(campaign)])
-    return _read_raw(detached_run(campaign))
+    run = detached_run(campaign)
+    raw = _read_raw(run)
+    found = Found(raw.tables, raw.targets, campaign.has_photographs)
+    expected = tuple(prospects(run.settings, found))
+    if nothing_evaluated(expected):
+        why = dict.fromkeys(one.why_not for one in expected)
+        fault = Fault(campaign.file.name, "a campaign of which some stage can evaluate something", value="; ".join(why))
+        raise CampaignFaults([fault])
+    return Checked(raw.read, tuple(map(str, expected)), tuple(attention(run.settings, found)))
+
+
+def check_before_photographs(run: CampaignRun) -> None:
+    """Check what can be checked before photographs are measured, which takes long; raises CampaignFaults."""
+    _read_raw(run, measure=False)
 
 
 def settings_faults(campaign: CampaignFolder) -> list[Fault]:
@@ -37,29 +64,63 @@ def settings_faults(campaign: CampaignFolder) -> list[Fault]:
     return list(known.values())
 
 
-def _read_raw(run: CampaignRun) -> str:
+@dataclass
+class _Raw:
+    """What the raw files hold: in words, the small tables, and how many targets each body shows in each pose."""
+
+    said: list[str] = field(default_factory=list)
+    tables: dict[str, Any] = field(default_factory=dict)
+    targets: dict[str, Counter[object]] = field(default_factory=dict)
+
+    @property
+    def read(self) -> str:
+        return "; ".join(self.said)
+
+    def counted(self, observations: Any) -> Iterator[Any]:
+        """The batches of observations, their targets counted as they pass."""
+        for batch in observations:
+            pairs = zip(batch.column("body").to_pylist(), batch.column("pose").to_pylist(), strict=True)
+            for (body, pose), count in Counter(pairs).items():
+                self.targets.setdefault(body, Counter())[pose] += count
+            yield batch
+
+    def keep(self, artifacts: Mapping[str, Any]) -> dict[str, Any]:
+        """The artifacts, the small tables kept, and the stream of observations so that it is counted."""
+        import pyarrow as pa
+
+        self.tables |= {name: content for name, content in artifacts.items() if isinstance(content, pa.Table)}
+        stream = artifacts.get("observations")
+        if not isinstance(stream, pa.RecordBatchReader):
+            return dict(artifacts)
+        return {**artifacts, "observations": pa.RecordBatchReader.from_batches(stream.schema, self.counted(stream))}
+
+
+def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
+    """What the raw files hold; ``measure``: photographs are opened too. Raises CampaignFaults with every fault."""
     from pipeline.artifacts import drain
     from truing.formats.source import CampaignFiles
 
-    said: list[str] = []
+    raw = _Raw()
     faults: list[Fault] = []
     for stage in run.order:
         if stage.name not in RAW_READERS or not all(map(is_optional, stage.reads)):
             continue  # what needs the work of others is no look at the files
         try:
             source = CampaignFiles(run.campaign.folder, run.settings)
+            if stage.name == "images" and not measure:
+                continue
             if stage.name == "images" and source.entries("images"):
                 settings = SettingsView(run.settings, stage.settings)
-                said.append(f"opened {stage_module(stage.name).look(settings, source)}")
+                raw.said.append(f"opened {stage_module(stage.name).look(settings, source)}")
                 continue
             outcome = run.outcome(stage, lambda done, total, what: None)
-            drain(outcome.artifacts)
-            said.append(f"read {outcome.read}; left out {outcome.left_out}")
+            drain(raw.keep(outcome.artifacts))
+            raw.said.append(f"read {outcome.read}; left out {outcome.left_out}")
         except CampaignFaults as error:
             faults += error.faults
     if faults:
         raise CampaignFaults(dict.fromkeys(faults))
-    return "; ".join(said)
+    return raw
 
 
 def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:
@@ -107,5 +168,10 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
 def report_check(place: Path) -> ExitCode:
     """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
     campaign = open_campaign(place)
-    Voice(quiet=False).say(f"{campaign.file}: no fault; {check_campaign(campaign)}")
+    found, voice = check_campaign(campaign), Voice(quiet=False)
+    voice.say(f"{campaign.file}: no fault; {found.read}")
+    for line in found.prospects:
+        voice.say(line)
+    for sentence in found.attention:
+        voice.say(f"attention: {sentence}")
     return ExitCode.DONE

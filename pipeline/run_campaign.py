@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.campaign_check import check_campaign
+from pipeline.campaign_check import check_before_photographs, check_campaign
 from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
-from pipeline.campaign_run import CampaignRun, open_run
+from pipeline.campaign_run import CampaignRun, detached_run, open_run
 from pipeline.endings import defects_logged
 from pipeline.freshness import State
 from pipeline.problems import ExitCode
 from pipeline.run_folder import occupied
 from pipeline.run_owner import claim
 from pipeline.selection import Selection
+from pipeline.stage_order import OF_PHOTOGRAPHS
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults
@@ -47,6 +48,7 @@ def run_campaign(campaign: CampaignFolder, folder: Path, wish: Wish, voice: Voic
         claim(run)
         stages = wish.selection.stages(run.order)
         _validate(run)
+        _check_before_photographs(run, stages, wish)
         ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, wish, voice)]
         run.save()
         if not ran:
@@ -61,6 +63,16 @@ def _validate(run: CampaignRun) -> None:
     except CampaignFaults:
         check_campaign(run.campaign)  # tells what is wrong with the raw files in the same breath
         raise
+
+
+def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish: Wish) -> None:
+    """Tell what is wrong with other files before photographs are measured, which takes long."""
+    slow = [stage for stage in stages if stage.name in OF_PHOTOGRAPHS]
+    if any(
+        wish.selection.forces(stage, run.order) or run.standing(stage, run.made_from(stage)).state is not State.FRESH
+        for stage in slow
+    ):
+        check_before_photographs(detached_run(run.campaign))
 
 
 def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: Wish, voice: Voice) -> bool:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from stages.calibration.extended import Extended
     from stages.responses.tables import Rows
 
-LEAST_POSES = 3
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
 
@@ -126,10 +125,10 @@ def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Pr
         from stages.sensor_calibration.run import calibrate_sensor
 
         return calibrate_sensor(tables, settings, progress)
-    if not settings.mechanism.is_legged:
-        return not_evaluated(f"mechanism {settings.mechanism.type}: no legs whose readings say where the platform is")
-    if "configurations" not in tables:
-        return not_evaluated("needs the actuators' readings (configurations)")
+    from stages.prospects import why_no_calibration
+
+    if why := why_no_calibration(settings.mechanism, tables):
+        return not_evaluated(why)
     from stages.calibration.data import gather
     from stages.calibration.run import NothingCalibrated, calibrate
 
@@ -161,11 +160,12 @@ def _too_little(gathered: Gathered) -> str:
     """Why these poses say too little of any machine; empty where they do not."""
     import numpy as np
 
+    from stages.prospects import why_too_few_poses
     from truing.estimation.rotation import log_so3
 
     fitted = int(np.sum(gathered.measured.roles != "verification"))
-    if fitted < LEAST_POSES:
-        return f"needs at least {LEAST_POSES} poses that are not for verification, found {fitted}"
+    if few := why_too_few_poses(fitted):
+        return few
     platform = gathered.measured.platform
     away = np.concatenate([platform.p - platform.p[0], log_so3(platform.R @ platform.R[0].T)], -1)
     noise = np.sqrt(np.diagonal(platform.covariance, axis1=1, axis2=2).mean(0))

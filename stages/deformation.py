@@ -94,15 +94,13 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
 
 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    from stages.prospects import why_no_deformation_of_legs
     from stages.responses.attachment_deformation import attachment_deformation
 
     if "configurations" in tables and "observations" in tables and not tables["observations"].num_rows:
         return not_evaluated("no points: deformation shows in targets, and poses or scans have none")
-    attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
-    if "configurations" not in tables or not len(attached):
-        return not_evaluated("no platform target sits at an attachment (column leg of targets.csv)")
-    if set(tables["configurations"].column("role").to_pylist()) == {"verification"}:
-        return not_evaluated("every pose is for verification, and nothing may be fitted to those")
+    if why := why_no_deformation_of_legs(tables):
+        return not_evaluated(why)
     return attachment_deformation(tables, _rest_readings_mm(settings))
 
 
@@ -113,29 +111,24 @@ def _rest_readings_mm(settings: Campaign) -> tuple[float, ...]:
 
 
 def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    from stages.prospects import why_no_deformation_of_targets
     from stages.responses.target_deformation import target_deformation
 
     drives = settings.campaign.drives
-    if not drives or "configurations" not in tables:
-        return not_evaluated("no mechanism, and no drives named in [campaign]")
+    if why := why_no_deformation_of_targets(drives, tables):
+        return not_evaluated(why)
     if "observations" not in tables or not tables["observations"].num_rows:
         return not_evaluated("no targets, whose movement within their body could be seen")
     return target_deformation(tables, drives)
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    from stages.prospects import why_no_deformation_of_loads
     from stages.responses.load_deformation import load_deformation
 
-    readings = tables.get("readings")
-    if readings is None or not readings.num_rows:
-        return _of_nothing("no readings of displacement under load", settings)
-    if set(_roles(readings)) == {"verification"}:
-        return _of_nothing("every run is for verification, and nothing may be fitted to those", settings)
+    if why := why_no_deformation_of_loads(tables.get("readings")):
+        return _of_nothing(why, settings)
     return load_deformation(tables, settings)
-
-
-def _roles(readings: pa.Table) -> list[str]:
-    return readings.column("role").to_pylist() if "role" in readings.column_names else []
 
 
 def _of_nothing(why: str, settings: Campaign) -> Outcome:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
     from stages.diagnosis.mechanism_points import Gathered
     from stages.diagnosis.ray_findings import RayFindings
     from stages.diagnosis.shown import Channels
@@ -131,13 +130,10 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
 
 def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     from stages.diagnosis.mechanism_points import gather
+    from stages.prospects import why_no_diagnosis_of_mechanism
 
-    if "survey" not in tables or "configurations" not in tables:
-        raise ValueError("needs the survey of the targets and the actuator readings")
-    if len(cast("LeggedMechanism", settings.mechanism).legs) < 6:
-        raise ValueError("fewer than six legs leave the platform free: readings do not say where it is")
-    if settings.noise.point_mm is None:
-        raise ValueError("needs noise.point_mm")
+    if why := why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, tables):
+        raise ValueError(why)
     gathered = gather(tables, settings)
     if unreached := _unreached(gathered):
         raise ValueError(unreached)

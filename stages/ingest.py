@@ -135,7 +135,7 @@ def _photogrammetry(
     from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
     from stages.ingestion.serving_roles import check_any_fitted
     from stages.ingestion.start import read_start
-    from stages.ingestion.tables import read_configurations, read_survey
+    from stages.ingestion.tables import check_survey_noise, read_configurations, read_survey
     from stages.rigid_poses.dense_scans import identifier_of, read_scans
     from truing.formats.passed_over import passed_over
 
@@ -144,6 +144,8 @@ def _photogrammetry(
     configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
     start = read_start(source, settings, log)
+    if survey is not None:
+        check_survey_noise(survey, log)
     check_any_fitted([configurations.table], configurations.file, "pose", log)
     if adjusted is None and source.has_photographs:
         return _without_points(configurations, survey, start, log)

@@ -289,8 +289,12 @@ class Points:
         self._check_names(file)
 
     def _check_names(self, file: str) -> None:
-        """A body that was surveyed is recognised by the names of its targets."""
+        """A body that was surveyed is recognised by its own name and by those of its targets."""
         labels = self._ledger.labels.values
+        surveyed_bodies, bodies = list(self.expected.geometry.survey), self._ledger.bodies()
+        if surveyed_bodies and not set(surveyed_bodies) & set(bodies):
+            said = f"points of a body that was surveyed ({', '.join(surveyed_bodies)})"
+            self.log.add(Fault(file, said, column="body", value=", ".join(bodies)))
         for body, surveyed in self.expected.geometry.survey.items():
             seen = [target for name, target in labels if name == body]
             if seen and not any(target in surveyed for target in seen):

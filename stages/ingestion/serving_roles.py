@@ -16,9 +16,9 @@ FITTED, REFERENCE = "calibration", "reference"
 
 
 def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: FaultLog) -> None:
-    """A fault where rows are a reference and none is there to be fitted to; what: pose or run.
+    """A fault where every row is a reference; what: pose or run.
 
-    A campaign of role verification alone is one that tests an earlier model.
+    A campaign of role verification alone tests an earlier model, and a short one may fit to its reference poses.
     """
     roles: Counter[str] = Counter()
     for table in tables:
@@ -26,6 +26,6 @@ def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: Faul
             roles.update(filter(None, table.column("role").to_pylist()))
         elif len(table):
             return
-    if REFERENCE in roles and FITTED not in roles:
+    if set(roles) == {REFERENCE}:
         expected = f"at least one {what} of role {FITTED}: without one there is nothing to fit to"
         log.add(Fault(file, expected, column="role", value=f"{', '.join(roles)} alone"))

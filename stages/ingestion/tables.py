@@ -189,7 +189,14 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
         table = _with_declared(table, name, settings.noise.point_mm)
     if "leg" not in table.column_names:
         table = table.append_column("leg", pa.nulls(len(table), pa.int64()))
-    return SmallTable(as_artifact("survey", table), dict(found.left_out))
+    return SmallTable(as_artifact("survey", table), dict(found.left_out), file=found.first_file)
+
+
+def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
+    """A fault where a surveyed target has no standard deviation; not where its cell was at fault as it was read."""
+    if not log and any(survey.table.column(f"sigma_{axis}_mm").null_count for axis in "xyz"):
+        said = f"a standard deviation of surveyed targets, which {survey.file} does not give in every row"
+        log.add(Fault("campaign.toml", said, column="noise.point_mm"))
 
 
 def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:

@@ -184,6 +184,20 @@ def run(tables, settings, progress):
 """,
 }
 
+_PROSPECTS = """
+from collections import namedtuple
+
+Found = namedtuple("Found", "tables targets is_photographed")
+
+
+def prospects(settings, found):
+    return ()
+
+
+def nothing_evaluated(found):
+    return False
+"""
+
 CAMPAIGN = """# a comment
 [campaign]
 name = "bench"
@@ -265,6 +279,8 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     files = {f"stages/{name}.py": text for name, text in {**STAGES, **OF_PHOTOGRAPHS}.items()}
     files |= {"stages/__init__.py": "", "truing/__init__.py": '__version__ = "0"\n', "truing/formats/__init__.py": ""}
     files |= {
+        "stages/prospects.py": _PROSPECTS,
+        "stages/attention.py": "def attention(settings, found):\n    return ()\n",
         "truing/estimation/__init__.py": "",
         "truing/estimation/mean.py": "def mean(values):\n    return sum(values) / len(values)\n",
         "truing/estimation/unused.py": "",

@@ -1,0 +1,85 @@
+"""What may well be a mistake in a campaign, and need not be one: said where a campaign is checked."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from stages.ingestion.serving_roles import FITTED
+from stages.prospects import Found
+
+if TYPE_CHECKING:
+    from schemas.campaign import Campaign
+
+_SHOWN = 8
+_READING = re.compile(r"rho\d+_mm")
+
+
+def attention(settings: Campaign, found: Found) -> Iterator[str]:
+    """Yield a sentence for everything that a person should look at before the campaign is run."""
+    if settings.campaign.kind == "photogrammetry":
+        yield from _of_poses(found)
+        yield from _of_bodies(found)
+        yield from _of_machine(settings, found)
+    yield from _of_names(found)
+
+
+def _of_poses(found: Found) -> Iterator[str]:
+    configurations = found.tables.get("configurations")
+    if configurations is None or not found.targets:
+        return
+    seen = {str(pose) for poses in found.targets.values() for pose in poses}
+    without = [str(pose) for pose in configurations.column("pose").to_pylist() if str(pose) not in seen]
+    if "role" in configurations.column_names:
+        roles = set(configurations.column("role").to_pylist())
+        if roles and FITTED not in roles:
+            yield f"no pose has the role {FITTED}; there are {', '.join(sorted(roles))} alone"
+    if without:
+        yield f"no point was measured in {_listed('pose', without)} of configurations"
+
+
+def _of_bodies(found: Found) -> Iterator[str]:
+    survey = found.tables.get("survey")
+    if survey is None or not found.targets:
+        return
+    surveyed = dict.fromkeys(survey.column("body").to_pylist())
+    if without := [body for body in surveyed if body not in found.targets]:
+        yield f"no point was measured of {_listed('surveyed body', without)}"
+    if strange := [body for body in found.targets if body not in surveyed]:
+        yield f"no survey has {_listed('body', strange)}"
+
+
+def _of_machine(settings: Campaign, found: Found) -> Iterator[str]:
+    configurations = found.tables.get("configurations")
+    names = [] if configurations is None else configurations.column_names
+    readings = [name for name in names if _READING.fullmatch(name)]
+    if readings and not settings.mechanism.is_legged:
+        yield (
+            f"configurations has the actuators' readings {readings[0]} to {readings[-1]}, and no [mechanism] says of "
+            "which machine: nothing is calibrated"
+        )
+
+
+def _of_names(found: Found) -> Iterator[str]:
+    for table, column in (("configurations", "pose"), ("survey", "body"), ("readings", "run")):
+        names = found.tables[table].column(column).to_pylist() if table in found.tables else []
+        for alike in _alike(names):
+            yield f"{column}s {' and '.join(alike)} are different ones; did you mean one?"
+    for alike in _alike(found.targets):
+        yield f"bodies {' and '.join(alike)} are different ones; did you mean one?"
+
+
+def _alike(names: Iterable[object]) -> Iterator[list[str]]:
+    """Names that differ in capitals, blanks or leading zeros alone."""
+    groups: dict[str, list[str]] = defaultdict(list)
+    for name in dict.fromkeys(map(str, names)):
+        groups[re.sub(r"(?<!\d)0+(?=\d)", "", re.sub(r"\s+", "", name.casefold()))].append(name)
+    yield from (group for group in groups.values() if len(group) > 1)
+
+
+def _listed(what: str, names: list[str]) -> str:
+    many = {"body": "bodies", "surveyed body": "surveyed bodies"}.get(what, f"{what}s")
+    shown = ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return f"{what if len(names) == 1 else many} {shown}"

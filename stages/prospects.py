@@ -1,0 +1,173 @@
+"""What the tables of a campaign let each stage evaluate: facts that the stages themselves go by, told without a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+LEAST_POSES = 3
+LEAST_TARGETS = 3
+HELD_OUT = "verification"
+_LEAST_LEGS = 6  # fewer leave the platform free
+_REMAINING = ("pose", "deformation", "diagnose", "calibrate")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was read of a campaign: its small tables by artifact; targets: how many each body shows, by body and pose;
+    is_photographed: points come out of photographs, which have not been measured yet."""
+
+    tables: Mapping[str, pa.Table]
+    targets: Mapping[str, Mapping[object, int]] = field(default_factory=dict)
+    is_photographed: bool = False
+
+    def determined(self, body: str) -> int:
+        """In how many poses a body shows targets enough for a pose of its own."""
+        return sum(count >= LEAST_TARGETS for count in self.targets.get(body, {}).values())
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What a stage will make of a campaign; why_not: empty where it evaluates something; of_what: what that is."""
+
+    stage: str
+    why_not: str
+    of_what: str = ""
+
+    def __str__(self) -> str:
+        said = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.of_what and ': '}{self.of_what}"
+        return f"{self.stage:<12} {said}"
+
+
+def why_no_deformation_of_legs(tables: Mapping[str, pa.Table]) -> str:
+    """Why attachments cannot be seen to shift; empty where they can."""
+    attached = tables["survey"].column("leg").drop_null() if "survey" in tables else ()
+    if "configurations" not in tables or not len(attached):
+        return "no platform target sits at an attachment (column leg of targets.csv)"
+    if _are_all_held_out(tables["configurations"]):
+        return "every pose is for verification, and nothing may be fitted to those"
+    return ""
+
+
+def why_no_deformation_of_targets(drives: Sequence[str], tables: Mapping[str, pa.Table]) -> str:
+    """Why targets cannot be seen to follow a drive; empty where they can."""
+    return "" if drives and "configurations" in tables else "no mechanism, and no drives named in [campaign]"
+
+
+def why_no_deformation_of_loads(readings: pa.Table | None) -> str:
+    """Why the platform cannot be seen to follow loads; empty where it can."""
+    if readings is None or not readings.num_rows:
+        return "no readings of displacement under load"
+    return "every run is for verification, and nothing may be fitted to those" if _are_all_held_out(readings) else ""
+
+
+def why_no_diagnosis_of_mechanism(mechanism: Any, point_mm: float | None, tables: Mapping[str, pa.Table]) -> str:
+    """Why points cannot be held against what readings say of them; empty where they can."""
+    if "survey" not in tables or "configurations" not in tables:
+        return "needs the survey of the targets and the actuator readings"
+    if len(mechanism.legs) < _LEAST_LEGS:
+        return "fewer than six legs leave the platform free: readings do not say where it is"
+    return "" if point_mm is not None else "needs noise.point_mm"
+
+
+def why_no_calibration(mechanism: Any, tables: Mapping[str, pa.Table]) -> str:
+    """Why no machine can be calibrated; empty where one can be."""
+    if not mechanism.is_legged:
+        return f"mechanism {mechanism.type}: no legs whose readings say where the platform is"
+    return "" if "configurations" in tables else "needs the actuators' readings (configurations)"
+
+
+def why_too_few_poses(fitted: int) -> str:
+    """Why so many poses that may be fitted to are too few; empty where they are enough."""
+    if fitted >= LEAST_POSES:
+        return ""
+    return f"needs at least {LEAST_POSES} poses that are not for verification, found {fitted}"
+
+
+def _are_all_held_out(table: pa.Table) -> bool:
+    return "role" in table.column_names and set(table.column("role").to_pylist()) == {HELD_OUT}
+
+
+def prospects(settings: Campaign, found: Found) -> Iterator[Prospect]:
+    """Yield what each stage that measures something will evaluate, of points or of loads."""
+    if settings.campaign.kind == "interferometer":
+        yield from _of_loads(settings, found)
+        return
+    pose = _pose(found)
+    yield pose
+    for stage, why_not in (
+        ("deformation", _deformation(settings, found)),
+        ("diagnose", _diagnosis(settings, found)),
+        ("calibrate", why_no_calibration(settings.mechanism, found.tables) or _too_few(found)),
+    ):
+        yield Prospect(stage, pose.why_not or why_not)
+
+
+def _pose(found: Found) -> Prospect:
+    if found.is_photographed:
+        return Prospect("pose", "", "what the photographs show, once they are adjusted")
+    scanned = found.tables.get("scans")
+    if scanned is not None and scanned.num_rows:
+        return Prospect("pose", "", "dense scans, and bodies with three targets")
+    seen = {body: found.determined(body) for body in found.targets}
+    if not any(seen.values()):
+        return Prospect("pose", f"no body shows {LEAST_TARGETS} targets in one pose, which a pose of it needs")
+    words = ", ".join(f"{body} in {count} of {len(found.targets[body])} poses" for body, count in seen.items())
+    return Prospect("pose", "", words)
+
+
+def _deformation(settings: Campaign, found: Found) -> str:
+    if settings.mechanism.is_legged:
+        return why_no_deformation_of_legs(found.tables)
+    return why_no_deformation_of_targets(settings.campaign.drives, found.tables)
+
+
+def _diagnosis(settings: Campaign, found: Found) -> str:
+    if settings.mechanism.is_legged:
+        why_not = why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, found.tables)
+        return why_not or _too_few(found)
+    if not found.is_photographed and not any(found.determined(body) >= LEAST_POSES for body in found.targets):
+        return "needs a body with three targets, seen together in three poses"
+    return ""
+
+
+def _too_few(found: Found) -> str:
+    """Of the poses of the table, whose points may still be too few."""
+    table = found.tables.get("configurations")
+    roles = [] if table is None else table.column("role").to_pylist()
+    return why_too_few_poses(sum(role != HELD_OUT for role in roles))
+
+
+def _of_loads(settings: Campaign, found: Found) -> Iterator[Prospect]:
+    readings, signals = found.tables.get("readings"), found.tables.get("signals")
+    none = readings is None or not readings.num_rows
+    yield Prospect("pose", "no readings of displacement" if none else "")
+    positions = found.tables.get("positions")
+    is_positioned = positions is not None and positions.num_rows > 0
+    why_not = "" if is_positioned else why_no_deformation_of_loads(readings)
+    yield Prospect("deformation", why_not, "positioning of an axis" if is_positioned else "")
+    yield Prospect("diagnose", _diagnosis_of_loads(readings, signals))
+    has_signals = signals is not None and signals.num_rows > 0
+    if settings.mechanism.type != "6-upur" and not has_signals:
+        yield Prospect("calibrate", "the campaign holds no signals")
+    else:
+        yield Prospect("calibrate", "", "" if has_signals else "G by [mechanism] alone, for there are no signals")
+
+
+def _diagnosis_of_loads(readings: pa.Table | None, signals: pa.Table | None) -> str:
+    if readings is None or not readings.num_rows:
+        return "" if signals is not None and signals.num_rows else "no readings and no signals"
+    unknown = readings.filter(readings.column("sigma").is_null())
+    channels = ", ".join(dict.fromkeys(unknown.column("channel").to_pylist()))
+    return f"needs the noise of {channels}: noise.linear_um, noise.angular_arcsec" if channels else ""
+
+
+def nothing_evaluated(found: Sequence[Prospect]) -> bool:
+    """Whether no stage makes anything of a campaign."""
+    return all(one.why_not for one in found if one.stage in _REMAINING) and bool(found)

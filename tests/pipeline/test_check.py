@@ -1,0 +1,193 @@
+"""`truing check`: what would make a run useless is found before it, and each stage's prospects are told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.campaign_check import check_campaign
+from pipeline.campaign_folder import open_campaign
+from pipeline.command_line import app
+from pipeline.problems import ExitCode
+from schemas.faults import CampaignFaults
+from tests.broken.good import CAMPAIGNS
+
+HEAD = '[campaign]\nname = "c"\nkind = "photogrammetry"\n'
+TOML = f"{HEAD}[noise]\npoint_mm = 0.01\n"
+
+
+def rows(body: str, targets: int = 6) -> list[str]:
+    return [f"{body},T{t},{100 * t},{37 * t % 50},{t * t}\n" for t in range(1, targets + 1)]
+
+
+def points(*poses: str, body: str = "A", targets: int = 6) -> str:
+    lines = (f"{pose},{row}" for pose in poses for row in rows(body, targets))
+    return "".join(["pose,body,target,x_mm,y_mm,z_mm\n", *lines])
+
+
+def survey(*bodies: str) -> str:
+    return "".join(["body,target,x_mm,y_mm,z_mm\n", *(row for body in bodies for row in rows(body))])
+
+
+def written(folder: Path, **files: str) -> Path:
+    for name, text in {"campaign": TOML, **files}.items():
+        (folder / (f"{name}.toml" if name == "campaign" else f"{name}.csv")).write_text(text)
+    return folder
+
+
+def faults(folder: Path) -> list[str]:
+    with pytest.raises(CampaignFaults) as caught:
+        check_campaign(open_campaign(folder))
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_each_stage_says_what_it_will_evaluate(tmp_path: Path) -> None:
+    checked = check_campaign(open_campaign(CAMPAIGNS["telescope"](tmp_path / "c")))
+    assert [line.split(maxsplit=1) for line in checked.prospects] == [
+        ["pose", "evaluated: base in 9 of 9 poses, platform in 9 of 9 poses"],
+        ["deformation", "evaluated"],
+        ["diagnose", "evaluated"],
+        ["calibrate", "evaluated"],
+    ]
+    assert checked.attention == ()
+
+
+def test_the_prospects_are_what_the_run_then_says(tmp_path: Path) -> None:
+    folder = written(tmp_path, points=points("1", "2", "3", "4"), targets=survey("A"))
+    expected = check_campaign(open_campaign(folder)).prospects
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
+    assert done.exit_code == ExitCode.DONE, done.output
+    said = {line.split()[0]: line for line in done.output.splitlines() if line.strip()}
+    for line in expected:
+        stage, _, why = line.partition(" ")
+        assert ("not evaluated" in said[stage]) == ("not evaluated" in why)
+        if "not evaluated" in why:
+            assert why.strip() in said[stage]
+
+
+def test_a_bench_without_noise_is_told_that_it_will_not_be_diagnosed(tmp_path: Path) -> None:
+    folder = CAMPAIGNS["bench"](tmp_path / "c")
+    text = (folder / "campaign.toml").read_text()
+    for key in ("linear_um", "angular_arcsec"):
+        text = text.replace(key, f"# {key}")
+    (folder / "campaign.toml").write_text(text)
+    checked = check_campaign(open_campaign(folder))
+    (line,) = [line for line in checked.prospects if line.startswith("diagnose")]
+    assert "not evaluated: needs the noise of dx, dy, dz, rx, ry, rz: noise.linear_um, noise.angular_arcsec" in line
+
+
+def test_a_campaign_of_which_nothing_can_be_evaluated_is_a_fault(tmp_path: Path) -> None:
+    (fault,) = faults(written(tmp_path, points=points("1", "2", "3", targets=2)))
+    assert "no body shows 3 targets in one pose" in fault
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert (done.exit_code, "no fault" in done.output) == (ExitCode.UNUSABLE_CAMPAIGN, False)
+
+
+def test_points_of_no_surveyed_body_are_a_fault(tmp_path: Path) -> None:
+    (fault,) = faults(
+        written(tmp_path, points=points("1", "2", "3", body="platte"), targets=survey("base", "platform"))
+    )
+    assert "found 'platte'; expected points of a body that was surveyed (base, platform)" in fault
+
+
+def test_a_survey_without_a_standard_deviation_is_a_fault_and_no_defect(tmp_path: Path) -> None:
+    text = points("1", "2", "3").replace("z_mm\n", "z_mm,sigma_x_mm,sigma_y_mm,sigma_z_mm\n")
+    head, *lines = text.splitlines()
+    known = "\n".join([head, *(f"{line},0.01,0.01,0.01" for line in lines)]) + "\n"
+    (fault,) = faults(written(tmp_path, campaign=HEAD, points=known, targets=survey("A")))
+    assert "noise.point_mm: expected a standard deviation of surveyed targets, which targets.csv" in fault
+
+
+@pytest.mark.parametrize("kind", ["photogrammetry", "interferometer"])
+def test_what_init_wrote_for_an_empty_folder_is_told(tmp_path: Path, kind: str) -> None:
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    assert CliRunner().invoke(app, ["init", str(folder)]).exit_code == ExitCode.DONE
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text.replace('kind = "photogrammetry"', f'kind = "{kind}"'))
+    assert any("expected this file" in fault for fault in faults(folder))
+
+
+def test_what_init_wrote_for_points_lacks_the_noise(tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text(points("1", "2", "3"))
+    (tmp_path / "targets.csv").write_text(survey("A"))
+    assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == ExitCode.DONE
+    assert any("column noise.point_mm" in fault for fault in faults(tmp_path))
+
+
+CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibration,2,1,1\n3,calibration,3,2,1\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        (
+            {"points": points("1", "2", "3"), "configurations": f"{CONFIGURED}4,calibration,4,1,1\n"},
+            "no point was measured in pose 4 of configurations",
+        ),
+        ({"points": points("1", "2", "3"), "targets": survey("A", "B")}, "no point was measured of surveyed body B"),
+        (
+            {"points": points("1", "2", "3") + points("1", body="C").split("\n", 1)[1], "targets": survey("A")},
+            "no survey has body C",
+        ),
+        ({"points": points("1", "2", "3"), "configurations": CONFIGURED}, "no [mechanism] says of which machine"),
+        ({"points": points("P1", "p1", "P 2", "P2", "P3")}, "poses P1 and p1 are different ones; did you mean one?"),
+        ({"points": points("P1", "P01", "P2", "P3")}, "poses P1 and P01 are different ones; did you mean one?"),
+        (
+            {
+                "points": points("1", "2", "3"),
+                "configurations": "pose,role\n1,reference\n2,verification\n3,verification\n",
+            },
+            "no pose has the role calibration; there are reference, verification alone",
+        ),
+    ],
+)
+def test_what_looks_like_a_mistake_is_said(tmp_path: Path, files: dict[str, str], told: str) -> None:
+    folder = written(tmp_path, **files)
+    assert any(told in sentence for sentence in check_campaign(open_campaign(folder)).attention)
+    done = CliRunner().invoke(app, ["check", str(folder)])
+    assert (done.exit_code, f"attention: {told}" in done.output or told in done.output) == (ExitCode.DONE, True)
+
+
+def test_poses_that_are_counted_are_no_names_that_look_alike(tmp_path: Path) -> None:
+    folder = written(tmp_path, points=points(*(str(n) for n in (1, 2, 3, 10, 11, 100, 101))))
+    assert check_campaign(open_campaign(folder)).attention == ()
+
+
+def test_a_campaign_of_other_pictures_alone_is_told_which(tmp_path: Path) -> None:
+    (tmp_path / "images" / "1").mkdir(parents=True)
+    (tmp_path / "images" / "1" / "a.heic").write_bytes(b"picture")
+    assert any("images/1/a.heic: expected a photograph as JPEG" in fault for fault in faults(written(tmp_path)))
+
+
+def test_a_faulty_survey_is_told_before_photographs_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from PIL import Image
+
+    import stages.images
+
+    (tmp_path / "images" / "1").mkdir(parents=True)
+    Image.new("L", (120, 160), 128).save(tmp_path / "images" / "1" / "a.png")
+    folder = written(tmp_path, targets=survey("A").replace("100,37", "100,abc"))
+    monkeypatch.setattr(stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
+    assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN
+    assert "targets.csv, row 2, column y_mm: found 'abc'" in done.output
+
+
+def test_a_survey_without_noise_is_told_before_photographs_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from PIL import Image
+
+    import stages.images
+
+    (tmp_path / "images" / "1").mkdir(parents=True)
+    Image.new("L", (120, 160), 128).save(tmp_path / "images" / "1" / "a.png")
+    folder = written(tmp_path, campaign=HEAD, targets=survey("A"))
+    monkeypatch.setattr(stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
+    assert (done.exit_code, "noise.point_mm" in done.output) == (ExitCode.UNUSABLE_CAMPAIGN, True)
