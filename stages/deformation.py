@@ -94,11 +94,11 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
 
 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.prospects import why_no_deformation_of_legs
+    from stages.prospects import NO_POINTS_TO_DEFORM, why_no_deformation_of_legs
     from stages.responses.attachment_deformation import attachment_deformation
 
     if "configurations" in tables and "observations" in tables and not tables["observations"].num_rows:
-        return not_evaluated("no points: deformation shows in targets, and poses or scans have none")
+        return not_evaluated(NO_POINTS_TO_DEFORM)
     if why := why_no_deformation_of_legs(tables):
         return not_evaluated(why)
     return attachment_deformation(tables, _rest_readings_mm(settings))

@@ -115,8 +115,10 @@ def _rays(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress
 
 def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
+    from stages.prospects import NO_POINTS_TO_DIAGNOSE
+
     if "observations" in tables and not tables["observations"].num_rows:
-        raise ValueError("no points: causes are told apart by targets, and the campaign has poses or scans alone")
+        raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if settings.mechanism.is_legged:
         return _of_mechanism(tables, settings)
     if settings.campaign.kind == "interferometer":

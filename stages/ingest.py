@@ -144,7 +144,7 @@ def _photogrammetry(
     configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
     start = read_start(source, settings, log)
-    if survey is not None:
+    if survey is not None and (source.has_photographs or source.entries("points")):
         check_survey_noise(survey, log)
     check_any_fitted([configurations.table], configurations.file, "pose", log)
     if adjusted is None and source.has_photographs:

@@ -15,6 +15,8 @@ LEAST_POSES = 3
 LEAST_TARGETS = 3
 HELD_OUT = "verification"
 _LEAST_LEGS = 6  # fewer leave the platform free
+NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
+NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and the campaign has poses or scans alone"
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 
@@ -26,6 +28,21 @@ class Found:
     tables: Mapping[str, pa.Table]
     targets: Mapping[str, Mapping[object, int]] = field(default_factory=dict)
     is_photographed: bool = False
+
+    @property
+    def is_of_poses(self) -> bool:
+        """Whether poses were measured, or surfaces scanned, and no targets."""
+        return not self.targets and not self.is_photographed and bool(self._untargeted)
+
+    @property
+    def _untargeted(self) -> list[str]:
+        tables = {"measured_poses": "measured poses", "scans": "dense scans"}
+        return [words for name, words in tables.items() if name in self.tables and self.tables[name].num_rows]
+
+    @property
+    def of_poses(self) -> str:
+        """What poses come out of besides targets, in words; empty where out of these alone."""
+        return " and ".join(self._untargeted)
 
     def determined(self, body: str) -> int:
         """In how many poses a body shows targets enough for a pose of its own."""
@@ -112,23 +129,26 @@ def prospects(settings: Campaign, found: Found) -> Iterator[Prospect]:
 def _pose(found: Found) -> Prospect:
     if found.is_photographed:
         return Prospect("pose", "", "what the photographs show, once they are adjusted")
-    scanned = found.tables.get("scans")
-    if scanned is not None and scanned.num_rows:
-        return Prospect("pose", "", "dense scans, and bodies with three targets")
     seen = {body: found.determined(body) for body in found.targets}
+    if not any(seen.values()) and found.of_poses:
+        return Prospect("pose", "", found.of_poses)
     if not any(seen.values()):
         return Prospect("pose", f"no body shows {LEAST_TARGETS} targets in one pose, which a pose of it needs")
     words = ", ".join(f"{body} in {count} of {len(found.targets[body])} poses" for body, count in seen.items())
-    return Prospect("pose", "", words)
+    return Prospect("pose", "", "; ".join(filter(None, (words, found.of_poses))))
 
 
 def _deformation(settings: Campaign, found: Found) -> str:
+    if found.is_of_poses:
+        return NO_POINTS_TO_DEFORM
     if settings.mechanism.is_legged:
         return why_no_deformation_of_legs(found.tables)
     return why_no_deformation_of_targets(settings.campaign.drives, found.tables)
 
 
 def _diagnosis(settings: Campaign, found: Found) -> str:
+    if found.is_of_poses:
+        return NO_POINTS_TO_DIAGNOSE
     if settings.mechanism.is_legged:
         why_not = why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, found.tables)
         return why_not or _too_few(found)
