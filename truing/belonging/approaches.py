@@ -16,6 +16,7 @@ _BETTER = 10.0  # times smaller is the misfit that a slip has to leave
 _OF_SPACING = 0.1  # misfit over the smallest distance of targets, from which on a slip is looked for
 _FOLLOWS = 0.2  # change of the position over that of the target, below which it does not follow at all
 _AS_GOOD = 2.0  # times the smallest misfit: slips that explain as much
+_FARTHEST = 200  # rows that positions are looked for away from their targets
 _LEFT = 0.02  # of the travel: what a slip may leave once undone
 
 
@@ -44,7 +45,7 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     """Return how positions (N,) match targets (N,), in the order of the rows of their file.
 
     A common offset counts for nothing. Tried are units, signs, both, deviations in place of positions, and positions
-    that stand fewer rows away from their targets than a cycle has.
+    that stand fewer rows away from their targets than a cycle has, 200 at most.
     """
     misfit = _rms(position - target)
     places = np.unique(target)
@@ -73,7 +74,7 @@ def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[Slip, 
         unit = Slip(SlipKind.UNIT, "position_mm", factor=factor)
         yield _rms(factor * position - target), (unit,)
         yield _rms(-factor * position - target), (unit, turned)
-    most = min(2 * len(np.unique(target)) - 1, len(target) // 2)
+    most = min(2 * len(np.unique(target)) - 1, len(target) // 2, _FARTHEST)
     for shift in sorted({*range(-most, 0), *range(1, most + 1)}, key=abs):
         slip = Slip(SlipKind.ROWS_SHIFTED, "position_mm", shift=shift)
         yield _rms(_moved(position, shift) - _kept(target, shift)), (slip,)

@@ -151,6 +151,14 @@ def test_a_slip_is_found_by_name(slip, check, verdict, said):
         assert said in found[1]
 
 
+def test_a_jump_between_cycles_is_found_in_a_file_that_is_sorted_by_target():
+    rows = approaches()
+    from_row(32, 0.02)(rows)
+    verdict, said = verdicts(sorted(rows))["position-jumps"]
+    assert verdict == "fail"
+    assert "from target 15 mm forward in cycle 3 on, in the order of the cycles" in said
+
+
 def test_good_runs_of_every_size_are_silent():
     shapes = [(3, 2, 1.0), (3, 5, 0.02), (5, 5, 0.3), (8, 3, 5.0), (11, 5, 0.5), (21, 7, 2.0)]
     told = [
