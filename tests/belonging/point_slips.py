@@ -143,6 +143,17 @@ def _scale_points(factor: float, *tables: str) -> Callable[[Files], None]:
     return make
 
 
+def _from_reference(files: Files) -> None:
+    """Readings are counted from the reference configuration, where rho0_mm stands in the description."""
+    zero = np.array([leg.get("rho0_mm", 0.0) for leg in files.toml["mechanism"]["legs"]])
+    files.configurations[files.rho] -= zero
+
+
+def _whole_lengths(files: Files) -> None:
+    """Readings are whole lengths of the legs."""
+    files.configurations[files.rho] += np.array([leg["length_mm"] for leg in files.toml["mechanism"]["legs"]])
+
+
 def _freeze(files: Files) -> None:
     rows = np.arange(len(files.configurations)) >= len(files.configurations) // 2
     name = files.rho[3]
@@ -197,6 +208,8 @@ READING_SLIPS = (
     PointSlip("rows reversed", "rows-exchanged", _rows(lambda rows: rows[::-1])),
     PointSlip("two rows exchanged", "rows-exchanged", _rows(_exchange)),
     PointSlip("points of two poses exchanged", "rows-exchanged", _exchange_points),
+    PointSlip("readings from the reference", "zero", _from_reference),
+    PointSlip("readings as whole lengths", "zero", _whole_lengths),
     PointSlip("a column frozen", "frozen", _frozen_column),
     PointSlip("a column frozen halfway", "frozen", _freeze),
 )

@@ -53,7 +53,8 @@ def _travel(count: int = 20, size: float = 1e-3) -> np.ndarray:
     "change",
     [
         pytest.param(lambda r: 0.01 + 1.3 * (r - 0.01), id="all gains 30 % off"),
-        pytest.param(lambda r: r + 2e-3, id="another zero of 2 mm within four tolerances of a length"),
+        pytest.param(lambda r: r + 4e-3, id="another zero of 4 mm, which lengths would be as well"),
+        pytest.param(lambda r: r + np.array([2, -3, 4, -5, 3, -2]) * 1e-3, id="geometry off by ten tolerances"),
         pytest.param(lambda r: r + 1e-4 * np.sin(r / 1e-4), id="a periodic error of a tenth of the travel"),
         pytest.param(lambda r: r @ (np.eye(6) + 0.1 * np.roll(np.eye(6), 1, 0)), id="a tenth of the next leg"),
     ],

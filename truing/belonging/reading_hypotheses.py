@@ -22,6 +22,9 @@ _LEAK = 0.05  # of another leg's travel: deformation of platform and base
 _CURVED = 0.05  # of the own travel, quadratic
 _DRIVEN_M = 5e-5  # by time, temperature and other recorded drivers, over their spread
 PENALTY = 15.0  # log prior odds against a slip
+_GROSS = 0.05  # of a leg's length
+# Least standard deviation of a joint or a length, of a leg's length: a declared tolerance may be too small by ten.
+_LOOSE = 0.01
 _UNREACHED = 0.1  # of the readings that poses ask for
 
 
@@ -86,6 +89,7 @@ def best_written(motion: Motion, description: Description, *, exchanged: bool) -
             # of the readings as recorded: a factor that shrinks them makes no hypothesis likelier
             shrunk = len(misfit[0]) * np.log(np.abs([change.factor for change in changes]))
             scores[leg, column] = log_evidence(misfit, effects[leg], motion.noise) + shrunk
+            scores[leg, column, _is_geometry(motion, motion.readings[:, column], asked[:, leg], changes)] = -np.inf
     if description.slips and np.isnan(description.asked()).mean() > _UNREACHED:
         scores[:] = -np.inf  # a description is no explanation where its legs do not reach
     own = np.arange(count)
@@ -93,6 +97,13 @@ def best_written(motion: Motion, description: Description, *, exchanged: bool) -
     found = _most_likely(scores, changes, exchanged=exchanged)
     best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
     return plain, best, scores.size if exchanged else count * len(changes)
+
+
+def _is_geometry(motion: Motion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> NDArray[np.bool_]:
+    """Which changes (T,) assume nothing but another zero, by an amount that errors of the geometry may make."""
+    factor, zero = np.array([change.factor for change in changes]), np.array([change.zero for change in changes])
+    offset = np.abs(np.median(factor[:, None] * recorded - asked, axis=1))
+    return np.asarray(zero & (np.abs(factor) == 1.0) & (offset < _GROSS * np.abs(motion.legs.l).max()))
 
 
 def reached(description: Description) -> Array:
@@ -115,7 +126,9 @@ def _with_fitted(changes: tuple[Changed, ...], motion: Motion, asked: Array) -> 
 
 def _effects(motion: Motion, description: Description, asked: Array) -> list[Physics]:
     """What physics may add to each leg's readings: numbers of its geometry, travel of all legs, recorded drivers."""
-    geometry = np.nan_to_num(description.by_geometry()) * description.scales(motion.tolerance)
+    least = _LOOSE * float(np.abs(motion.legs.l).mean())
+    loose = {name: max(sigma, _LOOSE if name == "u" else least) for name, sigma in motion.tolerance.items()}
+    geometry = np.nan_to_num(description.by_geometry()) * description.scales(loose)
     travel = asked - asked.mean(axis=0)
     widest = np.maximum(np.abs(travel).max(axis=0), 1e-12)
     found = []

@@ -25,6 +25,7 @@ _CLEAR = 50.0  # log evidence by which a slip has to win
 _HALVES = 0.5  # the share of the misfit that a slip may leave
 _LEAST_POSES = 3
 _MOST_POSES = 240  # for hypotheses about columns and the description; rows are looked at in all poses
+_TOLERATED = 4.0  # sigmas of an offset by the declared tolerances
 _STRAIGHT = 0.05  # rad between directions of parallel legs
 _SINGULAR = 1e-4  # of the largest singular value of the legs' rows, arms in units of their rms
 _MOSTLY = 0.7  # of the rows that moved
@@ -91,6 +92,8 @@ def _test(motion: Motion, names: Names) -> Tested:
         before, after = _halved(search.plain.misfit, _reordered(search.meant, search.order))
         explained = replace(base, state=State.FAILS, reason="slip", misfit=1e3 * before, misfit_explained=1e3 * after)
         return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
+    if zero := _other_zero(motion, asked):
+        return replace(base, state=State.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
     if frozen:
         return replace(base, state=State.FAILS, reason="slip", slips=frozen)
     if not comparable:
@@ -207,6 +210,22 @@ def _row_slips(order: RowOrder, names: Names) -> tuple[Slip, ...]:
         return (Slip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
     places = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
     return (Slip(SlipKind.ROWS_EXCHANGED, "readings", places),)
+
+
+def _other_zero(motion: Motion, asked: Array) -> Slip | None:
+    """Readings counted from the reference configuration, or as whole lengths: an offset of just that size in all legs.
+
+    Other offsets are left to calibration, for errors of the geometry make them, too.
+    """
+    legs = motion.legs
+    offset = np.median(asked - motion.readings, axis=0)
+    scale = next(descriptions(motion)).scales(motion.tolerance)
+    sigma = np.linalg.norm(np.median(next(descriptions(motion)).by_geometry(), axis=0) * scale, axis=-1)
+    for wanted in (legs.rho0, -legs.rho0, -legs.l):
+        small = np.abs(offset - wanted) <= _TOLERATED * sigma
+        if small.all() and (np.abs(wanted) > _MOVED * sigma).all():
+            return Slip(SlipKind.ZERO, "readings", offset=1e3 * float(np.median(wanted)))
+    return None
 
 
 def _frozen(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
