@@ -192,4 +192,29 @@ _OF_SIGNALS: Checks = {
         "Load more slowly or sample faster, and record the run anew.",
     ),
 }
-OF_LOADS: Checks = {**_OF_PROGRAMME, **_OF_READINGS, **_OF_SURROUNDINGS, **_OF_SIGNALS}
+_OF_BELONGING: Checks = {
+    "loads-against-readings": QualityCheck(
+        "Do the readings follow the loads as the simulation predicts, and in every run as in the others?",
+        "A unit, a sign or a label that was mistaken is taken for a stiffness; nothing that rests on it is evaluated.",
+        Rule(
+            "no slip explains it, and a run answers more than twice, or less than half, of what is expected",
+            "a slip explains more than every physical cause could, or half of all responses are off by a factor of 3",
+        ),
+        "Mend the table or its mapping as the sentence proposes. Not tested: give [mechanism] elements or "
+        "compliance_file, or load each axis in three runs.",
+    ),
+    "signals-against-loads": QualityCheck(
+        "Do the signals follow the loads by the legs' geometry, the declared gain, and in every run as in the others?",
+        "A calibration takes a unit, a sign, an exchange or a shift of rows for the sensor's own.",
+        Rule(fails="a slip explains more than every physical cause could"),
+        "Mend the table or its mapping as the sentence proposes. Not tested: load each axis in three runs, or declare "
+        "[mechanism] and [signals] sensitivity_mv_per_n.",
+    ),
+    "copied-runs": QualityCheck(
+        "Does a run hold the very numbers of another one?",
+        "Noise makes no two runs equal: one of them was never measured.",
+        Rule(fails="any pair, beyond chance"),
+        "Find the run's own data in the instrument's log, or exclude it.",
+    ),
+}
+OF_LOADS: Checks = {**_OF_BELONGING, **_OF_PROGRAMME, **_OF_READINGS, **_OF_SURROUNDINGS, **_OF_SIGNALS}

@@ -56,6 +56,7 @@ DECLARATION = Stage(
             "interferometer",
             "signals.range_mv",
             "signals.zero_mv",
+            "signals.sensitivity_mv_per_n",
             "bodies",
             "noise.actuator_mm",
         ),
@@ -117,7 +118,7 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     from stages.quality.limits import CampaignLimits
     from stages.quality.loading_checks import loading_checks
     from stages.quality.loading_view import loading_view
-    from stages.quality.of_belonging import belonging_checks
+    from stages.quality.of_belonging import belonging_checks, without_contradiction
 
     view = loading_view(tables, settings)
     read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs" + f"; {approaches}" * bool(approaches)
@@ -132,7 +133,8 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
 
         checks = chain(quadrature_checks(tables["quadrature"], limits), checks)
     relations = relations_of_loads(view, tables, settings)
-    return _judged(chain(belonging_checks(relations), checks, of_axis), read, settings, progress, relations)
+    checks = chain(belonging_checks(relations), without_contradiction(checks, relations), of_axis)
+    return _judged(checks, read, settings, progress, relations)
 
 
 def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterable[Check], str]:

@@ -2,18 +2,253 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from truing.belonging.relation import Tested
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.interferometer import LINEAR
+from stages.quality.loading_view import simulated_compliance
+from stages.sensor.declared_optics import channel_rows
+from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, READING_SI
+from truing.belonging import loads_of_readings, signals_of_loads
+from truing.belonging.copied_rows import Values, copied_runs
+from truing.belonging.frozen_values import Frozen, frozen
+from truing.belonging.plausible_slips import Column
+from truing.belonging.relation import (
+    DISPLACEMENT_UNITS,
+    FRINGE_SHARES,
+    ROTATION_UNITS,
+    SIGNAL_FACTORS,
+    Slip,
+    SlipKind,
+    State,
+    Tested,
+)
+from truing.belonging.row_order import can_reverse, row_slips
+from truing.belonging.signals_of_loads import Recorded
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
+    from schemas.sensor_mechanism import SensorMechanism
     from stages.quality.loading_view import LoadingView
+
+Array = NDArray[np.float64]
+
+_MILLIVOLT = 1e-3
 
 
 def relations_of_loads(view: LoadingView, tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Tested, ...]:
     """Return the tested relations of a loading campaign."""
-    return ()
+    steps = view.steps
+    names = [view.run_name(run) for run in range(len(steps.runs))]
+    copies = copied_runs(steps.run, names, steps.load, _values(view, settings))
+    alone = ~np.isin(steps.run, [names.index(name) for one in copies for slip in one.slips for name in slip.subjects])
+    channels, signals = _channels(settings), _signal_columns(steps.signals)
+    seen = _seen(tables, settings)
+    found: list[Tested] = []
+    if np.isfinite(steps.reading).any():
+        loaded = Recorded(steps.load, steps.run, np.where(alone[:, None], steps.reading, np.nan), names)
+        response = _of_readings(loaded, channels, seen, settings)
+        answers = seen if seen is not None else signals_of_loads.responses_of(loaded, len(channels))
+        rows = _of_rows(view, loaded, channels, answers, _typical(steps.sigma), loads_of_readings.RELATION)
+        found += _with_rows(_also_reversed(response, loaded), rows)
+    else:
+        found.append(_in_range(steps.load, settings) or loads_of_readings.untested("no-readings"))
+    if steps.signals:
+        signal = np.where(alone[:, None], steps.signal, np.nan)
+        recorded = Recorded(steps.load, steps.run, signal, names, settings.signals.zero_mv is not None)
+        response = _of_signals(recorded, signals, settings)
+        response = _as_readings_have_it(response, found[0])
+        answers = signals_of_loads.responses_of(recorded, len(signals))
+        hiss = np.full(len(signals), (settings.noise.signal_mv or np.nan) * _MILLIVOLT)
+        rows = _of_rows(view, recorded, signals, answers, hiss, signals_of_loads.RELATION)
+        found = [_as_signals_have_it(one, response) for one in found]
+        found += _with_rows(_also_reversed(response, recorded), rows)
+    return (*found, *copies)
+
+
+def _as_signals_have_it(readings: Tested, signals: Tested) -> Tested:
+    """Readings whose slip has rivals, of which signals name one."""
+    agreed = tuple(slip for slip in readings.rivals if slip in signals.slips and _as_large(slip, readings.slips[0]))
+    if len(readings.slips) != 1 or not agreed:
+        return readings
+    others = tuple(slip for slip in (*readings.slips, *readings.rivals) if slip not in agreed)
+    return replace(readings, slips=agreed[:1], rivals=others)
+
+
+def _as_large(one: Slip, other: Slip) -> bool:
+    """Whether two slips are of one size, whichever way they are told."""
+    return one.kind == other.kind and abs(abs(np.log(one.factor)) - abs(np.log(other.factor))) < 1e-9
+
+
+def _also_reversed(tested: Tested, steps: Recorded) -> Tested:
+    """Runs with the opposite sign whose loads go the same way backwards: their rows may be reversed as well; loads that
+    are the same backwards never show it."""
+    turned = [slip for slip in tested.slips if slip.kind == SlipKind.SIGN]
+    number = {name: run for run, name in enumerate(steps.runs)}
+    rivals = list(tested.rivals)
+    for slip in turned:
+        named = [number[name] for name in slip.subjects if name in number]
+        rows = np.isin(steps.run, named)
+        if named and can_reverse(steps.load[rows], steps.run[rows])[1]:
+            what = "signals" if tested.relation == signals_of_loads.RELATION else "readings"
+            rivals.append(Slip(SlipKind.REVERSED, what, tuple(steps.runs[run] for run in named)))
+    if not tested.slips and can_reverse(steps.load, steps.run)[0]:
+        return replace(tested, hidden=(*tested.hidden, Slip(SlipKind.REVERSED, "rows")))
+    return replace(tested, rivals=tuple(rivals))
+
+
+def _of_readings(loaded: Recorded, channels: Sequence[Column], seen: Array | None, settings: Campaign) -> Tested:
+    alike = signals_of_loads.against_each_other(loaded, channels, loads_of_readings.RELATION)
+    if seen is None:
+        return alike if alike.slips else _in_range(loaded.load, settings) or alike
+    return _either(loads_of_readings.against_simulation(loaded, channels, seen), alike, loaded.runs)
+
+
+def _of_signals(recorded: Recorded, columns: Sequence[Column], settings: Campaign) -> Tested:
+    declared = settings.signals.sensitivity_mv_per_n
+    gain = None
+    if declared is not None and np.size(declared) in (1, len(columns)):
+        gain = np.broadcast_to(np.asarray(declared, float), len(columns)) * _MILLIVOLT
+    alike = signals_of_loads.against_each_other(recorded, columns, signals_of_loads.RELATION)
+    if settings.mechanism.type == "6-upur" and len(columns) == 6:
+        legs = _leg_forces(settings.mechanism)  # type: ignore[arg-type]
+        told = None if legs is None else signals_of_loads.against_geometry(recorded, columns, legs, gain)
+        if told is not None:
+            tested = _either(told, alike, recorded.runs)
+            return tested if gain is None else _or_sensitivity(tested)
+    return alike
+
+
+def _either(predicted: Tested, alike: Tested, runs: Sequence[str]) -> Tested:
+    """What a prediction tells; where it tells no slip, or one of single runs, what runs tell of each other."""
+    of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)
+    return replace(alike if alike.slips and of_runs else predicted, tried=predicted.tried + alike.tried)
+
+
+def _or_sensitivity(tested: Tested) -> Tested:
+    """All loads or all signals in another unit: the declared sensitivity may be, as well."""
+    slip = tested.slips[0] if len(tested.slips) == 1 else None
+    if slip is None or slip.subjects or slip.kind != SlipKind.UNIT or slip.quantity not in ("load", "signal"):
+        return tested
+    factor = slip.factor if slip.quantity == "load" else 1.0 / slip.factor
+    return replace(tested, rivals=(*tested.rivals, Slip(SlipKind.UNIT, "sensitivity_mv_per_n", (), factor)))
+
+
+def _as_readings_have_it(signals: Tested, readings: Tested) -> Tested:
+    """Signals whose slip may be one of loads, or of signals as well, where readings follow these loads as predicted."""
+    agreed = [slip for slip in signals.rivals if slip.quantity == "signal"]
+    known = readings.state == State.OK and all(slip.quantity != "load" for slip in readings.hidden)
+    if len(signals.slips) != 1 or signals.slips[0].quantity != "load" or not agreed or not known:
+        return signals
+    others = tuple(slip for slip in (*signals.slips, *signals.rivals) if slip != agreed[0])
+    return replace(signals, slips=(agreed[0],), rivals=others)
+
+
+def _in_range(load: Array, settings: Campaign) -> Tested | None:
+    declared = np.array([getattr(settings.loading, name) or np.nan for name in LOAD_COLUMNS], float)
+    return loads_of_readings.against_range(load, declared)
+
+
+def _seen(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
+    """The rows (6, 6) of the simulated compliance that channels see; None where nothing is simulated."""
+    compliance = simulated_compliance(tables, settings)
+    return None if compliance is None else np.asarray(channel_rows(settings.interferometer.beams) @ compliance)
+
+
+def _leg_forces(section: SensorMechanism) -> Array | None:
+    """The forces (6, 6) along the legs by the loads; None where the legs do not carry every load."""
+    from stages.sensor.nominal_sensor import elastic_parts, sensor_joints
+    from truing.simulation.six_upur.influence import influence_matrix
+
+    elastic = elastic_parts(section)
+    if elastic is not None:
+        return np.asarray(elastic.axial_forces)
+    G = influence_matrix(sensor_joints(section))
+    return np.asarray(np.linalg.inv(G)) if np.linalg.cond(G) < 1e12 else None
+
+
+def _of_rows(
+    view: LoadingView, steps: Recorded, columns: Sequence[Column], answers: Array, noise: Array, relation: str
+) -> Iterator[Tested]:
+    """Columns that stand still, and runs whose rows stand in another order than their loads."""
+    still = list(frozen(steps.load, steps.run, steps.value, answers, noise))
+    share = 100.0 * max((one.share for one in still), default=0.0)
+    for slip in _frozen_slips(still, columns, steps.runs):
+        yield Tested(relation, State.FAILS, "frozen", _subject(slip), share, None, None, "%", (slip,), tried=len(still))
+    if not still:
+        what = "signals" if relation == signals_of_loads.RELATION else "readings"
+        found, tried = row_slips(steps.load, steps.run, view.steps.time_s, steps.value, steps.runs, what)
+        for row in found:
+            sizes, unit = (row.before, row.after, None), "% of the range"
+            yield Tested(relation, State.FAILS, "rows", _subject(row.slip), *sizes, unit, (row.slip,), tried=tried)
+
+
+def _frozen_slips(still: Sequence[Frozen], columns: Sequence[Column], runs: Sequence[str]) -> Iterator[Slip]:
+    """One slip for runs in which the same columns of a quantity stand still."""
+    by_run: dict[tuple[int, str], list[int]] = {}
+    for one in still:
+        by_run.setdefault((one.run, columns[one.column].quantity), []).append(one.column)
+    alike: dict[tuple[str, tuple[int, ...]], list[str]] = {}
+    for (run, quantity), places in by_run.items():
+        alike.setdefault((quantity, tuple(places)), []).append(runs[run])
+    for (quantity, same), names in alike.items():
+        every = len(same) == sum(column.quantity == quantity for column in columns)
+        own = () if every and len(same) > 1 else tuple(columns[place].name for place in same)
+        yield Slip(SlipKind.FROZEN, quantity, (*own, *names))
+
+
+def _subject(slip: Slip) -> str:
+    return ", ".join(slip.subjects) if len(slip.subjects) <= 3 else ""
+
+
+def _with_rows(response: Tested, rows: Iterator[Tested]) -> list[Tested]:
+    """The test of responses and of rows: where rows are wrong, responses that follow from them are left out."""
+    found = list(rows)
+    return [*([] if found and not response.slips else [response]), *found]
+
+
+def _values(view: LoadingView, settings: Campaign) -> list[Values]:
+    """Tables whose runs are held against each other, in the units of their files."""
+    steps, tables = view.steps, list[Values]()
+    seen = np.isfinite(steps.reading)
+    if seen.any():
+        reading, sigma = steps.reading / READING_SI, steps.sigma / READING_SI
+        if seen.sum(axis=1).max() == 1:  # one channel at a time: a copy may stand under the name of another
+            reading = np.where(seen, reading, 0.0).sum(axis=1, keepdims=True)
+            reading[~seen.any(axis=1)] = np.nan
+            sigma = np.where(seen, sigma, np.inf).min(axis=1, keepdims=True)
+        tables.append(Values("readings", reading, _typical(sigma)))
+    if steps.signals:
+        hiss = np.full(len(steps.signals), settings.noise.signal_mv or np.nan)
+        tables.append(Values("signals", steps.signal / _MILLIVOLT, hiss))
+    return tables
+
+
+def _typical(sigma: Array) -> Array:
+    """The typical noise (K,) of columns (N, K); NaN where none is declared."""
+    known = np.isfinite(sigma)
+    return np.array(
+        [np.median(own[there]) if there.any() else np.nan for own, there in zip(sigma.T, known.T, strict=True)]
+    )
+
+
+def _channels(settings: Campaign) -> list[Column]:
+    """The channels with their quantities, and what makes other units of them right."""
+    wave_um = settings.interferometer.wavelength_nm * 1e-3
+    fringes = tuple(share * wave_um for share in FRINGE_SHARES)
+    return [
+        Column(name, "displacement", DISPLACEMENT_UNITS, fringes, float(READING_SI[k]))
+        if name in LINEAR
+        else Column(name, "rotation", ROTATION_UNITS, (), float(READING_SI[k]))
+        for k, name in enumerate(CHANNELS)
+    ]
+
+
+def _signal_columns(names: Sequence[str]) -> list[Column]:
+    return [Column(name, "signal", SIGNAL_FACTORS) for name in names]

@@ -154,7 +154,7 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
     """The tables ``readings`` and ``signals`` with what [mechanism] simulates of the readings."""
     steps = load_steps(tables)
     noise = settings.noise
-    compliance = _compliance(tables, settings)
+    compliance = simulated_compliance(tables, settings)
     load_sigma = np.array([noise.load_n] * 3 + [noise.load_nm] * 3)
     if compliance is None:
         return LoadingView(steps, None, load_sigma)
@@ -164,7 +164,7 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
     return LoadingView(steps, ExpectedReadings(steps.load @ seen.T, at_most), load_sigma)
 
 
-def _compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
+def simulated_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
     """The simulated compliance (6, 6), SI; None where campaign.toml tells of none."""
     from stages.sensor.nominal_sensor import elastic_parts, given_matrix
 

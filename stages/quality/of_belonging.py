@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check
+from stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, without
 from truing.belonging.relation import State, Tested
 from truing.report.belonging import message
 
@@ -17,3 +17,15 @@ def belonging_checks(tested: Iterable[Tested]) -> Iterator[Check]:
         verdict = _VERDICTS[one.state]
         value, limit = (None, None) if verdict == NOT_EVALUATED else (one.misfit, one.limit)
         yield Check(one.relation, one.subject, value, limit, one.unit, verdict, message(one))
+
+
+def without_contradiction(checks: Iterable[Check], tested: Iterable[Tested]) -> Iterator[Check]:
+    """Yield checks; exchanged rows are not told of signals that do not belong to their loads as they stand."""
+    apart = any(one.relation == "signals-against-loads" and one.state == State.FAILS for one in tested)
+    deferred = False
+    for check in checks:
+        if not apart or check.check != "exchanged-rows":
+            yield check
+        elif not deferred:
+            deferred = True
+            yield without("belonging", "exchanged-rows", "", "signals do not belong to loads (signals-against-loads)")

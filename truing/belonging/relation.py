@@ -29,6 +29,9 @@ class SlipKind(StrEnum):
     DIRECTION = "direction-reversed"
     FROZEN = "frozen"  # the same number again and again while the machine moves
     COPIED = "copied"
+    FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; times factor they are right
+    MISLABELLED = "mislabelled"  # one part bears the label of another
+    REVERSED = "rows-reversed"  # from the last to the first
 
 
 @dataclass(frozen=True)
@@ -83,3 +86,13 @@ TORQUE_FACTORS = (1e3, 9.80665, 1.3558179483314, 0.1129848290276, 100.0)
 def both_ways(factors: tuple[float, ...]) -> tuple[float, ...]:
     """Return factors and their reciprocals."""
     return (*factors, *(1.0 / factor for factor in factors))
+
+
+# Recorded loads and readings times these are right: N and N m; um; arc seconds; mV. Raw counts are of half, a quarter
+# or an eighth of a wavelength, by how often light passes.
+FORCE_UNITS = both_ways((1e3, 9.80665, 4.4482216152605))
+TORQUE_UNITS = (*both_ways((1e3, 9.80665, 1.3558179483314, 0.1129848290276)), 0.01, 0.00980665)
+DISPLACEMENT_UNITS = (1e3, 1e-3, 1e6, 25.4, 25400.0)
+ROTATION_UNITS = (206264.80624709636, 3600.0, 60.0, 206.26480624709636, 0.20626480624709636)
+SIGNAL_FACTORS = (1e3, 1e-3, 0.5, 2.0)
+FRINGE_SHARES = (0.5, 0.25, 0.125)

@@ -16,8 +16,12 @@ RELATIONS = {
     "points-against-survey": "Measured points and their survey",
     "copied-poses": "Measured poses",
     "legs-regular": "The legs of [mechanism]",
+    "loads-against-readings": "Loads and readings",
+    "signals-against-loads": "Signals and loads",
+    "copied-runs": "Runs",
 }
 
+_OF_RUNS = ("loads-against-readings", "signals-against-loads", "copied-runs")  # whose subjects are separated by commas
 # Names of factors by quantity: what was written, in place of what.
 _FACTORS = {
     "length": {
@@ -28,24 +32,57 @@ _FACTORS = {
         1e6: "a factor of a million",
     },
     "angle": {57.29577951308232: "radians in place of degrees", 0.017453292519943295: "degrees in place of radians"},
+    "load": {
+        1e3: "kN in place of N, kN m in place of N m",
+        1e-3: "N in place of kN, or mN in place of N",
+        9.80665: "kgf in place of N",
+        1.0 / 9.80665: "N in place of kgf",
+        4.4482216152605: "lbf in place of N",
+        1.0 / 4.4482216152605: "N in place of lbf",
+    },
     "force": {
         1e3: "kN in place of N",
+        1e-3: "N in place of kN, or mN in place of N",
         9.80665: "kgf in place of N",
+        1.0 / 9.80665: "N in place of kgf",
         4.4482216152605: "lbf in place of N",
-        1e-3: "mN in place of N",
+        1.0 / 4.4482216152605: "N in place of lbf",
     },
     "torque": {
         1e3: "kN m in place of N m, or m in place of mm",
         9.80665: "kgf m in place of N m",
+        1.0 / 9.80665: "N m in place of kgf m",
+        0.00980665: "kgf mm in place of N m",
         1e-3: "N mm in place of N m",
         1.3558179483314: "lbf ft in place of N m",
+        1.0 / 1.3558179483314: "N m in place of lbf ft",
         0.1129848290276: "lbf in in place of N m",
+        1.0 / 0.1129848290276: "N m in place of lbf in",
         0.01: "N cm in place of N m",
     },
-    "voltage": {1e3: "V in place of mV", 1e-3: "µV in place of mV"},
+    "displacement": {
+        1e3: "mm in place of µm, or m in place of mm",
+        1e-3: "nm in place of µm, or µm in place of mm",
+        1e6: "m in place of µm",
+        25.4: "thousandths of an inch in place of µm, or inches in place of mm",
+        25400.0: "inches in place of µm",
+    },
+    "rotation": {
+        206264.80624709636: "rad in place of arc seconds",
+        3600.0: "degrees in place of arc seconds",
+        60.0: "arc minutes in place of arc seconds",
+        206.26480624709636: "mrad in place of arc seconds, or arc seconds in place of mrad",
+        0.20626480624709636: "µrad in place of arc seconds",
+    },
+    "signal": {
+        1e3: "V in place of mV",
+        1e-3: "µV in place of mV, or mV in place of V",
+        0.5: "twice the gain",
+        2.0: "half the gain",
+    },
 }
 # What columns are, by the units that their names end with.
-_ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "voltage"))
+_ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "signal"))
 _SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # what is seen in the numbers themselves, and no guess
 _REASONS = {
     "agrees": "belong together",
@@ -64,6 +101,12 @@ _REASONS = {
     "regular": "hold the platform in all six directions",
     "few-targets": "were not compared: fewer than four targets were seen",
     "no-fit": "do not fit each other, and neither a mirror image nor another unit explains it",
+    "no-response": "were not compared: no run has loads that change and readings that answer them",
+    "no-main-response": "were not compared: no channel was read that should answer clearly",
+    "no-simulation": "were not compared: no [mechanism] with elements or compliance_file predicts the readings",
+    "no-repeats": "were not compared: no axis is loaded by three runs or more, and nothing else predicts the response",
+    "one-run": "were not compared: there is only one",
+    "trace-of-range": "were not compared, and the loads are no more than a trace of the range in [loading]",
     "distinct": "are all different measurements",
     "coarse": "were not compared: the resolution of the file is coarser than the noise",
 }
@@ -71,17 +114,20 @@ _REASONS = {
 
 def message(tested: Tested) -> str:
     """Return the sentences for one tested relation: result, size, the slip that explains it, what stays hidden."""
-    subject = f" ({listed(tested.subject.split())})" if tested.subject else ""
+    names = tested.subject.split(", " if tested.relation in _OF_RUNS else None)
+    subject = f" ({listed(names)})" if names and tested.subject else ""
     sides = f"{RELATIONS[tested.relation]}{subject}"
     if tested.slips and all(slip.kind in _SEEN for slip in tested.slips):
         return f"{sides} are not all measurements of their own: {'; '.join(map(slip_words, tested.slips))}."
-    if tested.slips:
+    if tested.slips and tested.state == State.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
     said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
+    if tested.slips:
+        return f"{said} {_meant(tested)}"
     if tested.tried and tested.state in (State.OK, State.ATTENTION, State.FAILS):
         said += f" {tested.tried} slips were tried."
     if tested.hidden:
-        said += f" This campaign cannot show: {'; '.join(slip_words(slip) for slip in tested.hidden)}."
+        said += f" This campaign cannot show: {listed([slip_words(slip) for slip in tested.hidden], sep='; ')}."
     return said
 
 
@@ -112,14 +158,17 @@ def _of(slip: Slip) -> str:
     return f"{slip.quantity} {listed(slip.subjects)}".strip()
 
 
-def listed(names: Sequence[str], most: int = _MOST) -> str:
+def listed(names: Sequence[str], most: int = _MOST, sep: str = ", ") -> str:
     """Return the first names and the count of the others."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return f"{', '.join(names[:most])}{more}"
+    return f"{sep.join(names[:most])}{more}"
 
 
 def _unit(slip: Slip) -> str:
-    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), slip.dimension)
+    if slip.factor == 1.0:
+        return f"{_of(slip)} in another unit"
+    own = slip.quantity if slip.quantity in _FACTORS else slip.dimension
+    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), own)
     known = _FACTORS.get(dimension, {})
     named = [name for factor, name in known.items() if abs(slip.factor / factor - 1.0) < _SAME_FACTOR]
     what = f" ({named[0]})" if named else ""
@@ -143,4 +192,7 @@ _WORDS = {
     SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
     SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
     SlipKind.COPIED: lambda slip: f"{slip.quantity} {listed(slip.subjects)} are the same in every digit",
+    SlipKind.FRINGES: lambda slip: f"{_of(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
+    SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} written down: {listed(slip.subjects)}",
+    SlipKind.REVERSED: lambda slip: f"{_of(slip)} in reversed order, the last row first",
 }

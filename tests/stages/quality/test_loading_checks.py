@@ -238,7 +238,7 @@ def test_signals_alone_are_judged_and_the_rest_is_told_as_not_evaluated(tmp_path
         return None, signals
 
     qa = judged(tmp_path, change, repeats=3)
-    assert list(told(qa, "fail")) == ["signs run 7 v1 v2 v3 v4 v5 v6"]
+    assert list(told(qa, "fail")) == ["signals-against-loads run 7", "signs run 7 v1 v2 v3 v4 v5 v6"]
     assert "no readings of the platform's motion" in told(qa, "not evaluated")["completeness"]
     assert "loads-span" in told(qa, "pass")
 

@@ -1,0 +1,182 @@
+"""Slips of the hand in loading campaigns are named, physics is none of them, and nothing rests on what is apart."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.belonging import withheld
+from tests.belonging.load_slips import SLIPS, Tables
+from tests.belonging.load_slips_told import RIGHT, judge
+from tests.conftest import PROJECT
+from tests.sensor_campaign import LARGEST, UP_AND_DOWN, campaign_toml, measured, sensor, write_campaign
+from tests.stages.line import run_line
+from truing.belonging.copied_rows import Values, copied_runs
+from truing.belonging.frozen_values import frozen
+from truing.belonging.loads_of_readings import against_range, against_simulation
+from truing.belonging.plausible_slips import Column
+from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, SlipKind, State
+from truing.belonging.row_order import row_slips
+from truing.belonging.signals_of_loads import Recorded
+
+SAMPLE = PROJECT / "sample_data" / "force-sensor"
+RELATIONS = ("loads-against-readings", "signals-against-loads", "copied-runs")
+ARCSEC = np.pi / 180.0 / 3600.0
+CHANNELS = [
+    *(Column(name, "displacement", DISPLACEMENT_UNITS, (0.3165,), 1e-6) for name in ("dx", "dy", "dz")),
+    *(Column(name, "rotation", ROTATION_UNITS, (), ARCSEC) for name in ("rx", "ry", "rz")),
+]
+# At least one of each room of the search: loads, readings, signals, rows, copies.
+MADE = (
+    "all loads in kN",
+    "torques in N mm",
+    "one run in lbf",
+    "fringes of half a wavelength",
+    "two channels exchanged",
+    "a cell wired backwards",
+    "two signals exchanged",
+    "a run's signals in V",
+    "a signal frozen",
+    "signals a step off",
+    "a run of signals copied",
+)
+
+
+def _gain_of_the_bench(toml: str) -> str:
+    return toml + "\n[signals]\nsensitivity_mv_per_n = 0.02\nsensitivity_tolerance = 0.1\n"
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_slip_in_the_files_is_named_with_its_size_and_place(tmp_path: Path, name: str) -> None:
+    readings, signals = measured(np.random.default_rng(11), repeats=3)
+    write_campaign(tmp_path / "c", readings, signals, _gain_of_the_bench(campaign_toml()))
+    tables = Tables(tmp_path / "c")
+    made = SLIPS[name](tables, np.random.default_rng([5, MADE.index(name)]))
+    assert made is not None
+    tables.write()
+    told = judge(tmp_path / "c", made)
+    assert told.how == RIGHT, [(row["state"], row["slips"]) for row in told.rows]
+
+
+def test_the_sample_belongs_together_and_says_what_it_could_not_show() -> None:
+    rows = {row["relation"]: row for row in run_line(SAMPLE, "ingest", "qa")[0]["belonging"].to_pylist()}
+    assert {name: rows[name]["state"] for name in RELATIONS} == dict.fromkeys(RELATIONS, "ok")
+    unseen = json.loads(rows["signals-against-loads"]["hidden_slips"])
+    assert any(slip["kind"] == "unit" and slip["quantity"] == "signal" for slip in unseen)  # no sensitivity is declared
+
+
+def test_what_rests_on_a_failed_relation_is_not_evaluated_until_a_person_accepts_it(tmp_path: Path) -> None:
+    readings, signals = measured(np.random.default_rng(3))
+    for table in (readings, signals):
+        table["load"] *= 1e-3
+    write_campaign(tmp_path / "c", readings, signals, campaign_toml())
+    command = [sys.executable, "-m", "pipeline", "run", str(tmp_path / "c"), "--out", str(tmp_path / "run"), "--quiet"]
+    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
+    assert done.returncode == 3, done.stderr
+    belonging, found = (pd.read_parquet(tmp_path / "run" / f"{name}.parquet") for name in ("belonging", "diagnosis"))
+    apart = belonging[belonging["state"] == "fails"]
+    assert apart["relation"].tolist() == ["loads-against-readings"]
+    slip = json.loads(apart["slips"].iloc[0])[0]
+    assert (slip["kind"], slip["quantity"], slip["factor"]) == ("unit", "load", 1000.0)
+    assert found.empty
+    accept = '[[accept]]\ncheck = "loads-against-readings"\nby = "M. Keller"\nreason = "a scaled model"\n'
+    (tmp_path / "c" / "campaign.toml").write_text(campaign_toml(more=accept))
+    tables = run_line(tmp_path / "c", "ingest", "qa")[0]
+    assert not withheld(tables)
+
+
+def _loaded(change, *, repeats: int = 3) -> Recorded:
+    """Loads and readings of the bench whose displacements (N, 6) are changed, by loads (N, 6)."""
+    steps = len(UP_AND_DOWN)
+    run = np.repeat(np.arange(6 * repeats), steps)
+    axis = run // repeats
+    load = np.zeros((len(run), 6))
+    load[np.arange(len(run)), axis] = np.tile(UP_AND_DOWN, 6 * repeats) * LARGEST[axis]
+    rng = np.random.default_rng(1)
+    moved = change(sensor().displacement(load), load)
+    noise = 1e-3 * np.abs(moved).max(axis=0) * rng.standard_normal(moved.shape)
+    return Recorded(load, run, moved + noise, [f"run {number + 1}" for number in range(6 * repeats)])
+
+
+def _asymmetric(moved: np.ndarray, load: np.ndarray) -> np.ndarray:
+    return moved * np.where(load.sum(axis=1) > 0.0, 1.25, 0.8)[:, None]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda moved, load: 0.7 * moved, id="stiffer by 43 %"),
+        pytest.param(lambda moved, load: 1.3 * moved, id="softer by 30 %"),
+        pytest.param(lambda moved, load: moved * [1.3, 1.0, 0.75, 1.0, 1.36, 1.0], id="each axis by another part"),
+        pytest.param(lambda moved, load: sensor().displacement(_eccentric(load)), id="loads 10 mm off the origin"),
+        pytest.param(_asymmetric, id="stiffness of push and pull differ by half"),
+    ],
+)
+def test_a_physical_cause_is_no_slip(change) -> None:
+    tested = against_simulation(_loaded(change), CHANNELS, sensor().compliance)
+    assert tested.state in (State.OK, State.ATTENTION)
+    assert not tested.slips
+
+
+def _eccentric(load: np.ndarray) -> np.ndarray:
+    return np.column_stack([load[:, :3], load[:, 3:] + np.cross([0.01, -0.005, 0.0], load[:, :3])])
+
+
+def test_a_simulation_of_another_machine_has_no_slip_and_fails() -> None:
+    odd = [7.0, 1.0 / 7.0, 6.0, 1.0 / 6.0, 7.5, 1.0 / 7.5]
+    tested = against_simulation(_loaded(lambda moved, load: moved * odd), CHANNELS, sensor().compliance)
+    assert (tested.state, tested.slips) == (State.FAILS, ()) or len(tested.slips) <= 2
+
+
+def test_loads_far_below_the_declared_range_are_asked_about() -> None:
+    load = np.zeros((5, 6))
+    load[:, 2] = [0.0, 4.0, 9.0, 4.0, 0.0]
+    largest = np.array([np.nan, np.nan, 1e4, np.nan, np.nan, np.nan])
+    tested = against_range(load, largest)
+    assert tested is not None
+    assert tested.state == State.ATTENTION
+    assert [slip.factor for slip in tested.slips] == [1000.0]
+    assert against_range(100.0 * load, largest) is None
+
+
+def test_two_exchanged_rows_and_creep_are_no_other_order_of_rows() -> None:
+    steps = _loaded(lambda moved, load: moved, repeats=1)
+    time = 60.0 * np.arange(len(steps.run))
+    swapped = steps.value.copy()
+    swapped[[4, 12]] = swapped[[12, 4]]
+    crept = steps.value.copy()
+    for n in range(1, len(crept)):
+        if steps.run[n] == steps.run[n - 1]:
+            crept[n] = 0.9 * steps.value[n] + 0.1 * crept[n - 1]
+    for value in (steps.value, swapped, crept):
+        assert not row_slips(steps.load, steps.run, time, value, steps.runs, "readings")[0]
+
+
+def test_a_cut_signal_is_not_frozen_and_a_still_one_is() -> None:
+    load = np.zeros((len(UP_AND_DOWN), 6))
+    load[:, 0] = UP_AND_DOWN
+    run, matrix = np.zeros(len(load), int), np.array([[1.0, 0, 0, 0, 0, 0]])
+    cut, still = np.minimum(load[:, :1], 0.3), load[:, :1].copy()
+    still[5:] = still[5]
+    assert not list(frozen(load, run, cut, matrix, np.array([np.nan])))
+    assert [one.run for one in frozen(load, run, still, matrix, np.array([np.nan]))] == [0]
+
+
+def test_equal_numbers_tell_a_copy_only_where_noise_would_have_shown() -> None:
+    rng = np.random.default_rng(2)
+    load = np.zeros((40, 6))
+    load[:, 0] = np.tile(np.linspace(-1.0, 1.0, 20), 2)
+    run = np.repeat([0, 1], 20)
+    fine = (load[:, :1] + 0.01 * rng.standard_normal((40, 1))).round(5)
+    fine[20:] = fine[:20]
+    told = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", fine, np.array([0.01]))])
+    assert [slip.kind for one in told for slip in one.slips] == [SlipKind.COPIED]
+    coarse = load[:, :1].round(1)
+    told = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", coarse, np.array([0.01]))])
+    assert not any(one.slips for one in told)

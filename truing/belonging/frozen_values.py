@@ -1,0 +1,78 @@
+"""Columns that stand still while the loads change to which they otherwise answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_FEWEST = 4  # equal values that follow each other
+_OVER_NOISE, _OVER_STEP = 20.0, 5.0
+_OF_RANGE = 0.1  # of what the column answers at most
+_AT_END = 0.01  # of a column's range
+_BEYOND = 0.9  # share of rows beyond the value on one side, as where a signal is cut
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A column that stands still in a run (index) from some row of it on; how far it should have moved, over its
+    largest response."""
+
+    column: int
+    run: int
+    whole: bool
+    share: float
+
+
+def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -> Iterator[Frozen]:
+    """Yield columns (N, K) that stand still where loads (N, 6) should move them, by what they answer, matrix (K, 6).
+
+    noise (K,): one standard deviation, NaN where none is known. A value beyond which the load would lead is a limit of
+    the instrument, and no frozen value.
+    """
+    for column, answer in enumerate(matrix):
+        seen = np.isfinite(value[:, column])
+        expected = load @ answer
+        most = float(np.abs(expected[seen]).max(initial=0.0))
+        enough = max(_OF_RANGE * most, _OVER_STEP * _resolution(value[seen, column]))
+        enough = max(enough, _OVER_NOISE * float(np.nan_to_num(noise[column])))
+        for one in np.unique(run[seen]):
+            rows = np.flatnonzero(seen & (run == one))
+            still = _longest(value[rows, column])
+            moves = float(np.ptp(expected[rows][still])) if still.stop - still.start >= _FEWEST else 0.0
+            if most > 0.0 and moves > enough and not _is_limit(value[:, column], rows, expected, still):
+                yield Frozen(column, int(one), still.stop - still.start == len(rows), moves / most)
+
+
+def _longest(value: Array) -> slice:
+    """The longest stretch of equal values that follow each other."""
+    ends = np.flatnonzero(np.concatenate([[True], np.diff(value) != 0.0, [True]]))
+    length = np.diff(ends)
+    if not len(length):
+        return slice(0, 0)
+    at = int(length.argmax())
+    return slice(int(ends[at]), int(ends[at + 1]))
+
+
+def _resolution(value: Array) -> float:
+    """The smallest difference of values."""
+    steps = np.diff(np.unique(value))
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _is_limit(value: Array, rows: Index, expected: Array, still: slice) -> bool:
+    """Whether values stand at an end of the range of their column that the expected ones lead beyond."""
+    rest = np.ones(len(rows), bool)
+    rest[still] = False
+    level = value[rows][still][0]
+    low, high = np.nanmin(value), np.nanmax(value)
+    if rest.sum() < 2 or min(level - low, high - level) > _AT_END * (high - low):
+        return False
+    zero = np.median((value - expected)[rows][rest])
+    beyond = expected[rows][still] + zero - level
+    return max(float(np.mean(beyond > 0.0)), float(np.mean(beyond < 0.0))) > _BEYOND

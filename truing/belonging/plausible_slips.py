@@ -1,0 +1,285 @@
+"""The slips of the hand that are tried on responses: units, signs and exchanges of loads, and of recorded columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind
+from truing.belonging.responses import Responses
+from truing.belonging.slip_search import CLEARLY, Candidate, Expected, Reading, as_recorded, misses_read
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
+_FORCES, _TORQUES = np.arange(6) < 3, np.arange(6) >= 3
+
+
+@dataclass(frozen=True)
+class Column:
+    """A recorded column: its name, its quantity, the factors that make other units right, and whether it may be that
+    some people count it in fringes (their size in its unit)."""
+
+    name: str
+    quantity: str
+    factors: tuple[float, ...]
+    fringes: tuple[float, ...] = ()
+    unit_si: float = 1.0
+    has_sign: bool = True
+
+
+@dataclass(frozen=True)
+class _Loads:
+    """Loads (C, 6) of some responses, along some axes, times a factor."""
+
+    concerns: Mask
+    axes: Mask
+    factor: float
+
+    def __call__(self, read: Reading) -> Reading:
+        factor = np.where(self.concerns[:, None] & self.axes, self.factor, 1.0)
+        return replace(read, direction=read.direction * factor)
+
+
+@dataclass(frozen=True)
+class _Values:
+    """Recorded values of some responses, times a factor."""
+
+    concerns: Mask
+    factor: float
+
+    def __call__(self, read: Reading) -> Reading:
+        return replace(read, factor=read.factor * np.where(self.concerns, self.factor, 1.0))
+
+
+@dataclass(frozen=True)
+class _ColumnsExchanged:
+    """Two columns stand for each other; ``factor``: unit of the second over that of the first."""
+
+    concerns: Mask
+    pair: tuple[int, int]
+    factor: float
+
+    def __call__(self, read: Reading) -> Reading:
+        first, second = (self.concerns & (read.column == one) for one in self.pair)
+        column = np.where(first, self.pair[1], np.where(second, self.pair[0], read.column))
+        factor = np.where(first, self.factor, np.where(second, 1.0 / self.factor, 1.0))
+        return replace(read, column=column, factor=read.factor * factor)
+
+
+@dataclass(frozen=True)
+class _AxesExchanged:
+    """Loads of two axes were written down for each other."""
+
+    concerns: Mask
+    pair: tuple[int, int]
+
+    def __call__(self, read: Reading) -> Reading:
+        order = np.arange(6)
+        order[list(self.pair)] = order[list(self.pair)[::-1]]
+        return replace(read, direction=np.where(self.concerns[:, None], read.direction[:, order], read.direction))
+
+
+def slips_of_all_loads(found: Responses) -> Iterator[Candidate]:
+    """Yield slips of the loads of all runs: all, forces, torques, one axis; two axes exchanged."""
+    loaded = found.direction != 0.0
+    everything, every_axis = np.ones(len(found), bool), np.ones(6, bool)
+    for factor in FORCE_UNITS:
+        yield Candidate(_unit("load", factor), everything, _Loads(everything, every_axis, factor))
+    yield Candidate(Slip(SlipKind.SIGN, "load"), everything, _Loads(everything, every_axis, -1.0))
+    for quantity, axes, factors in (("force", _FORCES, FORCE_UNITS), ("torque", _TORQUES, TORQUE_UNITS)):
+        mine = (loaded & axes).any(axis=1)
+        for factor in factors:
+            yield Candidate(_unit(quantity, factor), mine, _Loads(mine, axes, factor), 1.0)
+        yield Candidate(Slip(SlipKind.SIGN, quantity), mine, _Loads(mine, axes, -1.0), 1.0)
+    for axis in np.flatnonzero(loaded.any(axis=0)).tolist():
+        axes, mine = np.arange(6) == axis, loaded[:, axis]
+        quantity = "force" if axis < 3 else "torque"
+        for factor in FORCE_UNITS if axis < 3 else TORQUE_UNITS:
+            slip = _unit(quantity, factor, LOADS[axis])
+            yield Candidate(slip, mine, _Loads(mine, axes, factor), np.log(6.0))
+        slip = Slip(SlipKind.SIGN, quantity, (LOADS[axis],))
+        yield Candidate(slip, mine, _Loads(mine, axes, -1.0), np.log(6.0))
+    for pair in _pairs(6):
+        mine = loaded[:, list(pair)].any(axis=1)
+        slip = Slip(SlipKind.COLUMNS, "load axes", (LOADS[pair[0]], LOADS[pair[1]]))
+        yield Candidate(slip, mine, _AxesExchanged(mine, pair), np.log(15.0))
+
+
+def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected) -> Iterator[Candidate]:
+    """Yield slips of the loads of single runs, and of all those that one and the same slip explains."""
+    numbers = np.unique(found.run)
+    every_axis, many = np.ones(6, bool), np.log(max(len(numbers), 1))
+    torque = np.array([not np.any(found.direction[found.run == one][:, :3]) for one in numbers])
+    for factor in dict.fromkeys((-1.0, *FORCE_UNITS, *TORQUE_UNITS)):
+        allowed = numbers[torque] if factor not in (-1.0, *FORCE_UNITS) else numbers
+        alone = [
+            Candidate(_of_runs("load", factor, [runs[one]]), mine, _Loads(mine, every_axis, factor), many)
+            for one in allowed.tolist()
+            if (mine := found.run == one).any()
+        ]
+        yield from alone
+        yield from _together(found, expected, alone, partial(_Loads, axes=every_axis, factor=factor), len(numbers))
+    yield from _exchanged_labels(found, runs)
+
+
+def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[Candidate]:
+    """Runs of one axis each, whose axes were written down for each other; or of one run alone."""
+    numbers = np.unique(found.run).tolist()
+    mine = {one: found.run == one for one in numbers}
+    axes = {one: np.flatnonzero(found.direction[mine[one]].any(axis=0)) for one in numbers}
+    single = {one: int(axes[one][0]) for one in numbers if len(axes[one]) == 1}
+    many = np.log(max(len(numbers), 1))
+    for one, axis in single.items():
+        for other in range(6):
+            if other != axis:
+                slip = Slip(SlipKind.MISLABELLED, f"load axis {LOADS[axis]} in place of {LOADS[other]}", (runs[one],))
+                yield Candidate(slip, mine[one], _AxesExchanged(mine[one], (axis, other)), many + np.log(15.0))
+        for other, its in single.items():
+            if other > one and its != axis:
+                both = mine[one] | mine[other]
+                slip = Slip(SlipKind.PARTS_EXCHANGED, "load axes", (runs[one], runs[other]))
+                yield Candidate(slip, both, _AxesExchanged(both, (axis, its)), 2.0 * many)
+
+
+def slips_of_columns(
+    found: Responses, columns: Sequence[Column], runs: Sequence[str], expected: Expected, *, of_all: bool
+) -> Iterator[Candidate]:
+    """Yield slips of recorded columns: of a quantity, of a column, in all runs (of_all), in single runs, exchanged."""
+    many = np.log(max(len(np.unique(found.run)), 1))
+    if of_all:
+        for quantity in dict.fromkeys(column.quantity for column in columns):
+            places = [k for k, column in enumerate(columns) if column.quantity == quantity]
+            yield from _column_slips(found, columns, places, (), np.isin(found.column, places), 0.0)
+        for k, column in enumerate(columns):
+            yield from _column_slips(found, columns, [k], (column.name,), found.column == k, np.log(len(columns)))
+        yield from _columns_exchanged(found, columns, np.ones(len(found), bool), (), 2.0 * np.log(len(columns)))
+        yield from exchanges_by_axis(found, columns)
+    for one in np.unique(found.run).tolist():
+        mine = found.run == one
+        yield from _columns_exchanged(found, columns, mine, (runs[one],), many + 2.0 * np.log(len(columns)))
+    for quantity in dict.fromkeys(column.quantity for column in columns):
+        places = [k for k, column in enumerate(columns) if column.quantity == quantity]
+        if len(places) > 1:
+            yield from _in_runs(found, columns, places, (), runs, expected, many)
+        for k in places:
+            extra = np.log(len(columns))
+            yield from _in_runs(found, columns, [k], (columns[k].name,), runs, expected, many + extra)
+
+
+def exchanges_by_axis(found: Responses, columns: Sequence[Column]) -> Iterator[Candidate]:
+    """Yield exchanges of two columns in all runs of one load axis."""
+    for axis in range(6):
+        mine, penalty = _along(found, axis), np.log(6.0) + 2.0 * np.log(len(columns))
+        if mine.any():
+            yield from _columns_exchanged(found, columns, mine, (f"all runs of {LOADS[axis]}",), penalty)
+
+
+def _in_runs(
+    found: Responses,
+    columns: Sequence[Column],
+    places: Sequence[int],
+    names: tuple[str, ...],
+    runs: Sequence[str],
+    expected: Expected,
+    penalty: float,
+) -> Iterator[Candidate]:
+    """One slip of some columns in single runs, and in all runs that it explains."""
+    by_slip: dict[tuple[SlipKind, float], list[Candidate]] = {}
+    numbers = np.unique(found.run).tolist()
+    for one in numbers:
+        mine = (found.run == one) & np.isin(found.column, places)
+        if len(np.unique(found.column[mine])) >= min(len(places), 2):
+            for candidate in _column_slips(found, columns, places, (*names, runs[one]), mine, penalty):
+                by_slip.setdefault((candidate.slip.kind, candidate.slip.factor), []).append(candidate)
+    for (kind, factor), alone in by_slip.items():
+        yield from alone
+        value = -1.0 if kind == SlipKind.SIGN else factor
+        yield from _together(found, expected, alone, partial(_Values, factor=value), len(numbers))
+
+
+def _column_slips(
+    found: Responses,
+    columns: Sequence[Column],
+    places: Sequence[int],
+    subjects: tuple[str, ...],
+    mine: Mask,
+    penalty: float,
+) -> Iterator[Candidate]:
+    one = columns[places[0]]
+    for factor in one.factors:
+        slip = Slip(SlipKind.UNIT, one.quantity, subjects, factor)
+        yield Candidate(slip, mine, _Values(mine, factor), penalty)
+    for factor in one.fringes:
+        slip = Slip(SlipKind.FRINGES, one.quantity, subjects, factor)
+        yield Candidate(slip, mine, _Values(mine, factor), penalty + 1.0)
+    if one.has_sign:
+        yield Candidate(Slip(SlipKind.SIGN, one.quantity, subjects), mine, _Values(mine, -1.0), penalty)
+
+
+def _columns_exchanged(
+    found: Responses, columns: Sequence[Column], mine: Mask, where: tuple[str, ...], penalty: float
+) -> Iterator[Candidate]:
+    there = np.unique(found.column[mine])
+    for first, second in _pairs(len(columns)):
+        if first in there and second in there:
+            factor = columns[second].unit_si / columns[first].unit_si
+            slip = Slip(SlipKind.COLUMNS, "columns", (columns[first].name, columns[second].name, *where))
+            concerns = mine & np.isin(found.column, [first, second])
+            yield Candidate(slip, concerns, _ColumnsExchanged(concerns, (first, second), factor), penalty)
+
+
+def _together(
+    found: Responses,
+    expected: Expected,
+    alone: Sequence[Candidate],
+    undo: Callable[[Mask], Callable[[Reading], Reading]],
+    runs: int,
+) -> Iterator[Candidate]:
+    """One slip in all those runs in which it at least halves what is missed."""
+    read = as_recorded(found)
+    before = misses_read(found, expected, read)
+    if not alone or np.max(np.abs(before), initial=0.0) < 1.0:
+        return
+    every = np.logical_or.reduce([candidate.concerns for candidate in alone])
+    after = misses_read(found, expected, undo(every)(read))
+    good = [
+        candidate
+        for candidate in alone
+        if np.max(np.abs(before[candidate.concerns])) > CLEARLY
+        and np.sum(after[candidate.concerns] ** 2) < 0.25 * np.sum(before[candidate.concerns] ** 2)
+    ]
+    if 1 < len(good) <= runs:
+        from scipy.special import gammaln
+
+        mine = np.logical_or.reduce([candidate.concerns for candidate in good])
+        subjects = tuple(dict.fromkeys(name for candidate in good for name in candidate.slip.subjects))
+        some = float(gammaln(runs + 1) - gammaln(len(good) + 1) - gammaln(runs - len(good) + 1))
+        yield Candidate(
+            replace(good[0].slip, subjects=subjects), mine, undo(mine), some + alone[0].penalty - float(np.log(runs))
+        )
+
+
+def _along(found: Responses, axis: int) -> Mask:
+    """The responses (C,) to loads along one axis alone."""
+    return np.asarray((found.direction[:, axis] != 0.0) & (np.count_nonzero(found.direction, axis=1) == 1))
+
+
+def _of_runs(quantity: str, factor: float, runs: Sequence[str]) -> Slip:
+    if factor == -1.0:
+        return Slip(SlipKind.SIGN, quantity, tuple(runs))
+    return _unit(quantity, factor, *runs)
+
+
+def _unit(quantity: str, factor: float, *subjects: str) -> Slip:
+    return Slip(SlipKind.UNIT, quantity, subjects, factor)
+
+
+def _pairs(count: int) -> Iterator[tuple[int, int]]:
+    return ((first, second) for first in range(count) for second in range(first + 1, count))

@@ -1,0 +1,117 @@
+"""Responses of recorded columns to the loads of each run: the numbers by which slips of whole runs are told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_FEWEST = 4  # rows of a run that a response is told by
+_INDEPENDENT = 0.05  # size of a direction of loading over the largest, below which it is none of its own
+_GROSS = 6.0  # scatters beyond which a row is left out
+_MEDIAN = 1.4826
+_MOST_OUT = 0.2  # of a run's rows
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Responses:
+    """C responses: how far a column goes at the largest load of a run, along one direction of its loads.
+
+    ``run``, ``column`` (C,); ``direction`` (C, 6) that largest load, N and N m; ``size`` (C,) the response to it, in
+    the unit of the columns, and its standard deviation ``sigma`` by the scatter of the run itself.
+    """
+
+    run: Index
+    column: Index
+    direction: Array
+    size: Array
+    sigma: Array
+
+    def __len__(self) -> int:
+        return len(self.run)
+
+    def chosen(self, rows: Mask) -> Responses:
+        """Return some of the responses."""
+        return Responses(self.run[rows], self.column[rows], self.direction[rows], self.size[rows], self.sigma[rows])
+
+
+_Cell = tuple[int, int, Array, float, float]
+
+
+def responses(load: Array, run: Index, value: Array, *, has_zero: bool = True) -> Responses:
+    """Return the responses of columns (N, K) to loads (N, 6) in each run (N,); NaN where nothing was recorded.
+
+    has_zero: every run counts from a zero of its own; otherwise values count from none, and all runs are taken as one.
+    """
+    groups = [np.flatnonzero(run == one) for one in np.unique(run)] if has_zero else [np.arange(len(run))]
+    found = [cell for rows in groups for cell in _of_rows(int(run[rows[0]]), load[rows], value[rows], has_zero)]
+    return Responses(
+        np.array([one[0] for one in found], np.int64),
+        np.array([one[1] for one in found], np.int64),
+        np.array([one[2] for one in found], float).reshape(-1, 6),
+        np.array([one[3] for one in found], float),
+        np.array([one[4] for one in found], float),
+    )
+
+
+def _of_rows(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[_Cell]:
+    """The responses of each column over rows that share a zero, if they have any."""
+    seen = np.isfinite(value)
+    kinds, kind = np.unique(seen, axis=1, return_inverse=True)
+    for number, rows in enumerate(kinds.T):
+        columns = np.flatnonzero(kind.ravel() == number)
+        if rows.sum() >= _FEWEST:
+            direction, way = directions(load[rows], has_zero)
+            if len(direction) and rows.sum() >= len(direction) + 3:
+                size, sigma = _fitted(way, value[rows][:, columns], has_zero)
+                for at, column in enumerate(columns.tolist()):
+                    for axis in range(len(direction)):
+                        yield run, column, direction[axis], float(size[axis, at]), float(sigma[axis, at])
+
+
+def directions(load: Array, has_zero: bool = True) -> tuple[Array, Array]:
+    """Return the independent directions (D, 6) of loads (N, 6), and how far along each every load is (N, D), at most 1.
+
+    Axes where those that are loaded are independent, else principal directions of the loads in shares of the largest.
+    """
+    about = load - load.mean(axis=0) if has_zero else load
+    largest = np.abs(about).max(axis=0)
+    used = np.flatnonzero(largest > _ROUNDING * np.abs(load).max(initial=0.0))
+    if not len(used):
+        return np.zeros((0, 6)), np.zeros((len(load), 0))
+    left, size, right = np.linalg.svd(about[:, used] / largest[used], full_matrices=False)
+    rank = int(np.sum(size > _INDEPENDENT * size[0]))
+    if rank == len(used):
+        most = np.abs(load[:, used]).max(axis=0)
+        return np.eye(6)[used] * most[:, None], load[:, used] / most
+    direction, way = np.zeros((rank, 6)), left[:, :rank] * size[:rank]
+    direction[:, used] = right[:rank] * largest[used]
+    most = np.abs(way).max(axis=0)
+    return direction * most[:, None], way / most
+
+
+def _fitted(way: Array, value: Array, has_zero: bool) -> tuple[Array, Array]:
+    """Responses (D, K) of columns (N, K) and their standard deviations, single gross values left out."""
+    columns = np.column_stack([way, np.ones(len(way))]) if has_zero else way
+    rank = way.shape[1]
+    inverse = np.linalg.pinv(columns)
+    found = inverse @ value
+    left = value - columns @ found
+    spread = np.sqrt(np.sum(left**2, axis=0) / max(len(way) - columns.shape[1], 1))
+    sigma = np.sqrt(np.sum(inverse**2, axis=1))[:, None] * spread
+    out = np.abs(left) > _GROSS * _MEDIAN * np.median(np.abs(left), axis=0)
+    for at in np.flatnonzero(out.any(axis=0) & (out.sum(axis=0) <= _MOST_OUT * len(way))):
+        kept = ~out[:, at]
+        again = np.linalg.lstsq(columns[kept], value[kept, at], rcond=None)[0]
+        if np.linalg.matrix_rank(columns[kept]) == columns.shape[1]:
+            rest = value[kept, at] - columns[kept] @ again
+            found[:, at] = again
+            sigma[:, at] *= np.sqrt(rest @ rest / max(len(rest) - columns.shape[1], 1)) / max(spread[at], 1e-300)
+    return found[:rank], sigma[:rank]

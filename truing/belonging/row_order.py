@@ -1,0 +1,194 @@
+"""Do the rows of each run follow its loads in their order, or shifted by a step, or from the last to the first?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.evidence import log_evidence, physics
+from truing.belonging.relation import Slip, SlipKind
+from truing.belonging.responses import directions
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_SHIFTS = (1, -1, 2, -2)
+_FREE, _SIZEABLE, _SMALL = 10.0, 0.3, 0.1  # prior widths, of a column's range: response; its causes; play and drift
+_FLOOR = 1e-3  # of a column's range
+_PACES = (2.0, 8.0)  # steps by which what creeps follows
+_MUCH = 15.0  # log evidence
+_MOST_RUNS = 0.7
+_FEWEST = 7
+_SINGLE = 2  # rows of a run that may stand out by themselves
+_MOST_LEFT = 0.1  # of a column's range: rows in their right order leave less
+_ALIKE = 0.98
+_CLEAR = 0.2  # of a column's largest range: a run in which it goes less far tells nothing by it
+
+
+@dataclass(frozen=True)
+class RowSlip:
+    """Rows that were written down in another order: the slip, and rms of what is left before and after, in per cent of
+    the range of the columns."""
+
+    slip: Slip
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class _Order:
+    """An order in which rows may stand: shifted by a number of rows, or reversed (shift 0)."""
+
+    shift: int
+
+    def rows(self, count: int) -> tuple[Index, Index]:
+        """Rows of the values, and those of the loads that they belong to."""
+        every = np.arange(count)
+        if self.shift == 0:
+            return every, every[::-1]
+        values = every[self.shift :] if self.shift > 0 else every[: self.shift]
+        return values, values - self.shift
+
+    def slip(self, quantity: str, runs: tuple[str, ...]) -> Slip:
+        """The slip of this order."""
+        if self.shift == 0:
+            return Slip(SlipKind.REVERSED, quantity, runs)
+        return Slip(SlipKind.ROWS_SHIFTED, quantity, runs, shift=self.shift)
+
+
+_ORDERS = (*(_Order(shift) for shift in _SHIFTS), _Order(0))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """One order of one run: gain of log evidence over the recorded order, and sums of squares left of both."""
+
+    run: int
+    order: _Order
+    gain: float
+    before: float
+    after: float
+
+
+def row_slips(
+    load: Array, run: Index, time_s: Array, value: Array, runs: Sequence[str], quantity: str
+) -> tuple[list[RowSlip], int]:
+    """Return the runs whose columns (N, K) follow loads (N, 6) in another order of rows, and how many were tried."""
+    numbers = np.unique(run).tolist()
+    ranges = np.array([_range(value[run == one]) for one in numbers]).reshape(len(numbers), -1).max(axis=0, initial=0.0)
+    tried = [
+        one
+        for number in numbers
+        for one in _of_run(number, load[run == number], time_s[run == number], value[run == number], ranges)
+    ]
+    return list(_told(tried, runs, quantity)), len(tried)
+
+
+def _told(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> Iterator[RowSlip]:
+    limit = _MUCH + np.log(max(len(tried), 1))
+    for order in _ORDERS:
+        mine = [one for one in tried if one.order == order]
+        telling = [one for one in mine if abs(one.gain) > _MUCH]
+        better = [one for one in telling if one.gain > 0.0]
+        if len(better) > 1 and len(better) >= _MOST_RUNS * len(telling) and _halves(better):
+            yield RowSlip(order.slip(quantity, ()), *_left(better))
+            return
+    clear = [one for one in tried if one.gain > limit and _halves([one])]
+    best: dict[int, _Tried] = {}
+    for one in clear:
+        if one.run not in best or one.gain > best[one.run].gain:
+            best[one.run] = one
+    for order in _ORDERS:
+        if same := [one for one in best.values() if one.order == order]:
+            yield RowSlip(order.slip(quantity, tuple(runs[one.run] for one in same)), *_left(same))
+
+
+def _halves(found: Sequence[_Tried]) -> bool:
+    before, after = _left(found)
+    return after < min(0.5 * before, 100.0 * _MOST_LEFT)
+
+
+def _left(found: Sequence[_Tried]) -> tuple[float, float]:
+    return tuple(  # type: ignore[return-value]
+        100.0 * float(np.sqrt(np.mean([getattr(one, name) for one in found]))) for name in ("before", "after")
+    )
+
+
+def can_reverse(load: Array, run: Index) -> tuple[bool, bool]:
+    """Return whether every run goes through the same loads backwards, and whether through the same with other signs."""
+    even, odd = True, True
+    for one in np.unique(run):
+        own = load[run == one]
+        size = max(float(np.abs(own).max(initial=0.0)), 1e-300)
+        even &= bool(np.abs(own - own[::-1]).max(initial=0.0) <= (1.0 - _ALIKE) * size)
+        odd &= bool(np.abs(own + own[::-1]).max(initial=0.0) <= (1.0 - _ALIKE) * size)
+    return even, odd
+
+
+def _range(value: Array) -> Array:
+    """How far each column (N, K) goes, (K,), 0 where values are missing."""
+    return np.nan_to_num(np.ptp(value, axis=0))
+
+
+def _of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array) -> Iterator[_Tried]:
+    """Orders of one run, by the columns that answer its loads; ranges (K,): the largest of a run in the campaign."""
+    columns = (ranges > 0.0) & (_range(value) > _CLEAR * ranges)
+    way = directions(load)[1]
+    if not columns.any() or not way.shape[1] or len(load) < max(_FEWEST, 3 * way.shape[1] + 4):
+        return
+    own = value[:, columns]
+    own = ((own - own.mean(axis=0)) / ranges[columns]).T
+    causes = _causes(way, time_s)
+    for order in _ORDERS:
+        values, loads = order.rows(len(load))
+        part = own[:, values]
+        as_is = _with_single_rows(part, causes[values])
+        gains = log_evidence(part, physics(causes[loads]), _FLOOR) - log_evidence(part, physics(as_is), _FLOOR)
+        before, after = (float(np.mean(_left_of(part, known) ** 2)) for known in (as_is, causes[loads]))
+        yield _Tried(number, order, float(gains.sum()), before, after)
+
+
+def _left_of(value: Array, columns: Array) -> Array:
+    """What columns (N, P), each of prior width 1, leave (N, K) of values (K, N)."""
+    ridge = columns.T @ columns + _FLOOR * np.eye(columns.shape[1])
+    return np.asarray(value.T - columns @ np.linalg.solve(ridge, columns.T @ value.T))
+
+
+def _with_single_rows(value: Array, columns: Array) -> Array:
+    """Columns beside which the rows that stand out most are free: two rows that were exchanged are no other order."""
+    for _ in range(_SINGLE):
+        worst = int(np.sum(_left_of(value, columns) ** 2, axis=1).argmax())
+        columns = np.column_stack([columns, np.arange(len(columns)) == worst])
+    return columns
+
+
+def _causes(way: Array, time_s: Array) -> Array:
+    """Columns (N, P) that a run may follow, by their prior widths: loads, their history and time."""
+    size = np.abs(way)
+    back = np.vstack([np.zeros_like(size[:1]), np.diff(size, axis=0) < 0.0])
+    span = max(float(np.ptp(time_s)), 1e-300)
+    return np.column_stack(
+        [
+            _FREE * np.ones(len(way)),
+            _FREE * way,
+            _SIZEABLE * size,
+            _SIZEABLE * way * size**2,
+            _SIZEABLE * back * way,
+            _SIZEABLE * back * way * size,
+            _SMALL * np.sign(way),
+            *(_SIZEABLE * _followed(way, pace) for pace in _PACES),
+            _SMALL * (time_s - time_s[0]) / span,
+        ]
+    )
+
+
+def _followed(way: Array, pace: float) -> Array:
+    """Loads (N, D) less what follows them by a number of steps."""
+    out, state = np.zeros_like(way), way[0].copy()
+    for n in range(len(way)):
+        state = state + (way[n] - state) * (1.0 - np.exp(-1.0 / pace))
+        out[n] = way[n] - state
+    return out

@@ -1,0 +1,175 @@
+"""Do the signals of a sensor follow its loads: by its geometry, its declared sensitivity, and in every run alike?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.plausible_slips import (
+    Column,
+    exchanges_by_axis,
+    slips_of_all_loads,
+    slips_of_columns,
+    slips_of_run_loads,
+)
+from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.belonging.responses import Responses, responses
+from truing.belonging.runs_alike import typical
+from truing.belonging.slip_search import Candidate, Expected, Explained, clear, explain, hidden
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+RELATION = "signals-against-loads"
+_OWN_GAIN, _DECLARED = 0.3, 0.1  # relative prior width of a signal's gain: unknown, and where one is declared
+_MATCHES = 1.5  # prior widths by which main responses miss, beyond which signals are not those of the legs
+_MAIN = 0.3
+_ABOVE_TYPICAL = 1.5  # the largest responses over the typical one of all legs
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Load steps with signals: load (N, 6) in N and N m, run (N,) from 0, signal (N, S) in V, and names of runs.
+
+    ``tared``: signals count from no load, and not from a zero of each run.
+    """
+
+    load: Array
+    run: Index
+    value: Array
+    runs: Sequence[str]
+    tared: bool = False
+
+
+def against_geometry(steps: Recorded, columns: Sequence[Column], legs: Array, gain: Array | None) -> Tested | None:
+    """Return how signals follow the forces (6, 6) along the legs, N and N m to N; None where they are not those.
+
+    gain (S,): declared, V/N; without one, only what legs and axes have in common can be told.
+    """
+    found = _clear(steps, len(columns))
+    if not len(found) or len(columns) != len(legs):
+        return None
+    best: Tested | None = None
+    for expected in _by_legs(found, legs, gain):
+        told, unseen = _explained(found, expected, steps, columns, gain)
+        if _off(told.misses, found, expected) <= _MATCHES:
+            tested = _tested(told, unseen)
+            if not tested.slips:
+                return tested
+            best = best or tested
+    return best if best is None or gain is not None else replace(best, rivals=(*best.rivals, *_the_other_way(best)))
+
+
+def _explained(
+    found: Responses, expected: Expected, steps: Recorded, columns: Sequence[Column], gain: Array | None
+) -> tuple[Explained, tuple[Slip, ...]]:
+    """What explains the responses, and which slips would not show."""
+    columns = columns if gain is not None else [replace(one, has_sign=False) for one in columns]
+    each = [*slips_of_run_loads(found, steps.runs, expected)]
+    overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
+    if gain is None:
+        overall = [one for one in overall if not _is_of_all(one, columns)]
+    broad = [one for one in overall if not one.slip.subjects]
+    told = explain(found, expected, [*each, *(one for one in overall if one.slip.subjects)], broad)
+    if told.slips:
+        return told, ()
+    unseen = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
+    return told, (*_blind(gain), *hidden(found, expected, unseen))
+
+
+def _the_other_way(tested: Tested) -> tuple[Slip, ...]:
+    """What as well explains torques in another unit than forces, where nobody says how large signals should be."""
+    other = {"torque": "force", "force": "torque"}
+    return tuple(
+        replace(slip, quantity=other[slip.quantity], factor=1.0 / slip.factor)
+        for slip in tested.slips
+        if slip.kind == SlipKind.UNIT and slip.quantity in other and not slip.subjects
+    )
+
+
+def against_each_other(steps: Recorded, columns: Sequence[Column], relation: str) -> Tested:
+    """Return how columns follow the loads of each run, held against the other runs."""
+    found = _clear(steps, len(columns))
+    expected, vouched = typical(found, len(columns))
+    found = found.chosen(vouched) if len(found) else found
+    if not len(found):
+        return Tested(relation, State.NOT_TESTED, "no-repeats", hidden=_of_all_runs(columns))
+    candidates = [
+        *slips_of_run_loads(found, steps.runs, expected),
+        *slips_of_columns(found, columns, steps.runs, expected, of_all=False),
+    ]
+    told = explain(found, expected, candidates)
+    unseen = hidden(found, expected, list(exchanges_by_axis(found, columns)))
+    return replace(_tested(told, (*_of_all_runs(columns), *unseen)), relation=relation)
+
+
+def responses_of(steps: Recorded, columns: int) -> Array:
+    """Return what columns answer to loads, (S, 6), by most runs."""
+    found = _clear(steps, columns)
+    return typical(found, columns)[0].matrix if len(found) else np.zeros((columns, 6))
+
+
+def _clear(steps: Recorded, count: int) -> Responses:
+    return clear(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
+
+
+def _tested(told: Explained, unseen: Sequence[Slip]) -> Tested:
+    before, after = 100.0 * told.before, 100.0 * told.after
+    if told.slips:
+        names = list(dict.fromkeys(name for slip in told.slips for name in slip.subjects))
+        subject = ", ".join(names) if len(names) <= 3 else ""
+        return Tested(
+            RELATION, State.FAILS, "slip", subject, before, after, None, "%", told.slips, told.rivals, told.tried
+        )
+    return Tested(RELATION, State.OK, "agrees", "", before, None, None, "%", (), (), told.tried, tuple(unseen))
+
+
+def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expected]:
+    """What signals should answer with the declared gain, or with one that all of them have about in common: tension
+    positive, negative, or each as it is wired."""
+    of_load = np.sqrt(np.mean(legs**2, axis=0))
+    if gain is not None:
+        yield Expected(legs * gain[:, None], _ABOVE_TYPICAL * np.abs(gain), of_load, _DECLARED)
+        return
+    force = np.sum(legs[found.column] * found.direction, axis=1)
+    main = np.abs(force) > _MAIN * np.linalg.norm(found.direction * of_load, axis=1)
+    pushed = main & ~found.direction[:, 3:].any(axis=1)
+    by = pushed if pushed.any() else main
+    common = float(np.median(np.abs(found.size[by] / force[by]))) if by.any() else 1.0
+    wired = [np.sign(found.size[mine] @ force[mine]) or 1.0 for mine in (found.column == k for k in range(len(legs)))]
+    of_column = np.full(len(legs), _ABOVE_TYPICAL * common)
+    for signs in (np.ones(len(legs)), -np.ones(len(legs)), np.array(wired)):
+        yield Expected(common * legs * signs[:, None], of_column, of_load, _OWN_GAIN)
+
+
+def _off(missed: Array, found: Responses, expected: Expected) -> float:
+    """Root of the mean square by which main responses miss."""
+    wanted = np.abs(np.sum(expected.matrix[found.column] * found.direction, axis=1))
+    possible = expected.of_column[found.column] * np.linalg.norm(found.direction * expected.of_load, axis=1)
+    main = wanted > _MAIN * possible
+    return float(np.sqrt(np.mean(missed[main] ** 2))) if main.any() else np.inf
+
+
+def _is_of_all(candidate: Candidate, columns: Sequence[Column]) -> bool:
+    """Whether a slip changes the gain of signals alike, or of one of them: without a declared one nobody can tell."""
+    slip, names = candidate.slip, {column.name for column in columns}
+    if slip.kind == SlipKind.COLUMNS or slip.quantity not in ("load", "signal"):
+        return False
+    return names.issuperset(slip.subjects)
+
+
+def _blind(gain: Array | None) -> tuple[Slip, ...]:
+    if gain is not None:
+        return ()
+    return (Slip(SlipKind.UNIT, "load"), Slip(SlipKind.UNIT, "signal"), Slip(SlipKind.SIGN, "signal"))
+
+
+def _of_all_runs(columns: Sequence[Column]) -> tuple[Slip, ...]:
+    """What runs that are alike cannot show: the same slip in all of them."""
+    quantities = dict.fromkeys(("load", *(column.quantity for column in columns)))
+    units = tuple(Slip(SlipKind.UNIT, quantity, ("all runs",)) for quantity in quantities)
+    signs = tuple(Slip(SlipKind.SIGN, quantity, ("all runs",)) for quantity in quantities)
+    return (*units, *signs, Slip(SlipKind.COLUMNS, "columns", ("any two in all runs",)))

@@ -1,0 +1,325 @@
+"""Which slips explain responses that do not follow what is expected of them, against every physical cause.
+
+Responses are compared on a scale that is logarithmic for main ones and linear for those that hardly differ from zero:
+a factor between units, a sign and an exchange are large on it, a stiffness off by a third is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.evidence import log_evidence, physics
+from truing.belonging.relation import Slip
+from truing.belonging.responses import Responses
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
+_BESIDE = 0.7  # of the prior widths of one response: what is left of it beside what responses have in common
+_TELLING = 0.3  # share of the possible response, expected or recorded, from which one tells hypotheses apart
+_FLOOR = 0.01  # relative scatter of responses from run to run
+CLEARLY, _RIGHT = 2.0, 1.2  # widths by which affected responses miss at least as recorded, and at most put right
+_MUCH = 12.0  # log evidence that a slip has to gain beyond what its number of rivals gives by chance
+_AS_LIKELY = 3.0  # log evidence within which another slip is as likely
+_COMPARED = 12  # candidates whose evidence is computed, the nearest
+_ROUNDS = 6
+_MOST_SLIPS = 2
+_CLEAR = 0.1  # sigma of a response over the typical size of its column, beyond which it says nothing
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What columns (K) should answer to loads: matrix (K, 6), in the unit of the columns per N and N m.
+
+    ``of_column`` (K,) and ``of_load`` (6,) multiply to the largest response that is possible at all. ``gain`` is the
+    relative prior width of a column's own gain; ``cross`` and ``main`` those of one response, in shares of the largest
+    possible and of its own. Below the share ``linear`` responses are compared by their differences, not their ratios.
+    """
+
+    matrix: Array
+    of_column: Array
+    of_load: Array
+    gain: float = _SHARED
+    cross: float = 0.1
+    main: float = 0.15
+    linear: float = 0.1
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How recorded numbers are read: loads (C, 6), the column (C,) that each response stands for, and the factor (C,)
+    that makes it right."""
+
+    direction: Array
+    column: Index
+    factor: Array
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A slip, the responses (C,) that it may concern, how they are read without it, and the logarithm of how many
+    others are like it."""
+
+    slip: Slip
+    concerns: Mask
+    undo: Callable[[Reading], Reading]
+    penalty: float = 0.0
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Slips that hold together, those as likely, relative misfit of what they concern before and after, how many were
+    tried, and how all responses miss (C,) in widths with the slips undone."""
+
+    slips: tuple[Slip, ...]
+    rivals: tuple[Slip, ...]
+    before: float
+    after: float
+    tried: int
+    misses: Array
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Responses and expectations in shares of what is possible, on the scale (C,) of comparison."""
+
+    share: Array
+    expected: Array
+    possible: Array
+    by: Expected
+
+    @property
+    def misfit(self) -> Array:
+        return np.arcsinh(self.share / self.by.linear) - np.arcsinh(self.expected / self.by.linear)
+
+    @property
+    def slope(self) -> Array:
+        """Of the scale at what is expected."""
+        return 1.0 / np.hypot(self.expected, self.by.linear)
+
+    @property
+    def width(self) -> Array:
+        """Prior width on that scale."""
+        return np.asarray((self.by.cross + self.by.main * np.abs(self.expected)) * self.slope)
+
+    @property
+    def misses(self) -> Array:
+        """Misfit in prior widths."""
+        return np.asarray(self.misfit / self.width)
+
+    def chosen(self, rows: Mask) -> _Compared:
+        return _Compared(self.share[rows], self.expected[rows], self.possible[rows], self.by)
+
+
+def clear(found: Responses, count: int) -> Responses:
+    """Return the responses of columns (count) that stand clear of their scatter."""
+    typical = np.array(
+        [
+            np.quantile(np.abs(found.size[mine]), 0.75) if (mine := found.column == k).any() else 0.0
+            for k in range(count)
+        ]
+    )
+    return found.chosen(found.sigma <= _CLEAR * np.maximum(typical[found.column], np.abs(found.size)))
+
+
+def as_recorded(found: Responses) -> Reading:
+    """Return the reading of responses as they were recorded."""
+    return Reading(found.direction, found.column, np.ones(len(found)))
+
+
+def misses_read(found: Responses, expected: Expected, read: Reading) -> Array:
+    """Return by how many prior widths (C,) responses miss as they are read."""
+    return _compare(found, expected, read).misses
+
+
+def explain(
+    found: Responses, expected: Expected, candidates: Sequence[Candidate], broad: Sequence[Candidate] = ()
+) -> Explained:
+    """Return the slips that explain responses clearly better than as recorded, and than any physical cause could.
+
+    broad: those of which two at once are tried too, where no single one leaves everything right.
+    """
+    read = as_recorded(found)
+    first = _compare(found, expected, read)
+    chosen, rivals, now = _one_by_one(found, expected, [*broad, *candidates])
+    tried = len(broad) + len(candidates)
+    if _root(_compare(found, expected, now).misses) > _RIGHT or _penalty(chosen) > _MUCH:
+        tried += len(broad) * (len(broad) - 1) // 2
+        two = _best_of_two(found, expected, broad)
+        if two is not None and two[1] > _gain(found, expected, (read, first), now) - _penalty(chosen):
+            chosen, now = two[0], two[2]
+            rivals = ()
+    slips = merged([one.slip for one in chosen])
+    where = _differ(read, now) if slips else np.ones(len(found), bool)
+    last = _compare(found, expected, now)
+    return Explained(slips, rivals, _relative(first, where), _relative(last, where), tried, last.misses)
+
+
+def _one_by_one(
+    found: Responses, expected: Expected, candidates: Sequence[Candidate]
+) -> tuple[list[Candidate], tuple[Slip, ...], Reading]:
+    """The clearest slip again and again, the rivals of the first, and how responses are then read."""
+    read, chosen, rivals = as_recorded(found), list[Candidate](), tuple[Slip, ...]()
+    for _ in range(_ROUNDS):
+        best = _best(found, expected, read, candidates)
+        if best is None or len(merged([*(one.slip for one in chosen), best[0].slip])) > _MOST_SLIPS:
+            break
+        rivals = rivals if chosen else best[2]
+        chosen.append(best[0])
+        read = best[1]
+    return chosen, rivals, read
+
+
+def _best_of_two(
+    found: Responses, expected: Expected, broad: Sequence[Candidate]
+) -> tuple[list[Candidate], float, Reading] | None:
+    """The two slips at once that leave least, with their log evidence; None where none leave everything right."""
+    read = as_recorded(found)
+    first = _compare(found, expected, read)
+    best: tuple[float, list[Candidate], Reading] | None = None
+    for at, one in enumerate(broad):
+        half = one.undo(read)
+        for other in broad[at + 1 :]:
+            now = other.undo(half)
+            left = _root(_compare(found, expected, now).misses)
+            if best is None or left < best[0]:
+                best = left, [one, other], now
+    if best is None or best[0] > min(_RIGHT, 0.5 * _root(first.misses)):
+        return None
+    gain = _gain(found, expected, (read, first), best[2]) - _penalty(best[1])
+    return (best[1], gain, best[2]) if gain > _MUCH else None
+
+
+def _penalty(chosen: Sequence[Candidate]) -> float:
+    return sum(one.penalty for one in chosen) + np.log(2.0 * max(len(chosen), 1))
+
+
+def merged(slips: Sequence[Slip]) -> tuple[Slip, ...]:
+    """Return slips of one kind, quantity and size as one of all their subjects."""
+    found: dict[Slip, tuple[str, ...]] = {}
+    for slip in slips:
+        own = replace(slip, subjects=())
+        found[own] = tuple(dict.fromkeys((*found.get(own, ()), *slip.subjects)))
+    return tuple(replace(own, subjects=subjects) for own, subjects in found.items())
+
+
+def hidden(found: Responses, expected: Expected, candidates: Sequence[Candidate]) -> tuple[Slip, ...]:
+    """Return the slips that would not show: responses as expected, read with the slip undone, hardly miss."""
+    read = as_recorded(found)
+    here = _compare(found, expected, read)
+    ideal = replace(found, size=here.expected * here.possible)
+    out = []
+    for candidate in candidates:
+        now = candidate.undo(read)
+        changed = _differ(read, now)
+        if not changed.any() or _root(_compare(ideal, expected, now).misses[changed]) < CLEARLY:
+            out.append(candidate.slip)
+    broad = {slip for slip in out if not slip.subjects}
+    return tuple(slip for slip in out if not slip.subjects or replace(slip, subjects=()) not in broad)
+
+
+def _compare(found: Responses, expected: Expected, read: Reading) -> _Compared:
+    possible = expected.of_column[read.column] * np.linalg.norm(read.direction * expected.of_load, axis=1)
+    possible = np.maximum(possible, 1e-300)
+    wanted = np.sum(expected.matrix[read.column] * read.direction, axis=1)
+    return _Compared(found.size * read.factor / possible, wanted / possible, possible, expected)
+
+
+def _differ(one: Reading, other: Reading) -> Mask:
+    return np.asarray(
+        (one.factor != other.factor) | (one.column != other.column) | np.any(one.direction != other.direction, axis=1)
+    )
+
+
+def _best(
+    found: Responses, expected: Expected, read: Reading, candidates: Sequence[Candidate]
+) -> tuple[Candidate, Reading, tuple[Slip, ...]] | None:
+    """The candidate that explains most, how responses are then read, and those as likely; None where none is clear."""
+    here = _compare(found, expected, read)
+    near = sorted(_halving(found, expected, read, here, candidates), key=lambda one: one[0])[:_COMPARED]
+    if not near:
+        return None
+    gains = [_gain(found, expected, (read, here), now) - candidate.penalty for _, candidate, now in near]
+    top = int(np.argmax(gains))
+    if gains[top] < _MUCH:
+        return None
+    _, chosen, now = near[top]
+    others = tuple(
+        candidate.slip
+        for gain, (_, candidate, _) in zip(gains, near, strict=True)
+        if candidate is not chosen and gain > gains[top] - _AS_LIKELY and not _is_part(candidate.slip, chosen.slip)
+    )
+    return chosen, now, others
+
+
+def _is_part(one: Slip, whole: Slip) -> bool:
+    """Whether a slip is another one in some places only."""
+    return replace(one, subjects=()) == replace(whole, subjects=()) and (
+        not whole.subjects or set(whole.subjects) <= set(one.subjects)
+    )
+
+
+def _halving(
+    found: Responses, expected: Expected, read: Reading, here: _Compared, candidates: Sequence[Candidate]
+) -> Iterator[tuple[float, Candidate, Reading]]:
+    """Candidates that at least halve the misfit of what they concern and bring it to where physics may be, with what
+    all responses then miss."""
+    before = here.misses
+    for candidate in candidates:
+        if not candidate.concerns.any() or _root(before[candidate.concerns]) < CLEARLY:
+            continue
+        now = candidate.undo(read)
+        changed = _differ(read, now)
+        if not changed.any() or _root(before[changed]) < CLEARLY:
+            continue
+        after = _compare(found, expected, now).misses
+        size = _root(after[changed])
+        if size <= min(_RIGHT, 0.5 * _root(before[changed])):
+            yield _root(after), candidate, now
+
+
+def _root(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _gain(found: Responses, expected: Expected, one: tuple[Reading, _Compared], other: Reading) -> float:
+    """Log evidence that another way to read responses has over one, by those that either way should or do tell."""
+    here, there = one[1], _compare(found, expected, other)
+    sizes = [np.abs(values) for way in (here, there) for values in (way.share, way.expected)]
+    telling = np.max(sizes, axis=0) > _TELLING
+    if not telling.any():
+        return -np.inf
+    return _evidence(other, there, expected, telling) - _evidence(one[0], here, expected, telling)
+
+
+def _evidence(read: Reading, compared: _Compared, expected: Expected, rows: Mask) -> float:
+    """Of the recorded sizes of some responses, with physical causes of their honest sizes free."""
+    read = Reading(read.direction[rows], read.column[rows], read.factor[rows])
+    compared = compared.chosen(rows)
+    slope = compared.slope
+    axis = np.argmax(np.abs(read.direction * expected.of_load), axis=1)
+    own = _BESIDE * compared.width
+    along = _SHARED * compared.expected * slope
+    column = read.column
+    known = [
+        along[:, None],
+        np.where(axis[:, None] == np.arange(6), along[:, None], 0.0),
+        np.where(column[:, None] == np.unique(column), along[:, None] * expected.gain / _SHARED, 0.0),
+        np.where((6 * column + axis)[:, None] == np.unique(6 * column + axis), own[:, None], 0.0),
+    ]
+    scale = np.log(np.abs(read.factor) / (compared.possible * np.hypot(compared.share, expected.linear)))
+    return float(log_evidence(compared.misfit, physics(np.column_stack(known)), _FLOOR)) + float(scale.sum())
+
+
+def _relative(compared: _Compared, where: Mask) -> float:
+    """Root of the mean square misfit over that of what is expected, of some responses."""
+    if not where.any():
+        return 0.0
+    wanted = max(_root(compared.expected[where]), 0.1 * _root(compared.share[where]), 1e-300)
+    return _root(compared.share[where] - compared.expected[where]) / wanted
