@@ -5,11 +5,11 @@ from __future__ import annotations
 import codecs
 import math
 import re
-import string
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from schemas.expressions import GroupPattern, Pattern, Renames, Template, TemplateOfNames, TimeFormat
 from schemas.raw_value import RawColumn, RawValue
 from schemas.section import Name, Positive, RawText, Section, Whole, is_path, is_raw_text
 
@@ -40,27 +40,6 @@ OF_NAME, OF_TABLE = "<name>", "<table>"
 Channel = Literal["dx", "dy", "dz", "rx", "ry", "rz"]
 
 _NOT_OF_FILES = ("idna", "punycode", "unicode-escape", "raw-unicode-escape", "undefined")
-
-
-def _compiles(pattern: str) -> str:
-    try:
-        re.compile(pattern)
-    except re.error as error:
-        raise ValueError(f"not a regular expression: {error}") from None
-    return pattern
-
-
-def _has_groups(pattern: str) -> str:
-    if not re.compile(_compiles(pattern)).groupindex:
-        raise ValueError("a regular expression with named groups, such as (?P<target>\\d+)")
-    return pattern
-
-
-def _is_template(template: str) -> str:
-    fields = [field for _, field, _, _ in string.Formatter().parse(template) if field is not None]
-    if not fields or "" in fields:
-        raise ValueError('a template with the names of columns in braces, such as "{set}-{ID}"')
-    return template
 
 
 def _is_encoding(name: str) -> str:
@@ -130,9 +109,6 @@ def _kind(source: object) -> str:
     return OF_TABLE if isinstance(source, dict | RawValue) else OF_NAME
 
 
-Pattern = Annotated[RawText, AfterValidator(_compiles)]
-GroupPattern = Annotated[RawText, AfterValidator(_has_groups)]
-Template = Annotated[RawText, AfterValidator(_is_template)]
 Sheet = Annotated[str | int, BeforeValidator(_is_sheet)]
 Variables = Annotated[str | tuple[str, ...], BeforeValidator(_are_variables)]
 Paths = Annotated[str | tuple[str, ...], BeforeValidator(_is_path)]
@@ -185,7 +161,7 @@ class FileMapping(Section):
     )
     number_rows: dict[Name, Whole] = Field(default_factory=dict, description="column = number of a file's first row")
     join: dict[Name, Template] = Field(default_factory=dict, description='column = template, such as "{set}-{ID}"')
-    rename: dict[Name, dict[Pattern, RawText]] = Field(
+    rename: dict[Name, Renames] = Field(
         default_factory=dict, description="column = expressions for whole values, and what they become"
     )
     offset: dict[Name, Whole] = Field(default_factory=dict, description="column = whole number to add")
@@ -218,13 +194,13 @@ class FileMapping(Section):
     channels: dict[Channel, RawColumn] = Field(
         default_factory=dict, description="interferometer: channel = raw column of its readings; a row per channel"
     )
-    wide: Template | None = Field(
+    wide: TemplateOfNames | None = Field(
         None, description='template of the raw names of coordinates, "{target}_{axis}": a row per target'
     )
     arrays: dict[RawText, tuple[Name, ...]] = Field(
         default_factory=dict, description="raw column whose cells hold several numbers = names for these"
     )
-    time_format: RawText | None = Field(None, description="strptime format of time_s, counted from the earliest")
+    time_format: TimeFormat | None = Field(None, description="strptime format of time_s, counted from the earliest")
 
     @model_validator(mode="after")
     def _wide_names_targets(self) -> FileMapping:

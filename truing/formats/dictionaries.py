@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from truing.formats.patterns import BoundedPattern
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,7 +59,7 @@ def codes(column: pa.DictionaryArray) -> NDArray[np.int32]:
     return np.asarray(column.indices)
 
 
-def renamed(text: str, patterns: Sequence[tuple[re.Pattern[str], str]]) -> str:
+def renamed(text: str, patterns: Sequence[tuple[BoundedPattern[str], str]]) -> str:
     """What a name becomes by the first regular expression that fits it whole."""
     for pattern, replacement in patterns:
         if match := pattern.fullmatch(text):

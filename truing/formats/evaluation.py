@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import calendar
-import re
 from collections import Counter
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -25,8 +24,9 @@ from truing.formats.dictionaries import (
     with_values,
 )
 from truing.formats.faultlog import CellFaults, Records
-from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread
+from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread, joined_by
 from truing.formats.numbers import Notation
+from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
 from truing.formats.raw_values import as_meant
 from truing.formats.reshaping import spread_arrays, widen
@@ -147,7 +147,7 @@ class _Work:
         renames = self.plan.entry.rename.get(name)
         if renames is None:
             return found
-        patterns = [(re.compile(pattern), text) for pattern, text in renames.items()]
+        patterns = [(bounded(pattern, f"rename.{name}"), text) for pattern, text in renames.items()]
         return with_values(found, [renamed(text, patterns) for text in found.dictionary.to_pylist()])
 
     def _texts(self, name: str) -> pa.DictionaryArray:
@@ -176,9 +176,7 @@ class _Work:
 
     def _joined(self, origin: Joined) -> pa.DictionaryArray:
         parts = [self.texts(column).cast("string").to_pylist() for column in origin.columns]
-        joined = [
-            origin.template.format(**dict(zip(origin.columns, row, strict=True))) for row in zip(*parts, strict=True)
-        ]
+        joined = [joined_by(origin.template, row) for row in zip(*parts, strict=True)]
         return as_dictionary(strings(joined))
 
     def _group(self, origin: Group) -> pa.DictionaryArray:
@@ -343,12 +341,14 @@ class _Work:
         keep = np.ones(self.batch.rows, dtype=bool)
         if not self.batch.rows:
             return keep
-        columns = [(name, pattern, self._to_split(name)) for name, pattern in self.plan.entry.split.items()]
-        columns += [(name, pattern, self.texts(name)) for name, pattern in self.plan.entry.select.items()]
-        for name, pattern, texts in columns:
-            fits = [re.fullmatch(pattern, text or "") is not None for text in texts.dictionary.to_pylist()]
+        entry = self.plan.entry
+        columns = [(name, said, f"split.{name}", self._to_split(name)) for name, said in entry.split.items()]
+        columns += [(name, said, f"select.{name}", self.texts(name)) for name, said in entry.select.items()]
+        for name, said, key, texts in columns:
+            pattern = bounded(said, key)
+            fits = [pattern.fullmatch(text or "") is not None for text in texts.dictionary.to_pylist()]
             gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
-            self._leave_out(gone, f"no {name}" if pattern == _ANYTHING else f"{name} is not like {pattern}")
+            self._leave_out(gone, f"no {name}" if said == _ANYTHING else f"{name} is not like {said}")
             keep &= ~gone
         return keep
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 import string
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -14,6 +14,7 @@ from schemas.mapping import FileMapping
 from truing.formats.faultlog import Records
 from truing.formats.mapping_checks import Misfit, told_otherwise
 from truing.formats.numbers import is_plain_number
+from truing.formats.patterns import BoundedPattern, bounded
 from truing.formats.raw import Kind
 from truing.formats.shapes import COORDINATES, Shape
 from truing.formats.units import UnknownUnit, conversion
@@ -41,7 +42,7 @@ class Group:
     """A named group of a regular expression that another column's whole value matches."""
 
     column: str
-    pattern: re.Pattern[str]
+    pattern: BoundedPattern[str]
     name: str
 
 
@@ -110,10 +111,11 @@ class Plan:
         if pattern is None:
             return {}
         name = self.file_name if "/" in pattern else self.file_name.rsplit("/", 1)[-1]
-        match = re.search(pattern, name)
+        compiled = bounded(pattern, "from_name")
+        match = compiled.search(name)
         if match is None:
             self.misfits.append(Misfit(f"a name that matches {pattern}", value=name))
-            return dict.fromkeys(re.compile(pattern).groupindex, "")
+            return dict.fromkeys(compiled.groupindex, "")
         return {group: text or "" for group, text in match.groupdict().items()}
 
     @cached_property
@@ -131,7 +133,7 @@ class Plan:
     @cached_property
     def groups(self) -> dict[str, Group]:
         """Columns that a regular expression takes from another column."""
-        patterns = {column: re.compile(pattern) for column, pattern in self.entry.split.items()}
+        patterns = {name: bounded(pattern, f"split.{name}") for name, pattern in self.entry.split.items()}
         return {name: Group(column, p, name) for column, p in patterns.items() for name in p.groupindex}
 
     @cached_property
@@ -139,7 +141,7 @@ class Plan:
         """The targets of a wide row, in the order of their columns."""
         if self.entry.wide is None:
             return ()
-        pattern = re.compile(_template_pattern(self.entry.wide))
+        pattern = bounded(_template_pattern(self.entry.wide), "wide")
         found: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
         for position, name in enumerate(self.all_names):
             if match := pattern.fullmatch(name):
@@ -216,7 +218,7 @@ class Plan:
         """Covariates: what the mapping names beyond the contract, and the file's other columns."""
         if not self.shape.covariates:
             return
-        passed_over = re.compile(self.entry.ignore or r"(?!)")
+        passed_over = bounded(self.entry.ignore or r"(?!)", "ignore")
         used = {origin.position for name in given if isinstance(origin := self.origin(name), RawColumn)}
         helpers = {group.column for group in self.groups.values()} | set(self.entry.arrays)
         for name in self._nameable:
@@ -397,6 +399,13 @@ def _made_of(origin: Origin | None) -> tuple[str, ...]:
 def template_fields(template: str) -> tuple[str, ...]:
     """The names in a template's braces."""
     return tuple(name for _, name, _, _ in string.Formatter().parse(template) if name)
+
+
+def joined_by(template: str, values: Sequence[str]) -> str:
+    """A template with values, in the order of its names: text is put in, and nothing of a name is looked up."""
+    left = iter(values)
+    parts = string.Formatter().parse(template)
+    return "".join(text if name is None else f"{text}{next(left):{form}}" for text, name, form, _ in parts)
 
 
 def _template_pattern(template: str) -> str:

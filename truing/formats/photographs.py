@@ -15,6 +15,7 @@ from schemas.mapping import FileMapping
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_heads import Head, read_head
 from truing.formats.passed_over import PassedOver, passed_over, why_not_read
+from truing.formats.patterns import TooSlow, bounded
 from truing.formats.raw import Unusable
 from truing.formats.source import PICTURES, CampaignFiles, RawFile
 
@@ -88,7 +89,7 @@ def _tell(one: PassedOver, found: Photographs, log: FaultLog) -> None:
 def _faults_of_entry(entry: FileMapping, source: CampaignFiles) -> Iterator[Fault]:
     for key in sorted(entry.model_fields_set - _KEYS):
         yield Fault("campaign.toml", f"one of {', '.join(sorted(_KEYS))}", column=f"{_COLUMN}.{key}")
-    named = {*re.compile(entry.from_name or "").groupindex, *entry.constants, *entry.rename, *entry.offset}
+    named = {*bounded(entry.from_name or "", "from_name").groupindex, *entry.constants, *entry.rename, *entry.offset}
     for name in sorted(named - _GROUPS):
         yield Fault("campaign.toml", f"one of {', '.join(sorted(_GROUPS))}", column=_COLUMN, value=name)
 
@@ -110,7 +111,11 @@ def _files(source: CampaignFiles, pattern: str, found: Photographs, log: FaultLo
 def _photograph(
     raw: RawFile, pattern: str, entry: FileMapping, sensor_width_mm: float | None, log: FaultLog
 ) -> Photograph | None:
-    told = _told_by_name(raw, pattern, entry)
+    try:
+        told = _told_by_name(raw, pattern, entry)
+    except TooSlow as error:
+        log.add(Fault("campaign.toml", error.expected, column=f"{_COLUMN}.{error.key}", value=error.text))
+        return None
     if told.get("pose") is None:
         wanted = _WANTED if entry.from_name is None else f"a name that matches {entry.from_name} and tells the pose"
         log.add(Fault(raw.name, wanted))
@@ -141,7 +146,7 @@ def _told_by_name(raw: RawFile, pattern: str, entry: FileMapping) -> dict[str, s
         told = _usual(raw.name[len(_fixed(pattern)) :])
     else:
         name = raw.name if "/" in entry.from_name else raw.name.rsplit("/", 1)[-1]
-        match = re.search(entry.from_name, name)
+        match = bounded(entry.from_name, "from_name").search(name)
         told = {key: text for key, text in match.groupdict().items() if text} if match else {}
     told |= {key: str(value) for key, value in entry.constants.items()}
     return {key: _renamed(key, value, entry) for key, value in told.items()}
@@ -149,8 +154,8 @@ def _told_by_name(raw: RawFile, pattern: str, entry: FileMapping) -> dict[str, s
 
 def _renamed(key: str, value: str, entry: FileMapping) -> str:
     for expression, name in entry.rename.get(key, {}).items():
-        if re.fullmatch(expression, value):
-            value = re.sub(f"^(?:{expression})$", name, value)
+        if match := bounded(expression, f"rename.{key}").fullmatch(value):
+            value = match.expand(name)
             break
     return str(int(value) + entry.offset[key]) if key in entry.offset and re.fullmatch(r"[+-]?\d+", value) else value
 

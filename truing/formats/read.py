@@ -15,6 +15,7 @@ from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog
 from truing.formats.mapping import Plan, is_side_by_side
+from truing.formats.patterns import TooSlow
 from truing.formats.photogrammetry import OF_PHOTOGRAPHS, read_of_photographs
 from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
@@ -53,7 +54,7 @@ class FileRows:
             if self.format == "xlsx":
                 return self._rows_of_sheet(records)
             return self._lines_of(records) if self._is_text() else [record + 1 for record in records]
-        except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, Unusable, OSError):
+        except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, Unusable, TooSlow, OSError):
             return []
 
     def _is_text(self) -> bool:
@@ -161,6 +162,9 @@ def _read_file(
             yield rows, found
     except Unusable as error:
         log.add(Fault(raw.name, error.expected, error.row, error.column, error.value))
+    except TooSlow as error:
+        key = f"files.{shape.name}.{error.key}"
+        log.add(Fault("campaign.toml", error.expected, column=key, value=error.text))
     except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, OSError) as error:
         log.add(_damage(raw.name, error, completed))
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import codecs
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO
 
 from schemas.mapping import FileMapping
+from truing.formats.patterns import BoundedPattern
 
 BLOCK = 4 << 20
 _LONGEST_RECORD = 64 << 20
@@ -31,14 +31,14 @@ class Lines:
 
     comment: bytes | None
     quote: bytes
-    keep: re.Pattern[bytes] | None
+    keep: BoundedPattern[bytes] | None
     blanks: bytes
 
     @classmethod
     def of(cls, entry: FileMapping, separator: str) -> Lines:
         """The rules of a mapping; a line of separators alone is blank, as spreadsheets leave them behind."""
         blanks = b" \t\r\n\f" + (b"" if separator == "whitespace" else separator.encode())
-        keep = None if entry.keep_lines is None else re.compile(entry.keep_lines.encode())
+        keep = None if entry.keep_lines is None else BoundedPattern(entry.keep_lines.encode(), "keep_lines")
         comment = entry.comment.encode() if entry.comment else None
         return cls(comment, entry.quote.encode(), keep, blanks)
 
