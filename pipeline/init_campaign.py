@@ -20,6 +20,7 @@ from pipeline.problems import ExitCode, environment
 from pipeline.run_folder import PRIVATE
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
+from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
 
 if TYPE_CHECKING:
@@ -126,7 +127,12 @@ def _files(folder: Path) -> Iterator[Path]:
     results = {mark.parent for mark in folder.rglob(PRIVATE)}
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if path.is_file() and not hidden and path.suffix.lower() not in _NOT_RAW and results.isdisjoint(path.parents):
+        if (
+            not hidden
+            and is_raw_file(path)
+            and path.suffix.lower() not in _NOT_RAW
+            and results.isdisjoint(path.parents)
+        ):
             found += 1
             if found > _MOST_FILES:
                 return

@@ -7,6 +7,8 @@ import os
 import stat
 from pathlib import Path
 
+from schemas.special_files import is_special
+
 LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _NOTHING_THERE = {errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG}
 
@@ -22,7 +24,8 @@ class TooLarge(ValueError):
 def read_settings_text(path: Path) -> str:
     """Return the text of a file in UTF-8.
 
-    Raises FileNotFoundError where no regular file is there (nothing, a folder, a pipe, a device, links in a circle),
+    Raises FileNotFoundError where no regular file is there (nothing, a folder, a pipe, a device, links in a circle, an
+    entry of /proc),
     TooLarge, and UnicodeDecodeError.
     """
     size = regular_size(path)
@@ -41,7 +44,7 @@ def regular_size(path: Path) -> int:
         if error.errno in _NOTHING_THERE:
             raise _none(path) from None
         raise
-    if not stat.S_ISREG(status.st_mode):
+    if not stat.S_ISREG(status.st_mode) or is_special(path):
         raise _none(path)
     return status.st_size
 

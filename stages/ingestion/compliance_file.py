@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from schemas.settings_text import read_settings_text
+from truing.formats.discretion import discreet
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles, RawFile
 
@@ -34,11 +35,11 @@ def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
     except (OSError, ValueError):
         log.add(Fault("campaign.toml", "an existing text file", column="mechanism.compliance_file", value=file.name))
         return None
-    matrix = _matrix(file, lines, log)
+    matrix = _matrix(file, lines, log, source.is_outside(file))
     return None if matrix is None else _long(matrix)
 
 
-def _matrix(file: RawFile, lines: list[str], log: FaultLog) -> Array | None:
+def _matrix(file: RawFile, lines: list[str], log: FaultLog, is_outside: bool) -> Array | None:
     """The numbers (6, 6); None where a fault was noted. A line of the six loads' names may head them."""
     rows = [(number, _cells(line)) for number, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
     if rows and [cell.casefold()[:2] for cell in rows[0][1]] == list(_LOADS):
@@ -56,7 +57,8 @@ def _matrix(file: RawFile, lines: list[str], log: FaultLog) -> Array | None:
         for j, cell in enumerate(cells):
             matrix[i, j] = _number(cell)
             if not np.isfinite(matrix[i, j]):
-                log.add(Fault(file.name, "a finite number", row=number, column=_LOADS[j], value=cell))
+                shown = discreet(cell) if is_outside else cell
+                log.add(Fault(file.name, "a finite number", row=number, column=_LOADS[j], value=shown))
                 clean = False
     if clean:
         clean = _is_symmetric(file, matrix, [number for number, _ in rows], log)

@@ -30,7 +30,7 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
     except OSError:
         wrong = "a file that can be read: the model.toml of an earlier campaign"
     except (ValueError, RecursionError) as error:  # no text, no TOML, or numbers without end in it
-        wrong = f"{_WRITTEN} ({error})"
+        wrong = _WRITTEN if source.is_outside(source.earlier_model) else f"{_WRITTEN} ({error})"
     if wrong:
         log.add(Fault("campaign.toml", wrong, column=_COLUMN, value=source.earlier_model.name))
         return None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from truing.formats.file_search import is_raw_file
+
 _BESIDE = {".phc": (".ior", ".eor")}
 _OF_MODEL = ("cameras", "images")
 
@@ -13,7 +15,7 @@ def companions(path: Path) -> tuple[Path, ...]:
     """The files read along with one: of the same name with another ending, else the only one that ends so."""
     stem, ending = _parts(path)
     if stem.lower() == "points3d":
-        return tuple(one for name in _OF_MODEL if (one := path.with_name(f"{name}{ending}")).is_file())
+        return tuple(one for name in _OF_MODEL if is_raw_file(one := path.with_name(f"{name}{ending}")))
     found = (_beside(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
     return tuple(one for one in found if one is not None)
 
@@ -25,7 +27,7 @@ def plain_ending(path: Path) -> str:
 
 def _beside(folder: Path, stem: str, ending: str) -> Path | None:
     try:
-        others = sorted(path for path in folder.iterdir() if plain_ending(path) == ending)
+        others = sorted(path for path in folder.iterdir() if plain_ending(path) == ending and is_raw_file(path))
     except OSError:
         return None
     same = [path for path in others if _parts(path)[0] == stem]

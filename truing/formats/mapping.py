@@ -97,6 +97,7 @@ class Plan:
     names: tuple[str, ...]
     preset: frozenset[str] = frozenset()
     poses_as_text: bool = False
+    is_discreet: bool = False  # the file's own names are not to be shown
     misfits: list[Misfit] = field(default_factory=list)
 
     @cached_property
@@ -307,7 +308,12 @@ class Plan:
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
         if self.entry.wide is not None and not self.wide:
-            misfits.append(Misfit(f"columns named like {self.entry.wide}", value=", ".join(self.names)[:80]))
+            misfits.append(
+                Misfit(
+                    f"columns named like {self.entry.wide}",
+                    value=None if self.is_discreet else ", ".join(self.names)[:80],
+                )
+            )
         _ = self.kinds
         return [*misfits, *self.misfits]
 
@@ -333,7 +339,10 @@ class Plan:
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
         known = [other for other in self.all_names if other]
         close = difflib.get_close_matches(reference, known, n=1, cutoff=0.75 if reference in _TOLD else 0.5)
-        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known) or 'none'}"
+        there = f"{len(known)}, not shown as the file lies outside the campaign's folder"
+        hint = f"there are {there if self.is_discreet else ', '.join(known) or 'none'}"
+        if close and not self.is_discreet:
+            hint = f"did you mean {close[0]}?"
         if self.entry.header is not False and 2 * sum(map(is_plain_number, known)) > len(known):
             hint = (
                 "but the first line holds numbers: set header = false and give columns by position, or name the format"

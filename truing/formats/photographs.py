@@ -99,7 +99,7 @@ def _files(source: CampaignFiles, pattern: str, found: Photographs, log: FaultLo
     files = source.resolve(pattern)
     photographs = [raw for raw in files if raw.path.suffix.lower() in _ENDINGS]
     if not files:
-        log.add(Fault("campaign.toml", "an existing file", column=f"{_COLUMN}.path", value=pattern))
+        log.add(Fault("campaign.toml", source.why_nothing(pattern), column=f"{_COLUMN}.path", value=pattern))
     elif not photographs:
         log.add(Fault(files[0].name, f"a photograph ({_KINDS}), as nothing else is found there", value=pattern))
     stems = {os.path.splitext(raw.name)[0] for raw in photographs}

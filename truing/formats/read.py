@@ -12,6 +12,7 @@ from schemas.faults import Fault
 from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
+from truing.formats.discretion import discreet, discreet_cells
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog
 from truing.formats.mapping import Plan, is_side_by_side
@@ -107,7 +108,7 @@ def read_table(
         log.add(Fault(entries[1].paths[0], f"either this file or {entries[0].paths[0]}, not both"))
     for entry in entries:
         for raw in _files(source, shape, entry, log):
-            yield from _read_file(raw, entry, shape, log, poses_as_text, source.estimate)
+            yield from _read_file(raw, entry, shape, log, poses_as_text, source)
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
@@ -125,18 +126,20 @@ def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLo
         if not found and not source.is_mapped(shape.name):
             log.add(Fault(pattern, "a regular file: no folder, no pipe or device, and no link that leads nowhere"))
         elif not found:
-            log.add(Fault("campaign.toml", "an existing file", column=f"files.{shape.name}.path", value=pattern))
+            expected = source.why_nothing(pattern)
+            log.add(Fault("campaign.toml", expected, column=f"files.{shape.name}.path", value=pattern))
         yield from found
 
 
 def _read_file(
-    raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool, estimate: Estimate | None
+    raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool, source: CampaignFiles
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     file_format = format_of(raw, entry)
     completed, preset = with_preset(entry, file_format, shape.name)
     side_by_side = (completed.rows_per_pose or 1) if is_side_by_side(completed, shape.name) else 1
     rows = FileRows(_with_sheet(raw, completed, file_format), completed, file_format, side_by_side)
     file_name, raw = raw.name, rows.raw
+    outside = source.is_outside(raw)
     plans: list[Plan] = []
 
     def wanted(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
@@ -146,7 +149,7 @@ def _read_file(
         settled = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
         if file_format == "trc":
             settled = rows._delimited()
-        plan = Plan(settled, shape, file_name, names, preset, poses_as_text)
+        plan = Plan(settled, shape, file_name, names, preset, poses_as_text, outside)
         misfits = plan.check()
         for misfit in misfits:
             log.add(Fault(raw.name, misfit.expected, column=misfit.column, value=misfit.value))
@@ -155,16 +158,17 @@ def _read_file(
 
     try:
         counted = RowCount(completed, side_by_side)
-        for batch in counted.through(_raw_batches(rows, counted.wanted(wanted), shape.name, estimate)):
+        for batch in counted.through(_raw_batches(rows, counted.wanted(wanted), shape.name, source.estimate)):
             found = evaluate(plans[0], batch)
             for faults in found.faults:
-                log.cells(raw.name, faults, rows.locate)
+                log.cells(raw.name, discreet_cells(faults) if outside else faults, rows.locate)
             yield rows, found
     except Unusable as error:
-        log.add(Fault(raw.name, error.expected, error.row, error.column, error.value))
+        value = discreet(error.value) if outside else error.value
+        log.add(Fault(raw.name, error.expected, error.row, error.column, value))
     except TooSlow as error:
-        key = f"files.{shape.name}.{error.key}"
-        log.add(Fault("campaign.toml", error.expected, column=key, value=error.text))
+        key, value = f"files.{shape.name}.{error.key}", discreet(error.text) if outside else error.text
+        log.add(Fault("campaign.toml", error.expected, column=key, value=value))
     except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, OSError) as error:
         log.add(_damage(raw.name, error, completed))
 

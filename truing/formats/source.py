@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import errno
 import glob
 import os
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from schemas.special_files import NOTHING_SPECIAL
 from truing.formats.companions import companions, plain_ending
+from truing.formats.file_search import TooManyEntries, find_files, is_raw_file
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -100,6 +100,19 @@ class CampaignFiles:
         """The files that a path or glob of campaign.toml means, ``pose2`` before ``pose10``."""
         return tuple(RawFile(name, self.folder / name) for name in _expand(self.folder, pattern))
 
+    def why_nothing(self, pattern: str) -> str:
+        """What was expected of a pattern that means no file."""
+        try:
+            find_files(self.folder, pattern)
+        except TooManyEntries as error:
+            return error.expected
+        is_there = "\0" not in pattern and os.path.lexists(self.folder / pattern)
+        return f"a regular file: {NOTHING_SPECIAL}" if is_there else "an existing file"
+
+    def is_outside(self, raw: RawFile) -> bool:
+        """Whether a file lies outside the campaign's folder, also where a link inside leads to it."""
+        return not raw.path.resolve().is_relative_to(self.folder.resolve())
+
     @property
     def earlier_model(self) -> RawFile | None:
         """The model of an earlier campaign that this one starts from; None where it starts from nothing."""
@@ -122,7 +135,7 @@ class CampaignFiles:
             for path in (raw.path, *companions(raw.path))
         )
         single = [
-            file.path for file in (self.earlier_model, self.compliance) if file is not None and _is_file(file.path)
+            file.path for file in (self.earlier_model, self.compliance) if file is not None and is_raw_file(file.path)
         ]
         return tuple(sorted({*found, *single}))
 
@@ -206,25 +219,8 @@ def _with_pictures_of_folders(folder: Path, entry: FileMapping) -> FileMapping:
 
 
 def _expand(folder: Path, pattern: str) -> list[str]:
-    if _is_file(folder / pattern):
-        return [pattern]
+    """The files that a pattern means; none where it looks through too many, which is told when they are read."""
     try:
-        names = glob.glob(pattern, root_dir=folder, recursive=True)
-    except (OSError, ValueError, re.error):
+        return find_files(folder, pattern)
+    except TooManyEntries:
         return []
-    files = [name.replace("\\", "/") for name in names if _is_file(folder / name)]
-    return sorted(files, key=_natural)
-
-
-def _is_file(path: Path) -> bool:
-    """Whether a file is there; no file has a name that no file can have."""
-    try:
-        return path.is_file()
-    except OSError as error:
-        if error.errno == errno.ENAMETOOLONG:
-            return False
-        raise
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

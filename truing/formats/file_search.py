@@ -1,0 +1,131 @@
+"""Finding the files that a path or glob of campaign.toml means, without walking a whole disk."""
+
+from __future__ import annotations
+
+import errno
+import fnmatch
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from time import monotonic
+
+from schemas.special_files import is_special
+
+MOST_ENTRIES = 200_000
+SECONDS = 10.0
+_WILD = re.compile(r"[*?[]")
+_ANY_DEPTH = "**"
+
+
+class TooManyEntries(Exception):
+    """A glob that looks at more entries of folders, or takes longer, than the search for raw files may."""
+
+    expected = (
+        f"a pattern that finds its files among at most {MOST_ENTRIES} entries of folders, within {SECONDS:g} s; "
+        "name the folders that they lie in"
+    )
+
+
+def find_files(folder: Path, pattern: str) -> list[str]:
+    """Return the files that a path or glob means, as it reaches them from ``folder``: ``pose2`` before ``pose10``.
+
+    Entries of /proc, /sys and /dev are none. Raises TooManyEntries.
+    """
+    if "\0" in pattern:
+        return []
+    if is_raw_file(folder / pattern):
+        return [pattern]
+    if not _WILD.search(pattern) or pattern.endswith(("/", os.sep)):
+        return []
+    pattern = pattern.replace(os.sep, "/")
+    anchor = Path(pattern).anchor.replace(os.sep, "/")
+    parts = [part for part in pattern[len(anchor) :].split("/") if part not in ("", ".")]
+    parts = [part for part, after in zip(parts, [*parts[1:], ""], strict=True) if (part, after) != (_ANY_DEPTH,) * 2]
+    try:
+        names = set(_Search().below(str(folder / anchor), anchor, parts))
+    except RecursionError:
+        raise TooManyEntries from None
+    except re.error:
+        return []
+    return sorted((name for name in names if is_raw_file(folder / name)), key=_natural)
+
+
+def is_raw_file(path: Path) -> bool:
+    """Return whether a regular file is there that is none of the system's; no file has a name that no file can have."""
+    try:
+        return path.is_file() and not is_special(path)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return False
+        raise
+
+
+class _Search:
+    """A walk through folders that counts what it looks at."""
+
+    def __init__(self) -> None:
+        self._left, self._until = MOST_ENTRIES, monotonic() + SECONDS
+
+    def below(
+        self, place: str, reached: str, parts: list[str], above: frozenset[tuple[int, int]] = frozenset()
+    ) -> Iterator[str]:
+        """The names, as ``reached`` from the campaign, of what the parts of a pattern mean in a folder.
+
+        As `glob` has it: names that begin with a dot are meant by parts that begin so, and ``**`` is any number of
+        folders. ``above`` are the folders that a walk through these came along, so that links make no circle.
+        """
+        plain = next((i for i, part in enumerate(parts) if _WILD.search(part)), len(parts))
+        if plain:
+            inner = "/".join(parts[:plain])
+            yield from self._step(os.path.join(place, inner), reached + inner, parts[plain:])
+        elif parts[0] == _ANY_DEPTH:
+            yield from self._at_any_depth(place, reached, parts[1:] or ["*"], above)
+        else:
+            fits = re.compile(fnmatch.translate(os.path.normcase(parts[0]))).match
+            for entry in self._entries(place):
+                if fits(os.path.normcase(entry.name)) and (parts[0].startswith(".") or not entry.name.startswith(".")):
+                    yield from self._step(entry.path, reached + entry.name, parts[1:])
+
+    def _step(self, place: str, reached: str, rest: list[str]) -> Iterator[str]:
+        if not rest:
+            yield reached
+        elif os.path.isdir(place):
+            yield from self.below(place, f"{reached}/", rest)
+
+    def _at_any_depth(
+        self, place: str, reached: str, rest: list[str], above: frozenset[tuple[int, int]]
+    ) -> Iterator[str]:
+        try:
+            status = os.stat(place)
+        except OSError:
+            return
+        own = (status.st_dev, status.st_ino)
+        if own in above:
+            return
+        yield from self.below(place, reached, rest)
+        for entry in self._entries(place):
+            if not entry.name.startswith(".") and _is_folder(entry):
+                yield from self._at_any_depth(entry.path, f"{reached}{entry.name}/", rest, above | {own})
+
+    def _entries(self, place: str) -> Iterator[os.DirEntry[str]]:
+        try:
+            with os.scandir(place) as entries:
+                for entry in entries:
+                    self._left -= 1
+                    if self._left < 0 or monotonic() > self._until:
+                        raise TooManyEntries
+                    yield entry
+        except OSError:  # no folder, or none that may be looked into
+            return
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
