@@ -17,6 +17,7 @@ from pipeline.stage_order import RAW_READERS, is_optional, stage_module
 from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
+_MOST_ROWS = 300_000  # of object points that a look beforehand compares with their readings; `run` compares all
 _ROUNDS = 3  # taking out a faulty key may uncover what stood behind it
 
 
@@ -27,6 +28,7 @@ class Checked:
     read: str
     prospects: tuple[str, ...] = ()
     attention: tuple[str, ...] = ()
+    rows: int = 0  # of the object points
 
 
 def check_campaign(campaign: CampaignFolder) -> Checked:
@@ -46,7 +48,8 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
         why = dict.fromkeys(one.why_not for one in expected)
         fault = Fault(campaign.file.name, "a campaign of which some stage can evaluate something", value="; ".join(why))
         raise CampaignFaults([fault])
-    return Checked(raw.read, tuple(map(str, expected)), tuple(attention(run.settings, found)))
+    rows = sum(sum(seen.values()) for seen in raw.targets.values())
+    return Checked(raw.read, tuple(map(str, expected)), tuple(attention(run.settings, found)), rows)
 
 
 def check_before_photographs(run: CampaignRun) -> None:
@@ -169,9 +172,24 @@ def report_check(place: Path) -> ExitCode:
     """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
     campaign = open_campaign(place)
     found, voice = check_campaign(campaign), Voice(quiet=False)
-    voice.say(f"{campaign.file}: no fault; {found.read}")
-    for line in found.prospects:
+    apart = () if campaign.has_photographs or found.rows > _MOST_ROWS else _apart(place)
+    if apart:
+        voice.say(f"{campaign.file}: the files can be read, but the data do not belong together; {found.read}")
+    else:
+        voice.say(f"{campaign.file}: no fault; {found.read}")
+    for line in apart or found.prospects:
         voice.say(line)
     for sentence in found.attention:
         voice.say(f"attention: {sentence}")
-    return ExitCode.DONE
+    return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
+
+
+def _apart(place: Path) -> tuple[str, ...]:
+    """What the quality checks say of parts of a campaign that do not belong together."""
+    from pipeline.in_memory import stage_line
+    from stages.belonging import failed_relations
+
+    made = stage_line(place).call("ingest", "qa").tables
+    tables = {name: table for name, table in made.items() if not isinstance(table, str)}
+    failed, checks = failed_relations(tables), tables["qa"].to_pylist()
+    return tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")

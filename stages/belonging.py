@@ -50,8 +50,8 @@ def _json(slips: Sequence[Slip]) -> str:
     return json.dumps([asdict(slip) for slip in slips])
 
 
-def withheld(tables: Mapping[str, pa.Table], relations: Container[str] | None = None) -> str:
-    """Return why nothing may rest on these tables: failed relations that nobody accepted; empty where none failed.
+def failed_relations(tables: Mapping[str, pa.Table], relations: Container[str] | None = None) -> list[str]:
+    """Return the checks of relations that failed and that nobody accepted, each once, in order.
 
     ``tables`` holds ``belonging``, and ``qa`` for the older checks of units, signs and channels. ``relations``: those
     that matter; absent: every one, and the older checks.
@@ -62,8 +62,13 @@ def withheld(tables: Mapping[str, pa.Table], relations: Container[str] | None = 
     if relations is None and "qa" in tables:
         older = [row for row in tables["qa"].to_pylist() if row["check"] in _CHECKS and row["verdict"] == "fail"]
         failed += [row["check"] for row in older if not row["accepted"]]
-    names = ", ".join(dict.fromkeys(failed))
-    return f"the data do not belong together: see {names} under Quality" if failed else ""
+    return list(dict.fromkeys(failed))
+
+
+def withheld(tables: Mapping[str, pa.Table], relations: Container[str] | None = None) -> str:
+    """Return why nothing may rest on these tables, as ``failed_relations`` has it; empty where all may."""
+    failed = failed_relations(tables, relations)
+    return f"the data do not belong together: see {', '.join(failed)} under Quality" if failed else ""
 
 
 def subject_of(run: int | str) -> str:

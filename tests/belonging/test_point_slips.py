@@ -7,8 +7,12 @@ import json
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.command_line import app
+from pipeline.problems import ExitCode
 from stages.belonging import withheld
 from stages.declaration import Outcome
 from tests.belonging.point_slips import ALL_SLIPS, Files, PointSlip, read_files, write_files
@@ -88,3 +92,19 @@ def test_two_slips_at_once_are_both_named(files: Files, tmp_path: Path) -> None:
     made, _ = _checked(slipped, tmp_path / "c")
     kinds = {slip["kind"] for slip in _slips([r for r in made["belonging"].to_pylist() if r["state"] == "fails"])}
     assert {"unit", "columns-exchanged"} <= kinds
+
+
+def test_the_command_line_tells_a_slip_before_and_in_a_run(files: Files, tmp_path: Path) -> None:
+    slipped = copy.deepcopy(files)
+    slipped.configurations[slipped.rho] *= 1e-3
+    folder = write_files(slipped, tmp_path / "c")
+    looked = CliRunner().invoke(app, ["check", str(folder)])
+    assert looked.exit_code == ExitCode.FAILED_CHECK
+    assert "multiply by 1000" in looked.output
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
+    assert done.exit_code == ExitCode.FAILED_CHECK
+    assert not pq.read_table(tmp_path / "run" / "diagnosis.parquet").num_rows
+    assert not pq.read_table(tmp_path / "run" / "calibration.parquet").num_rows
+    entry = '\n[[accept]]\ncheck = "readings-against-poses"\nreason = "a trial"\nby = "M. Keller"\non = 2026-03-01\n'
+    (folder / "campaign.toml").write_text((folder / "campaign.toml").read_text() + entry)
+    assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == ExitCode.DONE
