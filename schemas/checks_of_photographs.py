@@ -12,9 +12,10 @@ OF_PHOTOGRAPHS: Checks = {
         "Put coded targets where neighbouring photographs both see four of them; take the photograph anew.",
     ),
     "scale": QualityCheck(
-        "Does anything give each pose its scale: a bar, known points, markers of known size?",
-        "Rays alone leave all lengths open together.",
-        Rule(fails="any pose without"),
+        "Does anything give each pose its scale, and do bars, known points and the survey agree about it?",
+        "Rays alone leave all lengths open together. Where lengths contradict each other, checks that this trips are "
+        "not evaluated.",
+        Rule(fails="any pose without; a length that contradicts the others beyond five sigma and 0.5 mm/m"),
         "Lay a scale bar into every pose, and say in scale_bars.csv how long it is. Where nothing checks the scale: a "
         "second bar would, one that `serves` as check, or the stated size of targets.",
     ),

@@ -16,6 +16,8 @@ FROM_SURVEY, FROM_MARKER = "survey, ", "marker, "
 # Figures of bundle_statistics on images of one camera that differ: of which pose points move, and of which camera.
 BENT = "points moved by a camera that changed, over sigma"
 SHARED = "one principal distance of all images, p-value"
+# Figures on what gives or checks the scale, by its name.
+LENGTH, LENGTH_SIGMA = "lengths over those of the rays", "lengths over those of the rays, sigma"
 _BAR = ("bar", "first", "second", "length_mm", "sigma_mm", "repeat_sigma_mm", "serves")
 
 PHOTOGRAPHS = (

@@ -47,8 +47,16 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from stages.bundle_adjustment.image_cameras import image_cameras
     from stages.bundle_adjustment.known_points import known_points_table
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
+    from stages.bundle_adjustment.scale_sources import scale_sources
     from stages.bundle_adjustment.statistics import statistics_table
-    from stages.bundle_adjustment.survey_distances import PRINTED_TO, Printed, Survey, never_seen, with_scale
+    from stages.bundle_adjustment.survey_distances import (
+        PRINTED_TO,
+        Printed,
+        Survey,
+        never_seen,
+        surveyed_points,
+        with_scale,
+    )
     from stages.bundle_adjustment.tables import NetworkTables
     from stages.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
@@ -74,8 +82,11 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
             )
             raise CampaignFaults([Fault("image_points", f"{expected}rays has one", column="point")]) from None
         raise CampaignFaults([Fault("image_points", expected, value=str(error))]) from None
+    points = frozenset(map(str, found.named.points))
     artifacts["image_cameras"], of_cameras = image_cameras(found)
-    artifacts["bundle_statistics"] = statistics_table(found, of_cameras)
+    artifacts["bundle_statistics"] = statistics_table(
+        found, [*of_cameras, *scale_sources(found, tables.get("scale_bars"), surveyed_points(source, points))]
+    )
     adjusted = found.adjustment
     if known:
         artifacts["known_point_errors"] = known_points_table(named, named.network, found.known, adjusted.used)

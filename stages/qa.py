@@ -75,6 +75,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
     from stages.quality.belonging_of_points import relations_of_points
     from stages.quality.bodies import body_views, surroundings
+    from stages.quality.bundle_figures import Figures
     from stages.quality.checks import all_checks
     from stages.quality.limits import CampaignLimits
     from stages.quality.of_belonging import belonging_checks
@@ -82,6 +83,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.quality.of_names import likely_names, likely_table, names_known, settled_names
     from stages.quality.of_photographs import photograph_checks
     from stages.quality.of_surveys import later_surveys
+    from stages.quality.scale_contradiction import scale_contradiction, without_consequences
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(body_views(tables, around), settings)
@@ -94,7 +96,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     )
     relations = relations_of_points(bodies, around, tables, settings)
     likely = likely_names(observations, bodies, around, settled)
-    found = chain(
+    found: Iterable[Check] = chain(
         belonging_checks(relations),
         all_checks(bodies, reference, around, attachments, settings, limits, tables),
         names_known(observations, bodies, likely, settled),
@@ -102,6 +104,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         overruled_points(observations, settings),
         photograph_checks(tables, limits),
     )
+    statistics = tables.get("bundle_statistics")
+    if statistics is not None and scale_contradiction(Figures(statistics)) is not None:
+        found = without_consequences(found)
     read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
     outcome = _judged(found, read, settings, progress, relations)
     suggested = {"likely_names": likely_table(likely)} if likely else {}

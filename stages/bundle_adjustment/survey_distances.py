@@ -183,6 +183,27 @@ def _surveyed(survey: Survey, source: CampaignFiles, seen: frozenset[str]) -> li
     return rows
 
 
+@dataclass(frozen=True)
+class SurveyedPoints:
+    """Surveyed targets that rays see: names (N,) as rays call them, bodies (N,), places (N, 3) in the body's frame."""
+
+    names: NDArray[np.object_]
+    bodies: NDArray[np.object_]
+    xyz_m: Array
+
+
+def surveyed_points(source: CampaignFiles, seen: frozenset[str]) -> SurveyedPoints | None:
+    """The survey of targets that rays see; None where there is none."""
+    found = gather(source, TARGETS, FaultLog())  # what is wrong with the survey is told when it is read for the poses
+    if found is None or any(name not in found.table.column_names for name in TARGETS.required):
+        return None
+    body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
+    xyz = np.column_stack([number_column(found.table, f"{axis}_mm") for axis in "xyz"]) * 1e-3
+    name = np.array([_name(*both, seen) for both in zip(body, target, strict=True)], dtype=object)
+    known = (name != "") & np.isfinite(xyz).all(1)
+    return SurveyedPoints(name[known], body[known], xyz[known])
+
+
 def _variance(table: pa.Table, name: str, declared: float | None) -> Array:
     given = number_column(table, name) if name in table.column_names else np.full(len(table), np.nan)
     found: Array = np.where(np.isnan(given), np.nan if declared is None else declared, given) ** 2

@@ -12,6 +12,7 @@ from stages.point_arrays import number_column, text_column
 from stages.quality.bundle_figures import Figures, rows_of
 from stages.quality.check import FAIL, PASS, Check, listed, without
 from stages.quality.limits import CampaignLimits
+from stages.quality.scale_contradiction import scale_contradiction
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors
 
 if TYPE_CHECKING:
@@ -31,6 +32,9 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
     columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
     serving = dict(zip(*columns, strict=True)) if columns else {}
     known = {what: len(figures.told(f"scale from {what}")) for what in ("scale bars", "known points", "markers")}
+    if (contradiction := scale_contradiction(figures)) is not None:
+        yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.told)
+        return
     checks = _checked_by(serving, figures, surveyed)
     said = f"{sum(known.values())} poses have a scale, from {' and '.join(_sources(serving, known))}"
     if checks:
