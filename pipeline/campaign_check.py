@@ -110,7 +110,7 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
             continue  # what needs the work of others is no look at the files
         try:
             source = CampaignFiles(run.campaign.folder, run.settings)
-            if stage.name == "images" and not measure:
+            if stage.name == "images" and source.entries("images") and not measure:
                 continue
             if stage.name == "images" and source.entries("images"):
                 settings = SettingsView(run.settings, stage.settings)
@@ -121,6 +121,10 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
             raw.said.append(f"read {outcome.read}; left out {outcome.left_out}")
         except CampaignFaults as error:
             faults += error.faults
+    if "image_points" in raw.tables and "survey" in raw.tables:
+        from stages.image_tables.surveyed_names import unknown_to_survey
+
+        faults += unknown_to_survey(raw.tables["image_points"], raw.tables["survey"], raw.tables.get("scale_bars"))
     if faults:
         raise CampaignFaults(dict.fromkeys(faults))
     return raw

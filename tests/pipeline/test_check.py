@@ -32,6 +32,7 @@ def survey(*bodies: str) -> str:
 
 
 def written(folder: Path, **files: str) -> Path:
+    folder.mkdir(exist_ok=True)
     for name, text in {"campaign": TOML, **files}.items():
         (folder / (f"{name}.toml" if name == "campaign" else f"{name}.csv")).write_text(text)
     return folder
@@ -191,3 +192,39 @@ def test_a_survey_without_noise_is_told_before_photographs_are_measured(
     monkeypatch.setattr(stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
     assert (done.exit_code, "noise.point_mm" in done.output) == (ExitCode.UNUSABLE_CAMPAIGN, True)
+
+
+def rays(target: str) -> str:
+    """Rays of one image to six targets of base; the point that a survey would know begins with this name."""
+    lines = [f"1,a,base,{target}{n},{100 + 50 * n},{100 + 37 * n % 90}\n" for n in range(1, 7)]
+    return "".join(["pose,image,body,target,x_px,y_px\n", *lines])
+
+
+CAMERA = '[[cameras]]\nname = "camera"\nwidth_px = 640\nheight_px = 480\nfocal_px = 700.0\n'
+RAYS = {
+    "campaign": f"{TOML}image_px = 0.05\n{CAMERA}",
+    "targets": survey("base"),
+}
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_rays_to_targets_that_no_survey_knows_are_a_fault(
+    tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import stages.bundle
+
+    monkeypatch.setattr(stages.bundle, "run", lambda *_: pytest.fail("the rays were adjusted first"))
+    folder = written(tmp_path / "c", **RAYS, image_points=rays("Q"))
+    to = ["--out", str(tmp_path / "run")] if command == "run" else []
+    done = CliRunner().invoke(app, [command, str(folder), *to])
+    assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN, done.output
+    assert "found 'base/Q1, base/Q2, base/Q3, ...'; expected rays to targets that the survey has (T1, T2, T3" in (
+        done.output
+    )
+
+
+@pytest.mark.parametrize("points", [rays("T"), rays("Q").replace(",Q3,", ",,")])
+def test_rays_that_the_survey_knows_or_may_name_are_none(tmp_path: Path, points: str) -> None:
+    folder = written(tmp_path, **RAYS, image_points=points)
+    checked = check_campaign(open_campaign(folder))
+    assert checked.prospects[0].endswith("what the photographs show, once they are adjusted")
