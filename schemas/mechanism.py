@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from schemas.elastic import Modulus, Poisson, thin_rod
 from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Temperature, Vector
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
@@ -34,8 +35,8 @@ class Rod(Section):
     """A circular elastic part: flexure or leg tube."""
 
     diameter_mm: Positive = Field(description="its diameter")
-    youngs_gpa: Positive = Field(description="Young's modulus")
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] = Field(description="Poisson's ratio")
+    youngs_gpa: Modulus = Field(description="Young's modulus")
+    poisson: Poisson = Field(description="Poisson's ratio")
 
 
 class Tolerance(Section):
@@ -105,6 +106,10 @@ class LeggedMechanism(MechanismSection):
         sizes = {f"tolerance.{name}": size or 0.0 for name, size in self.tolerance if name.endswith("_mm")}
         sizes["two flexures of a leg"] = max(2.0 * (leg.flexure_length_mm or 0.0) for leg in self.legs)
         large = [f"{name} ({size:g})" for name, size in sizes.items() if size > shortest]
+        if self.flexure is not None:
+            thin_rod("flexure", self.flexure.diameter_mm, max(leg.flexure_length_mm or 0.0 for leg in self.legs))
+        if self.leg_tube is not None:
+            thin_rod("leg_tube", self.leg_tube.diameter_mm, shortest)
         if large:
             raise ValueError(f"no more than the shortest leg, {shortest:g} mm: {', '.join(large)}")
         return self

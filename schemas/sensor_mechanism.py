@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
+from schemas.elastic import Modulus, Poisson, thin_rod
 from schemas.mechanism import MechanismSection
 from schemas.section import TYPED, Finite, NotNegative, Path, Positive, Section, Vector
 
@@ -46,8 +47,8 @@ class Element(Section):
     web_mm: Positive | None = Field(None, description="notch: what is left at its thinnest")
     radius_mm: Positive | None = Field(None, description="notch")
     soft: Literal["s1", "s2"] | None = Field(None, description="leaf, notch: the axis that it bends about")
-    youngs_gpa: Positive | None = Field(None, description="Young's modulus")
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = Field(None, description="Poisson's ratio")
+    youngs_gpa: Modulus | None = Field(None, description="Young's modulus")
+    poisson: Poisson | None = Field(None, description="Poisson's ratio")
     axial_n_per_m: Positive | None = Field(None, description="spring: stiffness along the leg; absent: rigid")
     torsion_n_m_per_rad: Positive | None = Field(None, description="spring: stiffness about the leg; absent: rigid")
     matrix: tuple[tuple[Finite, ...], ...] | None = Field(
@@ -63,6 +64,8 @@ class Element(Section):
         if foreign := sorted(given - {*needed, *_ALLOWED.get(self.kind, ())}):
             allowed = ", ".join(_ALLOWED.get(self.kind, needed))
             raise ValueError(f"{allowed} {kind}, not {', '.join(foreign)}")
+        if self.kind == "cylinder":
+            thin_rod("cylinder", self.diameter_mm or 0.0, self.length_mm)
         own = 2.0 * (self.radius_mm or 0.0)
         if self.kind == "notch" and abs((self.length_mm or own) - own) > TYPED * own:
             raise ValueError(f"length_mm to be 2 radius_mm, {own:g}, {kind}; absent it is that")

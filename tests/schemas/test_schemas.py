@@ -80,6 +80,7 @@ def sensor(*elements):
     return {"type": "6-upur", "height_mm": 300.0, "legs": legs, "elements": list(elements)}
 
 
+ROD = {"diameter_mm": 2.0, "youngs_gpa": 114.0, "poisson": 0.34}
 LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
 
 
@@ -105,6 +106,22 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
         (
             {"interferometer": {"dead_path_mm": {"rx": 1.0}}},
             "dead_path_mm.rx: expected a known key, one of: dx, dy, dz",
+        ),
+        (
+            {"mechanism": {"type": "ups", "legs": [LEG] * 3, "flexure": {**ROD, "youngs_gpa": 114e9}}},
+            "flexure.youngs_gpa: found '114000000000.0'; expected at most 2000; did you mean 114 (1.14e+11 in Pa)?",
+        ),
+        (
+            {"mechanism": {"type": "ups", "legs": [LEG] * 3, "flexure": {**ROD, "youngs_gpa": 114e3}}},
+            "expected at most 2000; did you mean 114 (114000 in MPa)?",
+        ),
+        (
+            {"mechanism": {"type": "ups", "legs": [LEG] * 3, "leg_tube": {**ROD, "diameter_mm": 0.012}}},
+            "leg_tube.diameter_mm of at least 1/2000 of its length, 500 mm; did you mean 12 (0.012 in m)?",
+        ),
+        (
+            {"mechanism": sensor({"kind": "cylinder", "length_mm": 100.0, **ROD, "diameter_mm": 0.024})},
+            "cylinder.diameter_mm of at least 1/2000 of its length, 100 mm; did you mean 24 (0.024 in m)?",
         ),
         ({"files": {"points": {"path": "x", "seperator": ";"}}}, "did you mean separator?"),
         ({"exclude": [{"target": "P1", "by": "me"}]}, "column exclude.1.reason: expected this key to be present"),
