@@ -19,7 +19,8 @@ def _is_modulus(value: float) -> float:
     if value <= _STIFFEST_GPA:
         return value
     low, high = _LIKELY_GPA
-    meant = [f"{value * factor:g} ({value:g} in {unit})" for unit, factor in _IN_GPA.items() if low <= value * factor <= high]
+    known = ((unit, value * factor) for unit, factor in _IN_GPA.items())
+    meant = [f"{size:g} ({value:g} in {unit})" for unit, size in known if low <= size <= high]
     raise ValueError(f"at most {_STIFFEST_GPA:g}" + (f"; did you mean {' or '.join(meant)}?" if meant else ""))
 
 
