@@ -35,7 +35,7 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
     """Read and check everything, write nothing. Raises CampaignFaults with every fault, and where no stage could
     evaluate anything."""
     from stages.attention import attention
-    from stages.prospects import Found, nothing_evaluated, prospects
+    from stages.prospects import Found, has_repeats, nothing_evaluated, prospects
 
     faults = settings_faults(campaign)
     if faults:
@@ -44,7 +44,7 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
     raw = _read_raw(run)
     found = Found(raw.tables, raw.targets, campaign.has_photographs)
     expected = tuple(prospects(run.settings, found))
-    if nothing_evaluated(expected):
+    if nothing_evaluated(expected) and not has_repeats(run.settings, found):
         why = dict.fromkeys(one.why_not for one in expected)
         fault = Fault(campaign.file.name, "a campaign of which some stage can evaluate something", value="; ".join(why))
         raise CampaignFaults([fault])

@@ -188,6 +188,16 @@ def _diagnosis_of_loads(readings: pa.Table | None, signals: pa.Table | None) -> 
     return f"needs the noise of {channels}: noise.linear_um, noise.angular_arcsec" if channels else ""
 
 
+def has_repeats(settings: Campaign, found: Found) -> bool:
+    """Whether targets were seen at poses that repeat one another: their repeatability needs no pose of a body."""
+    from stages.repeats.groups import repeated_poses
+
+    table = found.tables.get("configurations")
+    if settings.campaign.kind == "interferometer" or table is None or not found.targets:
+        return False
+    return bool(repeated_poses(table, settings.campaign.drives, settings.noise.actuator_mm)[0])
+
+
 def nothing_evaluated(found: Sequence[Prospect]) -> bool:
     """Whether no stage makes anything of a campaign."""
     return all(one.why_not for one in found if one.stage in _REMAINING) and bool(found)

@@ -196,6 +196,10 @@ def prospects(settings, found):
 
 def nothing_evaluated(found):
     return False
+
+
+def has_repeats(settings, found):
+    return False
 """
 
 CAMPAIGN = """# a comment

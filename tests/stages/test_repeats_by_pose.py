@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.command_line import app
 from pipeline.in_memory import StageLine, stage_line
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
@@ -115,6 +117,8 @@ def test_a_single_reflector_without_any_body_is_seen_from_the_instrument(tmp_pat
     assert "repeats of pose p2 scatter" in of_repeatability(line)["ball ball0"]["message"]
     rows = line.tables["pose_repeatability"].to_pylist()
     assert {row["subject"] for row in rows} == {"ball ball0"}
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 0, done.output
 
 
 def test_a_body_alone_is_seen_from_an_instrument_that_stood_still(tmp_path):
