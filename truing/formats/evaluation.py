@@ -24,12 +24,13 @@ from truing.formats.dictionaries import (
     with_values,
 )
 from truing.formats.faultlog import CellFaults, Records
-from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, RowNumber, Spread, joined_by
+from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, Spread, joined_by
 from truing.formats.numbers import Notation
 from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
 from truing.formats.raw_values import as_meant
 from truing.formats.reshaping import spread_arrays, widen
+from truing.formats.row_groups import RowNumber
 from truing.formats.shapes import COORDINATES
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from schemas.column import Column
 from truing.formats.units import UnknownUnit, conversion
 
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
@@ -71,6 +72,17 @@ def known_unit(text: str) -> str | None:
     except UnknownUnit:
         return None
     return unit
+
+
+def may_be(unit: str | None, column: Column | None) -> bool:
+    """Whether a column may come in a unit: a length in radians is none."""
+    if unit is None or column is None or not column.unit:
+        return True
+    try:
+        conversion(unit, column.unit)
+    except UnknownUnit:
+        return False
+    return True
 
 
 def unit_in_brackets(name: str) -> str | None:

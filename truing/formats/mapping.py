@@ -11,15 +11,14 @@ from functools import cached_property
 
 from schemas.column import Column
 from schemas.mapping import FileMapping
-from truing.formats.faultlog import Records
 from truing.formats.mapping_checks import Misfit, told_otherwise
 from truing.formats.numbers import is_plain_number
 from truing.formats.patterns import BoundedPattern, bounded
 from truing.formats.raw import Kind
+from truing.formats.row_groups import RowNumber, is_side_by_side
 from truing.formats.shapes import COORDINATES, Shape
 from truing.formats.units import UnknownUnit, conversion
 
-_ROW_PER_POSE = ("poses", "configurations")
 _TOLD = {"pose", "body", "target", "run", "step", "channel"}  # often said by a file's name, or by the order of its rows
 
 
@@ -44,21 +43,6 @@ class Group:
     column: str
     pattern: BoundedPattern[str]
     name: str
-
-
-@dataclass(frozen=True)
-class RowNumber:
-    """The number of the record in its file; so many share it, or it counts anew after so many."""
-
-    first: int
-    rows_per_number: int = 1
-    rows_per_count: int | None = None
-
-    def of(self, records: Records) -> Records:
-        """The number of each record (N,), which count from 0."""
-        if self.rows_per_count is not None:
-            records = records % self.rows_per_count
-        return records // self.rows_per_number + self.first
 
 
 @dataclass(frozen=True)
@@ -392,11 +376,6 @@ class Plan:
         if isinstance(origin, RawColumn):
             return self.all_names[origin.position] or str(origin.position + 1)
         return name
-
-
-def is_side_by_side(entry: FileMapping, table: str) -> bool:
-    """Whether several rows of a file stand side by side as one of a table that has one row per pose."""
-    return entry.rows_per_pose is not None and table in _ROW_PER_POSE
 
 
 def _made_of(origin: Origin | None) -> tuple[str, ...]:

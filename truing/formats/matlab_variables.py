@@ -63,7 +63,7 @@ def open_variables(path: Path) -> Iterator[Mapping[str, Variable]]:
 def _older(path: Path) -> dict[str, Variable]:
     from scipy.io import loadmat
 
-    _check_size(path)
+    held = _content(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of names given twice, as several objects have none
@@ -71,7 +71,8 @@ def _older(path: Path) -> dict[str, Variable]:
     except OSError:
         raise
     except Exception as error:  # the library lets whatever a damaged file causes through
-        raise_shortage(error)
+        if held > FREE:  # of less, memory is short where a number in the file claims more than it holds
+            raise_shortage(error)
         raise Unusable("a whole MATLAB file (.mat)", value=(str(error).splitlines() or [""])[0][:80]) from None
     found: dict[str, Variable] = {}
     for name, value in content.items():
@@ -80,10 +81,10 @@ def _older(path: Path) -> dict[str, Variable]:
     return found
 
 
-def _check_size(path: Path) -> None:
-    """What the compressed elements of a file unpack to, element by element."""
+def _content(path: Path) -> int:
+    """The bytes that a file and its compressed elements hold; raises Unusable where they are out of all proportion."""
     size = path.stat().st_size
-    left = max(FREE, LARGEST_RATIO * size)
+    held, most = size, max(FREE, LARGEST_RATIO * size)
     with path.open("rb") as stream:
         head = stream.read(_HEADER)
         order = "<" if head[126:128] == b"IM" else ">"
@@ -91,12 +92,13 @@ def _check_size(path: Path) -> None:
             kind, count = struct.unpack(f"{order}II", tag)
             after = stream.tell() + count
             if kind == _COMPRESSED:
-                left -= _unpacked(stream.read(min(count, size)), left)
-                if left < 0:
+                held += _unpacked(stream.read(min(count, size)), most - held)
+                if held > most:
                     raise Unusable(f"content of at most {LARGEST_RATIO} times the file's size")
             if after > size:
-                return
+                break
             stream.seek(after)
+    return held
 
 
 def _unpacked(data: bytes, most: int) -> int:

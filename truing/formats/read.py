@@ -15,12 +15,12 @@ from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.discretion import discreet, discreet_cells
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog
-from truing.formats.mapping import Plan, is_side_by_side
+from truing.formats.mapping import Plan
 from truing.formats.patterns import TooSlow
 from truing.formats.photogrammetry import OF_PHOTOGRAPHS, read_of_photographs
 from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
-from truing.formats.row_groups import RowCount
+from truing.formats.row_groups import RowCount, is_side_by_side
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks

@@ -4,18 +4,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from schemas.mapping import FileMapping
-from truing.formats.faultlog import CellFaults
+from truing.formats.faultlog import CellFaults, Records
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_ROW_PER_POSE = ("poses", "configurations")
 _WIDEST = {"text": 2, "identifier": 1, "number": 0}
+
+
+@dataclass(frozen=True)
+class RowNumber:
+    """The number of the record in its file; so many share it, or it counts anew after so many."""
+
+    first: int
+    rows_per_number: int = 1
+    rows_per_count: int | None = None
+
+    def of(self, records: Records) -> Records:
+        """The number of each record (N,), which count from 0."""
+        if self.rows_per_count is not None:
+            records = records % self.rows_per_count
+        return records // self.rows_per_number + self.first
+
+
+def is_side_by_side(entry: FileMapping, table: str) -> bool:
+    """Whether several rows of a file stand side by side as one of a table that has one row per pose."""
+    return entry.rows_per_pose is not None and table in _ROW_PER_POSE
 
 
 class RowCount:

@@ -17,7 +17,7 @@ from schemas.mapping import FileMapping, is_uncertainty
 from schemas.memory import raise_shortage
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
-from truing.formats.header_units import bare_and_unit, expanded
+from truing.formats.header_units import bare_and_unit, expanded, may_be
 from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
 from truing.formats.known_networks import OF_RIGS, KnownNetwork, by_format, by_look, tells_of_rigs
 from truing.formats.load_columns import load_columns
@@ -26,7 +26,6 @@ from truing.formats.pose_columns import Poses, bare_poses, is_one_motion, pose_c
 from truing.formats.presets import format_of
 from truing.formats.shapes import COORDINATES
 from truing.formats.source import RawFile
-from truing.formats.units import UnknownUnit, conversion
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _CONTRACTS = {"fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm", "load", "x_mm"}  # names that need no guess
@@ -312,7 +311,7 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     for name in names:
         bare, unit = bare_and_unit(name)
         known = _meant(bare) or _meant(name)
-        if known is None or name == known or known in columns or known in names or not _may_be(known, unit):
+        if known is None or name == known or known in columns or known in names or not may_be(unit, find_column(known)):
             continue
         columns[known] = name
         if unit is not None and unit not in ("s", "degC"):
@@ -342,18 +341,6 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
 def _own(column: str) -> str | None:
     """The unit that a column's name ends with."""
     return column.rsplit("_", 1)[-1] if "_" in column else None
-
-
-def _may_be(column: str, unit: str | None) -> bool:
-    """Whether a column may come in a unit: a length in radians is none."""
-    known = find_column(column)
-    if unit is None or known is None or not known.unit:
-        return True
-    try:
-        conversion(unit, known.unit)
-    except UnknownUnit:
-        return False
-    return True
 
 
 def _meant(bare: str) -> str | None:
