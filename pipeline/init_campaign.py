@@ -326,6 +326,14 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
     for key, value in {"path": group.glob, **mapping}.items():
         yield f"{mark}{key} = {_shown(_toml(value)) if mark else _toml(value)}"
+    if guess.table in ("points", "targets") and not mark and not _says_body(guess, mapping):
+        yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
+
+
+def _says_body(guess: Guess, mapping: dict[str, Any]) -> bool:
+    """Whether anything tells which body a file's targets are on."""
+    given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
+    return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
 
 
 def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[str, Any]:

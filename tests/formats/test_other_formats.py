@@ -50,6 +50,17 @@ def test_parquet_of_whatever_types(tmp_path, change):
     assert_close([found.columns[f"{a}_mm"] for a in "xyz"], POINTS.T, atol=0.0)
 
 
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+@pytest.mark.parametrize("kind", [pa.timestamp, pa.duration])
+def test_moments_of_parquet_are_seconds(tmp_path, kind, unit):
+    ticks = [seconds * {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit] for seconds in (0, 10, 25)]
+    table = pa.table({"pose": [1, 2, 3], "time_s": pa.array(ticks, kind(unit))})
+    pq.write_table(table, tmp_path / "configurations.parquet")
+    found = read(tmp_path, "configurations")
+    assert found.faults == ()
+    assert found.columns["time_s"] == [0.0, 10.0, 25.0]
+
+
 def test_parquet_faults_count_rows_from_one(tmp_path):
     columns = good_columns()
     columns["y_mm"] = [1.0, float("nan"), 3.0, None, 5.0, float("inf")]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import BaseModel
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner, Result
 
@@ -492,3 +493,33 @@ def test_the_same_fault_in_many_files_is_one_message_with_a_count(tmp_path: Path
     (line,) = done.stderr.splitlines()
     assert line.startswith("pose_0.csv, row 3, column x_mm: found 'x'; expected a number")
     assert line.endswith("(and 39 more like it, in 39 other files)")
+
+
+def test_a_sheet_of_a_workbook_is_proposed_as_it_is_read(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra `tables` is not installed")
+    book = openpyxl.Workbook()
+    book.active.title = "Messdaten"
+    book.active.append(["Projekt"])
+    book.active.append(["Pose", "Punkt", "X [m]", "Y [m]", "Z [m]", "U(95) X [mm]"])
+    for number in range(4):
+        book.active.append([1, f"P{number}", 0.1 * number, 0.2, 0.3, 0.02])
+    book.create_sheet("Notizen").append(["gut"])
+    book.save(tmp_path / "Protokoll.xlsx")
+    text, document = starter(tmp_path, {})
+    entry = document["files"]["points"]
+    assert (entry["sheet"], entry["unit"], entry["coverage"]) == ("Messdaten", "m", 2.0)
+    (tmp_path / "campaign.toml").write_text(re.sub(r"^# (point_mm|constants)", r"\1", text, flags=re.MULTILINE))
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+
+
+def test_a_stack_of_matrices_of_matlab_is_proposed_as_poses(tmp_path: Path) -> None:
+    whole = np.tile(np.eye(4)[:, :, None], (1, 1, 8))
+    whole[:3, :3], whole[:3, 3] = np.moveaxis(TURNED.as_matrix(), 0, -1), PLACED.T
+    savemat(tmp_path / "T.mat", {"T": whole, "note": "tracker"})
+    text, document = starter(tmp_path, {})
+    assert document["files"]["poses"]["variable"] == "T"
+    (tmp_path / "campaign.toml").write_text(re.sub(r"^# (\w+_(mm|rad) =)", r"\1", text, flags=re.MULTILINE))
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "8 measured poses" in done.stdout

@@ -74,6 +74,8 @@ def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
         values = values.dictionary_decode() if kind == "number" else values
     if kind == "number" and _is_number(values.type):
         return values.cast(pa.float64())
+    if kind == "number" and (pa.types.is_timestamp(values.type) or pa.types.is_duration(values.type)):
+        return _seconds(values)
     if _is_number(values.type) and not values.null_count:
         whole = _whole(values)
         if whole is not None:
@@ -81,6 +83,15 @@ def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
     if pa.types.is_timestamp(values.type):
         return values.cast(pa.timestamp("us")).cast(pa.int64()).cast(pa.string())
     return as_dictionary(values) if kind != "number" else values.cast(pa.string())
+
+
+def _seconds(values: pa.Array) -> pa.Array:
+    """Moments as seconds since 1970, durations as seconds; whatever unit they are kept in."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[values.type.unit]
+    return pc.divide(values.cast(pa.int64()).cast(pa.float64(), safe=False), ticks)
 
 
 def _is_number(kind: pa.DataType) -> bool:
