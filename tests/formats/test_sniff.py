@@ -108,3 +108,10 @@ def test_no_content_makes_it_raise(tmp_path_factory, content):
 def test_a_truncated_archive_is_said(tmp_path):
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"a,b\n1,2\n" * 9000)[:60])
     assert "cannot be read" in sniff_file(tmp_path / "a.csv.gz").notes[0]
+
+
+@pytest.mark.parametrize("name", ["_" * 20_000 + "!", "x" + "_ " * 9000 + "!", "1'" * 20_000, "known_f" * 5000])
+def test_names_without_end_are_no_columns(tmp_path, name):
+    """What looks for units and meanings in a name of thousands of marks tried every way to cut it."""
+    guess = sniff_file(written(tmp_path, "a.csv", f"{name},y,z\n" + "1,2,3\n" * 20))
+    assert guess.mapping.get("columns", {}) == {}

@@ -33,6 +33,7 @@ _DATE = "%Y%m%d%H%M%S"
 _INDEXED = re.compile(r"\w+\[\d+, ?\d+\] ?= ?[-+\d.]+")
 _LOOK = 1 << 16
 _LINES = 60
+_LONGEST_NAME = 200  # what looks for meanings in names tries many ways to cut them
 _COMMENTS = ("#", "%", "//")
 _AXES = 3
 _NOTATIONS = (
@@ -212,6 +213,8 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
 
 def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: str = ",") -> Guess:
     """A proposal for records of equally many cells, the first of which may be a header."""
+    if any(len(name) > _LONGEST_NAME for name in records[0]):
+        return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters is none of a column",))
     width = len(records[0])
     notation = _notation(records[1:] or records)
     has_header = len(records) > 1 and not any(_is_number(cell, notation) for cell in records[0])
