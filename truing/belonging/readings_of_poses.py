@@ -182,6 +182,8 @@ def _halved(before: Array, after: Array) -> tuple[float, float]:
 
 def _rivals(search: _Found, names: Names, motion: Motion, slips: tuple[Slip, ...]) -> tuple[Slip, ...]:
     """Single slips that explain the data as well as those that were chosen."""
+    if not search.meant.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
+        return ()
     found = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
     return tuple(dict.fromkeys(one[0] for one in found if len(one) == 1 and one[0] not in slips))
 
