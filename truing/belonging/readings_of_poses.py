@@ -22,11 +22,13 @@ _NOTED = 0.2
 _MOVED = 10.0  # sigmas of a reading that a leg has to move to be compared
 _AS_LIKELY = 10.0  # log evidence within which two explanations cannot be told apart
 _CLEAR = 50.0  # log evidence by which a slip has to win
+_MOST_SLIPS = 2  # more of them together explain whatever is recorded
 _HALVES = 0.5  # the share of the misfit that a slip may leave
 _LEAST_POSES = 3
 _MOST_POSES = 240  # for hypotheses about columns and the description; rows are looked at in all poses
 _TOLERATED = 4.0  # sigmas of an offset by the declared tolerances
 _STRAIGHT = 0.05  # rad between directions of parallel legs
+_SAME_M = 1e-6  # distance of joints that are the same
 _SINGULAR = 1e-4  # of the largest singular value of the legs' rows, arms in units of their rms
 _MOSTLY = 0.7  # of the rows that moved
 _FROZEN = 4  # readings in a row that are the same number
@@ -62,6 +64,9 @@ def relate_legs(motion: Motion) -> Tested | None:
     legs = motion.legs
     if legs.count < 6:
         return None
+    if (pair := _same_legs(motion)) is not None:
+        subject = " ".join(f"leg{leg + 1}" for leg in pair)
+        return Tested(LEGS, State.FAILS, "legs-alike", subject, misfit=0.0, limit=_SINGULAR, unit="1")
     with np.errstate(invalid="ignore", divide="ignore"):
         towards = legs.closure.close(legs, upper_joints(legs, motion.p, motion.R), motion.readings)[1]
     known = np.isfinite(towards).all((-1, -2))
@@ -78,6 +83,14 @@ def relate_legs(motion: Motion) -> Tested | None:
     return Tested(LEGS, State.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
 
 
+def _same_legs(motion: Motion) -> tuple[int, int] | None:
+    """Two legs with the same joints, which hold the platform as one."""
+    joints = np.concatenate([motion.legs.a, motion.legs.b], axis=-1)
+    apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
+    pairs = np.argwhere(np.triu(apart < _SAME_M, 1)).tolist()
+    return (pairs[0][0], pairs[0][1]) if pairs else None
+
+
 def _test(motion: Motion, names: Names) -> Tested:
     asked = next(descriptions(motion)).asked()
     search = _search(motion)
@@ -88,9 +101,9 @@ def _test(motion: Motion, names: Names) -> Tested:
     if not comparable:
         base = replace(base, state=State.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1")
     slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
-    if slips:
-        before, after = _halved(search.plain.misfit, _reordered(search.meant, search.order))
-        explained = replace(base, state=State.FAILS, reason="slip", misfit=1e3 * before, misfit_explained=1e3 * after)
+    if 0 < len(slips) <= _MOST_SLIPS:
+        before, after = (1e3 * size for size in _halved(search.plain.misfit, _reordered(search.meant, search.order)))
+        explained = replace(base, state=State.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm")
         return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
     if zero := _other_zero(motion, asked):
         return replace(base, state=State.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
@@ -170,7 +183,9 @@ def _pays(plain: Written, best: Written, noise: float) -> bool:
     if best.evidence - plain.evidence <= _CLEAR:
         return False
     before, after = _halved(plain.misfit, best.misfit)
-    return before > _MOVED * noise and after <= _HALVES * before
+    asked = reached(best.description)
+    left, moved = (_rms(one - one.mean(axis=0)) for one in (best.misfit, asked))
+    return before > _MOVED * noise and after <= _HALVES * before and left <= _APART * moved
 
 
 def _halved(before: Array, after: Array) -> tuple[float, float]:

@@ -97,6 +97,7 @@ _REASONS = {
     "no-slip": "do not belong together, and no slip that was tried explains it",
     "departs": "depart from each other more than a calibration usually explains",
     "legs-parallel": "are all parallel: they leave the platform free to move sideways",
+    "legs-alike": "have the same joints: together they hold the platform as one",
     "legs-singular": "are singular: at the measured poses they leave a motion of the platform free",
     "regular": "hold the platform in all six directions",
     "few-targets": "were not compared: fewer than four targets were seen",
