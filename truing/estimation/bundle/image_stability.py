@@ -20,6 +20,8 @@ from truing.estimation.bundle.network import Array, Index, Network, State
 LEVEL = 1e-3  # probability that any image of a camera that stayed as it was is called changed
 _ITERATIONS = 8
 _FEWEST = 4  # images of a camera: of three nobody can say which is another one
+_SETTINGS = 3  # that a camera had besides the most frequent: more are scatter, of what its model does not have
+_MEDIAN_OF_NORMAL = 0.6745  # of absolute values, over the standard deviation
 _C = PARAMETERS.index("c")
 
 
@@ -96,11 +98,22 @@ def _one_camera_each(network: Network) -> Network:
 def _settings(camera: int, images: Index, values: Array, blocks: list[Array]) -> ImageStability:
     """Sort images by the principal distances that they share, the most frequent first."""
     from scipy.linalg import block_diag
-    from scipy.special import chdtrc
 
     covariance = block_diag(*blocks)
+    found = _sorted(camera, images, values, covariance)
+    if found.setting.max(initial=0) <= _SETTINGS:
+        return found
+    scatter = float(np.median(np.abs(found.off_px) / found.sigma_px)) / _MEDIAN_OF_NORMAL
+    again = _sorted(camera, images, values, covariance * max(scatter, 1.0) ** 2)
+    return replace(again, p_value=found.p_value)
+
+
+def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> ImageStability:
+    """Sort images, as `_settings`, by principal distances with this covariance (n, n)."""
+    from scipy.special import chdtrc
+
     setting, left, p_value = np.full(len(images), -1), np.arange(len(images)), 1.0
-    off, sigma = np.zeros(len(images)), np.sqrt(np.diagonal(covariance))
+    off, sigma = np.zeros(len(images)), np.sqrt(np.diagonal(covariance)).copy()
     reference = np.nan
     for number in range(len(images)):
         inside, common, chi2 = _shared(values[left], covariance[np.ix_(left, left)])
@@ -112,6 +125,9 @@ def _settings(camera: int, images: Index, values: Array, blocks: list[Array]) ->
         if not len(left):
             break
     off = values - reference
+    apart = np.flatnonzero(setting > 0)
+    if len(apart):  # against the others of its pose a principal distance is known better than by itself
+        off[apart], sigma[apart] = _differences(values, np.asarray(np.linalg.inv(covariance), np.float64), setting > 0)
     return ImageStability(camera, images, off, sigma, setting, p_value)
 
 
@@ -143,6 +159,14 @@ def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
             break
         inside = following
     return inside, common, chi2
+
+
+def _differences(values: Array, P: Array, outside: Mask) -> tuple[Array, Array]:
+    """Return by how much each value outside (n,) differs from that which the others share, and its sigma."""
+    columns = np.eye(len(values))[:, outside]
+    design = np.concatenate([np.ones((len(values), 1)), columns], 1)
+    cofactor = np.linalg.inv(design.T @ P @ design)
+    return (cofactor @ design.T @ P @ values)[1:], np.sqrt(np.diagonal(cofactor)[1:])
 
 
 def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:

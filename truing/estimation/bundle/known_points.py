@@ -20,6 +20,7 @@ LEVEL = 1e-3  # probability that a good pose has any point that is called wrong
 _TRIPLES = 400
 _FITS = 16.3  # squared sigmas of three coordinates that one good point in a thousand exceeds
 _LEAST_FIT = 3
+_SWAPPED = 12  # points at most that are tried in place of a wrong one: of many, others tell
 _TESTED = 0.01  # share of a point's error that its residual shows at least
 
 
@@ -68,7 +69,11 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
             break
         inside = following
     overall = float(chdtrc(found.freedom, found.chi2)) if found.freedom else 1.0
-    resolved = overall >= LEVEL and 2 * int(inside.sum()) > count
+    resolved = (
+        overall >= LEVEL
+        and 2 * int(inside.sum()) > count
+        and not _is_ambiguous(points, covariance, known, known_cov, inside)
+    )
     inflation = 1.0
     if not resolved:  # where three alone are known, none can be tested by itself: their misfit is told
         found = _tested(points, covariance, known, known_cov, np.ones(count, bool))
@@ -80,6 +85,21 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
     return KnownPointErrors(
         off, found.sigma, found.T, p_value, wrong, resolved, inflation, found.scale, found.scale_sigma
     )
+
+
+def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> bool:
+    """Whether the points fit as well with another one out in place of one that is: of four corners of a square, one of
+    which is off its plane, nobody can say which."""
+    from scipy.special import chdtrc
+
+    for wrong in np.flatnonzero(~inside).tolist():
+        for other in np.flatnonzero(inside).tolist()[:_SWAPPED]:
+            swapped = inside.copy()
+            swapped[[wrong, other]] = True, False
+            found = _tested(points, covariance, known, known_cov, swapped)
+            if found.freedom and chdtrc(found.freedom, found.chi2) >= LEVEL:
+                return True
+    return False
 
 
 def _consensus(points: Array, covariance: Array, known: Array, known_cov: Array) -> Mask:
