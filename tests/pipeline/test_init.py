@@ -471,7 +471,8 @@ def test_numbers_of_targets_are_no_coordinate(tmp_path: Path) -> None:
 
 def test_metres_stay_metres_and_expanded_uncertainties_keep_their_factor(tmp_path: Path) -> None:
     header = "pose,target,X [m],Y [m],Z [m],UX [mm],UY [mm],UZ [mm]"
-    text, document = starter(tmp_path, {"points_.csv": f"{header}\n1,A,0.1,0.2,0.3,0.02,0.02,0.02\n"})
+    rows = "".join(f"1,{name},0.{at},0.{at**2},0.3,0.02,0.02,0.02\n" for at, name in enumerate("ABC", 1))
+    text, document = starter(tmp_path, {"points_.csv": f"{header}\n{rows}"})
     entry = document["files"]["points"]
     assert (entry["unit"], entry["coverage"]) == ("m", 2.0)
     assert entry["units"] == {f"sigma_{a}_mm": "mm" for a in "xyz"}
