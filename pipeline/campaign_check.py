@@ -29,11 +29,11 @@ class Checked:
     prospects: tuple[str, ...] = ()
     attention: tuple[str, ...] = ()
     rows: int = 0  # of the object points
+    is_evaluated: bool = True  # by any stage but quality
 
 
 def check_campaign(campaign: CampaignFolder) -> Checked:
-    """Read and check everything, write nothing. Raises CampaignFaults with every fault, and where no stage could
-    evaluate anything."""
+    """Read and check everything, write nothing. Raises CampaignFaults with every fault."""
     from stages.attention import attention
     from stages.prospects import Found, has_repeats, nothing_evaluated, prospects
 
@@ -44,12 +44,10 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
     raw = _read_raw(run)
     found = Found(raw.tables, raw.targets, campaign.has_photographs)
     expected = tuple(prospects(run.settings, found))
-    if nothing_evaluated(expected) and not has_repeats(run.settings, found):
-        why = dict.fromkeys(one.why_not for one in expected)
-        fault = Fault(campaign.file.name, "a campaign of which some stage can evaluate something", value="; ".join(why))
-        raise CampaignFaults([fault])
     rows = sum(sum(seen.values()) for seen in raw.targets.values())
-    return Checked(raw.read, tuple(map(str, expected)), tuple(attention(run.settings, found)), rows)
+    said = tuple(map(str, expected)), tuple(attention(run.settings, found))
+    is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, found)
+    return Checked(raw.read, *said, rows, is_evaluated)
 
 
 def check_before_photographs(run: CampaignRun) -> None:
@@ -177,10 +175,10 @@ def report_check(place: Path) -> ExitCode:
     campaign = open_campaign(place)
     found, voice = check_campaign(campaign), Voice(quiet=False)
     apart = () if campaign.has_photographs or found.rows > _MOST_ROWS else _apart(place)
+    verdict = "no fault" if found.is_evaluated else "nothing but quality can be evaluated"
     if apart:
-        voice.say(f"{campaign.file}: the files can be read, but the data do not belong together; {found.read}")
-    else:
-        voice.say(f"{campaign.file}: no fault; {found.read}")
+        verdict = "the files can be read, but the data do not belong together"
+    voice.say(f"{campaign.file}: {verdict}; {found.read}")
     for line in apart or found.prospects:
         voice.say(line)
     for sentence in found.attention:

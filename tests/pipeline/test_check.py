@@ -79,11 +79,13 @@ def test_a_bench_without_noise_is_told_that_it_will_not_be_diagnosed(tmp_path: P
     assert "not evaluated: needs the noise of dx, dy, dz, rx, ry, rz: noise.linear_um, noise.angular_arcsec" in line
 
 
-def test_a_campaign_of_which_nothing_can_be_evaluated_is_a_fault(tmp_path: Path) -> None:
-    (fault,) = faults(written(tmp_path, points=points("1", "2", "3", targets=2)))
-    assert "no body shows 3 targets in one pose" in fault
+def test_a_campaign_of_which_nothing_can_be_evaluated_is_not_said_to_have_no_fault(tmp_path: Path) -> None:
+    checked = check_campaign(open_campaign(written(tmp_path, points=points("1", "2", "3", targets=2))))
+    assert not checked.is_evaluated
+    assert all("not evaluated: no body shows 3 targets in one pose" in line for line in checked.prospects)
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
-    assert (done.exit_code, "no fault" in done.output) == (ExitCode.UNUSABLE_CAMPAIGN, False)
+    assert (done.exit_code, "no fault" in done.output) == (ExitCode.DONE, False)
+    assert "campaign.toml: nothing but quality can be evaluated; read 6 points" in done.output
 
 
 def test_points_of_no_surveyed_body_are_a_fault(tmp_path: Path) -> None:
