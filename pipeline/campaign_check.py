@@ -39,7 +39,9 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
 
     faults = settings_faults(campaign)
     if faults:
-        raise CampaignFaults([*faults, *_raw_faults_despite(campaign)])
+        taken_out = {(None, fault.column) for fault in faults if fault.column}  # no file can do without what these say
+        further = (each for each in _raw_faults_despite(campaign) if (each.row, each.column) not in taken_out)
+        raise CampaignFaults([*faults, *further])
     run = detached_run(campaign)
     raw = _read_raw(run)
     found = Found(raw.tables, raw.targets, campaign.has_photographs)

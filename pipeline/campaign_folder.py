@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from schemas.faults import CampaignFaults, Fault
-from schemas.settings_text import LARGEST, TooLarge, read_settings_text
+from schemas.settings_text import LARGEST, TooDeep, TooLarge, parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -80,14 +80,14 @@ def open_campaign(place: Path) -> CampaignFolder:
         found = str(error.object[error.start : error.end])
         raise CampaignFaults([Fault(str(file), "text in UTF-8", value=found)]) from None
     try:
-        return CampaignFolder(file, tomllib.loads(text))
+        return CampaignFolder(file, parsed_toml(text))
     except tomllib.TOMLDecodeError as error:
         raise CampaignFaults([_toml_fault(file, error)]) from None
+    except TooDeep as error:
+        raise CampaignFaults([Fault(str(file), f"valid TOML; {error}")]) from None
     except ValueError:  # Python turns no longer text into an integer
         longest = sys.get_int_max_str_digits()
         raise CampaignFaults([Fault(str(file), f"numbers of at most {longest} digits")]) from None
-    except RecursionError:
-        raise CampaignFaults([Fault(str(file), "valid TOML; brackets within brackets go too deep")]) from None
 
 
 def _expected_instead(place: Path) -> str:

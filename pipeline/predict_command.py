@@ -11,7 +11,7 @@ from pipeline.problems import ExitCode
 from pipeline.voice import Voice
 from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
-from schemas.settings_text import read_settings_text
+from schemas.settings_text import parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -55,9 +55,7 @@ def _csv(table: pa.Table) -> bytes:
 
 
 def _campaign(model: Path, text: str) -> str:
-    import tomllib
-
-    carried = tomllib.loads(text).get("provenance", {})
+    carried = parsed_toml(text).get("provenance", {})
     return str(carried.get("campaign", model.name))
 
 

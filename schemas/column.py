@@ -8,6 +8,10 @@ from typing import Literal
 
 # No measurement, in whatever unit; its fourth power is still a number, so that nothing later overflows.
 LARGEST = 1e30
+# Nor is anything this small but nothing; its square is still a number, and so is one over that.
+SMALLEST = 1e-30
+# Standard deviations of a coordinate, mm: a picometre is a hundredth of an atom, a kilometre no measurement.
+LEAST_SIGMA_MM, MOST_SIGMA_MM = 1e-9, 1e6
 
 Kind = Literal["identifier", "text", "integer", "real", "flag"]
 

@@ -12,10 +12,17 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from schemas.column import LARGEST
+from schemas.column import LARGEST, SMALLEST
 
-Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)]
+
+def _is_of_size(value: float) -> float:
+    if 0.0 < abs(value) < SMALLEST:
+        raise ValueError(f"at least {SMALLEST:g}: no quantity of a campaign is smaller")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 # From absolute zero to where the last metal melts.
 Temperature = Annotated[float, Field(ge=-273.15, le=3500.0, allow_inf_nan=False)]

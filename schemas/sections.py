@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
-from schemas.section import Day, Identifier, Name, NotNegative, OneOrSeveral, Positive, Section, Shown, Words
+from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from schemas.section import (
+    Day,
+    Identifier,
+    Name,
+    NotNegative,
+    OneOrSeveral,
+    Positive,
+    Section,
+    Shown,
+    Words,
+)
 
 OverloadFactor = Annotated[float, Field(ge=1.0, le=10.0, allow_inf_nan=False)]
 
@@ -95,21 +106,39 @@ class Requirement(PoseComponents):
     """[requirement]: desired accuracy."""
 
 
+def _is_nothing_or_real(value: float) -> float:
+    if 0.0 < value < LEAST_SIGMA_MM:
+        raise ValueError(f"0, or at least {LEAST_SIGMA_MM:g}")
+    return value
+
+
+# Standard deviations that an instrument may have, in the unit of the key: from a hundredth of an atom, or from what no
+# converter resolves, to what is no measurement any more. 0 is what is taken as exact.
+OfLength = Annotated[float, Field(ge=LEAST_SIGMA_MM, le=MOST_SIGMA_MM, allow_inf_nan=False)]
+OfReadings = Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False), AfterValidator(_is_nothing_or_real)]
+OfDisplacement = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
+OfAngles = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
+OfRotation = Annotated[float, Field(ge=1e-12, le=3.2, allow_inf_nan=False)]
+OfSignals = Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
+OfImages = Annotated[float, Field(ge=1e-6, le=1e4, allow_inf_nan=False)]
+OfLoads = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False), AfterValidator(_is_nothing_or_real)]
+
+
 class Noise(Section):
     """[noise]: one standard deviation, as specified for the instrument."""
 
-    point_mm: Positive | None = Field(None, description="photogrammetry: each coordinate of a point")
-    image_px: Positive | None = Field(None, description="photographs: each image coordinate that gives no sigma itself")
-    actuator_mm: NotNegative = Field(0.0, description="photogrammetry: an actuator's reading")
-    linear_um: Positive | None = Field(None, description="interferometer, linear channels")
-    angular_arcsec: Positive | None = Field(None, description="interferometer, angular channels")
-    signal_mv: Positive | None = Field(None, description="signal channels")
-    displacement_mm: Positive | None = Field(
+    point_mm: OfLength | None = Field(None, description="photogrammetry: each coordinate of a point")
+    image_px: OfImages | None = Field(None, description="photographs: each image coordinate that gives no sigma itself")
+    actuator_mm: OfReadings = Field(0.0, description="photogrammetry: an actuator's reading")
+    linear_um: OfDisplacement | None = Field(None, description="interferometer, linear channels")
+    angular_arcsec: OfAngles | None = Field(None, description="interferometer, angular channels")
+    signal_mv: OfSignals | None = Field(None, description="signal channels")
+    displacement_mm: OfLength | None = Field(
         None, description="six-component displacement and measured poses, translation"
     )
-    rotation_rad: Positive | None = Field(None, description="six-component displacement and measured poses, rotation")
-    load_n: NotNegative = Field(0.0, description="applied force")
-    load_nm: NotNegative = Field(0.0, description="applied torque")
+    rotation_rad: OfRotation | None = Field(None, description="six-component displacement and measured poses, rotation")
+    load_n: OfLoads = Field(0.0, description="applied force")
+    load_nm: OfLoads = Field(0.0, description="applied torque")
 
 
 class Bodies(Section):

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
+import tomllib
 from pathlib import Path
+from typing import Any
 
 from schemas.special_files import is_special
 
 LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _NOTHING_THERE = {errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG}
+
+
+DEEPEST = 64  # tables and lists within each other; what is read here needs six
+# A dotted key of thousands of parts takes the parser minutes.
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++\s*+\.\s*+){{{DEEPEST}}}")
+
+
+class TooDeep(ValueError):
+    """Tables or lists within each other, deeper than settings ever are."""
+
+    def __init__(self) -> None:
+        super().__init__(f"at most {DEEPEST} tables or lists within each other")
 
 
 class TooLarge(ValueError):
@@ -32,6 +47,29 @@ def read_settings_text(path: Path) -> str:
     if size > LARGEST:
         raise TooLarge(size)
     return path.read_text(encoding="utf-8-sig")
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """Return the document that a TOML text holds.
+
+    Raises TooDeep, tomllib.TOMLDecodeError, and ValueError for integers of more digits than Python reads.
+    """
+    if _LONG_KEY.search(text):
+        raise TooDeep
+    try:
+        document = tomllib.loads(text)
+    except RecursionError:
+        raise TooDeep from None
+    level: list[Any] = [document]
+    for _ in range(DEEPEST):
+        level = [inner for one in level for inner in _within(one) if isinstance(inner, dict | list)]
+        if not level:
+            return document
+    raise TooDeep
+
+
+def _within(one: Any) -> list[Any]:
+    return list(one.values()) if isinstance(one, dict) else one
 
 
 def regular_size(path: Path) -> int:

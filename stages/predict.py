@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from schemas.artifacts import ARTIFACTS
 from schemas.covariates import own_name
 from schemas.faults import CampaignFaults, Fault
+from schemas.settings_text import parsed_toml
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -21,11 +22,9 @@ def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Ta
     Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the
     model is none.
     """
-    import tomllib
-
     from truing.simulation.bench.sensor_text import is_sensor, read_sensor
 
-    if is_sensor(tomllib.loads(model)):
+    if is_sensor(parsed_toml(model)):
         from stages.sensor.predicted_readings import predicted_readings
 
         return predicted_readings(read_sensor(model), inputs, file)

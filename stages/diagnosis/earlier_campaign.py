@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
+from schemas.settings_text import parsed_toml
 from stages.responses.tables import Rows
 from truing.estimation.diagnosis.changes import Comparison, compare
 from truing.estimation.diagnosis.fitted_model import Fitter, Stand
@@ -60,7 +60,7 @@ def started(gathered: Gathered, text: str, seed: int) -> Gathered:
 
 def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], Earlier]:
     """The earlier campaign's name, its effects, and what it tells of a model of points or of readings."""
-    if is_sensor(tomllib.loads(text)):
+    if is_sensor(parsed_toml(text)):
         sensor = read_sensor(text)
         return sensor.context.get("campaign", _UNNAMED), sensor.causes, earlier_sensor(sensor, model)
     found = read_model(text)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.column import LEAST_SIGMA_MM
 from schemas.faults import Fault
 from stages.ingestion.gathered_columns import numbers, texts
 from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, meant, window
@@ -159,7 +160,8 @@ def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Arra
     if np.isnan(sigma).any():
         said = f"a standard deviation of the points, which {found.first_file} does not give in every row"
         log.add(Fault(_FILE, said, column="noise.point_mm"))
-    found.fault(log, (sigma == 0.0).any(axis=1), "sigma_x_mm", "a standard deviation above 0")
+    absurd: NDArray[np.bool_] = np.any(sigma < LEAST_SIGMA_MM, axis=1)
+    found.fault(log, absurd, "sigma_x_mm", "a standard deviation above 0")
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from schemas.faults import Fault
 from stages.ingestion.point_sizes import Geometry, size_faults
 from stages.ingestion.relabelling import Relabelling
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from stages.ingestion.adjusted_points import AdjustedPoints
 
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_EXPECTED_SIGMA = f"a standard deviation above 0, from {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm"
 _CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
 _SAMPLED_POSES = 5
 _MANY = 1 << 20
@@ -210,8 +212,9 @@ class Points:
 
     def _check_sigma(self, file: FileRows, batch: TableBatch, name: str) -> None:
         if name in batch.columns:
-            zero = np.asarray(batch.columns[name].fill_null(1.0)) == 0.0
-            faults = CellFaults.where(zero, batch.records, batch.columns[name], name, "a standard deviation above 0")
+            given = np.asarray(batch.columns[name].fill_null(1.0))
+            absurd = ((given >= 0.0) & (given < LEAST_SIGMA_MM)) | (given > MOST_SIGMA_MM)
+            faults = CellFaults.where(absurd, batch.records, batch.columns[name], name, _EXPECTED_SIGMA)
             self.log.cells(file.raw.name, faults, file.locate)
 
     def _sigma(self, file: FileRows, given: pa.Array | None, rows: int) -> pa.Array:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from schemas.faults import Fault
-from schemas.settings_text import read_settings_text
+from schemas.settings_text import parsed_toml, read_settings_text
 from truing.simulation.bench.sensor_text import is_sensor
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
         return None
     try:
         text = read_settings_text(source.earlier_model.path)
-        wrong = _departure(tomllib.loads(text), settings.mechanism)
+        wrong = _departure(parsed_toml(text), settings.mechanism)
     except OSError:
         wrong = "a file that can be read: the model.toml of an earlier campaign"
     except (ValueError, RecursionError) as error:  # no text, no TOML, or numbers without end in it

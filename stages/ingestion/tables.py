@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
+
+_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 
 
 def legs_of(settings: Any) -> tuple[Any, ...]:
@@ -185,7 +188,11 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
         if body not in surveyed:
             log.add(Fault(found.first_file, f"targets of body {body}", column="body"))
     table = found.table
-    for name in ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"):
+    for name in _SIGMAS:
+        if name in table.column_names:
+            sigma = _numbers(found, name)
+            tiny = (sigma > 0.0) & (sigma < LEAST_SIGMA_MM)
+            found.fault(log, tiny | (sigma > MOST_SIGMA_MM), name, f"0, or {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm")
         table = _with_declared(table, name, settings.noise.point_mm)
     if "leg" not in table.column_names:
         table = table.append_column("leg", pa.nulls(len(table), pa.int64()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.problems import ExitCode
@@ -10,6 +11,16 @@ from tests.broken.spoiling import Broken, appended, cut, gone, replaced, toml, w
 
 _A1 = "a_mm = [-119.341451, -97.332513, 0.0]"
 _B1 = "b_mm = [-14.111343, -134.260456, 0.0]"
+
+
+def _first(text: str) -> Callable[[Path], None]:
+    """A text before all others of campaign.toml."""
+
+    def spoil(folder: Path) -> None:
+        file = folder / "campaign.toml"
+        file.write_text(text + file.read_text())
+
+    return spoil
 
 
 def _five_legs(folder: Path) -> None:
@@ -62,6 +73,16 @@ CASES = (
     Broken("noise-infinite", "telescope", toml("point_mm = 0.005", "point_mm = inf"), ("noise.point_mm", "inf")),
     Broken("noise-as-text", "telescope", toml("point_mm = 0.005", 'point_mm = "5 um"'), ("noise.point_mm", "5 um")),
     Broken("noise-gigantic", "telescope", toml("point_mm = 0.005", "point_mm = 1e300"), ("noise.point_mm", "1e")),
+    Broken(
+        "noise-tiny", "telescope", toml("point_mm = 0.005", "point_mm = 1e-300"), ("noise.point_mm.*1e-300.*1e-09",)
+    ),
+    Broken("noise-denormal", "telescope", toml("point_mm = 0.005", "point_mm = 5e-324"), ("noise.point_mm.*5e-324",)),
+    Broken("noise-of-readings-tiny", "telescope", toml("actuator_mm = 0.001", "actuator_mm = 1e-300"), ("0, or at",)),
+    Broken("tolerance-tiny", "telescope", toml("a_mm = 0.5", "a_mm = 1e-300"), ("tolerance.a_mm.*1e-300",)),
+    Broken("key-of-many-dots", "telescope", _first(".".join(["a"] * 20_000) + " = 1\n"), ("64 tables",)),
+    Broken("tables-within-tables", "telescope", appended("campaign.toml", f"[{'.'.join(['a'] * 900)}]\n"), ("64",)),
+    Broken("quoted-dots", "telescope", appended("campaign.toml", '["a"' + '."a"' * 900 + "]\n"), ("64 tables",)),
+    Broken("lists-within-lists", "telescope", appended("campaign.toml", f"z = {'[' * 200}{']' * 200}\n"), ("64",)),
     Broken("tolerance-negative", "telescope", toml("a_mm = 0.5", "a_mm = -0.5"), ("tolerance.a_mm",)),
     Broken(
         "tolerance-longer-than-a-leg",

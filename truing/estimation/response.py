@@ -189,7 +189,8 @@ def _solve(
     n_free, width = int(free.sum()), free.shape[0]
     coefficients = np.zeros(free.shape)
     coefficients[free] = theta[:n_free]
-    chi_square = float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta)
+    # Residuals that are nothing but rounding leave a sum of squares that rounding may turn below zero.
+    chi_square = max(float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta), 0.0)
     informative = _rank(weight)
     informative += int(np.linalg.matrix_rank(prior, hermitian=True)) if prior.any() else 0
     return ResponseFit(

@@ -38,16 +38,22 @@ def holm_significant(p: Array, false_alarm: float) -> NDArray[np.bool_]:
     return significant.reshape(p.shape)
 
 
+_EXACT = 1e-6  # residuals, in declared standard deviations, that no measurement has
+
+
 def gain_p_value(smaller: ResponseFit, larger: ResponseFit) -> float:
     """p-value of the larger of two nested models against the smaller: F where the noise level is estimated too.
 
     The noise level comes from the larger model's residuals, so noise declared 10 % wrong does not decide the test.
+    Where these are nothing but rounding, as of points that repeat exactly, the declared noise decides (chi-square).
     """
-    from scipy.special import fdtrc
+    from scipy.special import chdtrc, fdtrc
 
     extra = smaller.dof - larger.dof
     if extra <= 0 or larger.dof <= 0:
         return float("nan")
+    if larger.chi_square <= _EXACT**2 * larger.dof:
+        return float(chdtrc(extra, max(smaller.chi_square - larger.chi_square, 0.0)))
     ratio = (smaller.chi_square - larger.chi_square) / extra / (larger.chi_square / larger.dof)
     return float(fdtrc(extra, larger.dof, max(ratio, 0.0)))
 

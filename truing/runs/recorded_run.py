@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
 from schemas.memory import raise_shortage
-from schemas.settings_text import read_settings_text, regular_size
+from schemas.settings_text import parsed_toml, read_settings_text, regular_size
 from schemas.whole_table import whole_table
 from truing.runs.page_parts import page_parts, provenance_of
 
@@ -92,7 +91,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         from truing.simulation.model_text import read_model
 
         text = read_settings_text(path)
-        document = tomllib.loads(text)
+        document = parsed_toml(text)
         if "model" not in document:
             return None  # the stage was not evaluated, and says so in the file
         return read_sensor(text) if is_sensor(document) else read_model(text)

@@ -7,13 +7,13 @@ all unknowns, in the order of its names: a, b, u, l leg by leg (u as two tilts a
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.settings_text import parsed_toml
 from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue, of_photographed_points
 from truing.simulation.effect_text import (
@@ -56,7 +56,7 @@ def write_model(extended_model: ExtendedModel) -> str:
 def read_model(text: str) -> ExtendedModel:
     """Return the model that a text of `write_model` describes; raises ValueError where it does not describe one."""
     try:
-        return _from_document(tomllib.loads(text))
+        return _from_document(parsed_toml(text))
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise ValueError(f"model: found no usable {error}, expected what `truing run` writes as model.toml") from error
 

@@ -44,6 +44,8 @@ class Observability:
     @property
     def condition(self) -> float:
         """Return the condition number, infinite where a direction is null to rounding."""
+        if not len(self.singular_values):  # no parameter at all
+            return np.inf
         first, last = self.singular_values[0], self.singular_values[-1]
         return float(first / last) if last > self.rounding else np.inf
 
@@ -104,7 +106,7 @@ def observe(
         raise ValueError("jacobian and scales have to be finite, and scales positive")
     triangle = _triangle(J * tolerance)
     _, values, rows = np.linalg.svd(triangle)
-    rounding = accuracy * max(J.shape) * float(values[0])
+    rounding = accuracy * max(J.shape) * float(values.max(initial=0.0))
     least = max(1.0 / unidentifiable, rounding)
     return Observability(tuple(labels), tolerance, triangle, values, rows.T, least, rounding)
 
@@ -142,7 +144,7 @@ def indices(singular_values: NDArray, poses: int) -> Indices:
     tolerances. They are meant for an identifiable set: one unidentifiable direction rules all of them.
     """
     s = np.asarray(singular_values, float)
-    if s[-1] <= 0:
+    if not len(s) or s[-1] <= 0:
         return Indices(0.0, 0.0, 0.0, 0.0, 0.0, -np.inf)
     logs = np.log(s)
     o1 = np.exp(logs.mean()) / np.sqrt(poses)

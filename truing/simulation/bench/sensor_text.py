@@ -6,12 +6,12 @@ compliance, row by row, and of the effects' values.
 
 from __future__ import annotations
 
-import tomllib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.settings_text import parsed_toml
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.reading_state import CHANNELS, LOADS
 from truing.simulation.cause import Effect
@@ -67,7 +67,7 @@ def is_sensor(document: dict[str, Any]) -> bool:
 def read_sensor(text: str) -> ExtendedSensor:
     """Return the model that a text of `write_sensor` describes; raises ValueError where it does not describe one."""
     try:
-        return _from_document(tomllib.loads(text))
+        return _from_document(parsed_toml(text))
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise ValueError(f"model: found no usable {error}, expected what `truing run` writes as model.toml") from error
 
