@@ -158,7 +158,7 @@ def _open_hdf5(path: Path) -> Iterator[Mapping[str, Variable]]:
     try:
         import h5py
     except ModuleNotFoundError:
-        raise Unusable("save('name.mat', '-v7') here: version 7.3 needs h5py (pip install 'truing[tables]')") from None
+        raise Unusable("save('name.mat', '-v7') here: version 7.3 needs h5py, which is not installed") from None
     left = max(FREE, LARGEST_RATIO * path.stat().st_size)
     try:
         with h5py.File(path, "r", locking=False) as file:

@@ -146,7 +146,7 @@ def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
     try:
         import openpyxl
     except ModuleNotFoundError:
-        raise Unusable("a sheet saved as CSV: workbooks need openpyxl (pip install 'truing[tables]')") from None
+        raise Unusable("a sheet saved as CSV: workbooks need openpyxl, which is not installed") from None
     _check_size(path)
     try:
         with warnings.catch_warnings():
