@@ -172,7 +172,7 @@ def _judged(
     failed = tuple(
         f"{c.check} {c.subject}".strip() for c, a in zip(checks, accepted, strict=True) if c.verdict == FAIL and not a
     )
-    warned = sum(c.verdict == WARN for c in checks)
+    warned = sum(c.verdict == WARN and not a for c, a in zip(checks, accepted, strict=True))
     signed = {(c.check, c.subject): who for c, who in zip(checks, accepted, strict=True)}
     belonging = belonging_table(relations, [signed.get((one.relation, one.subject)) for one in relations])
     return Outcome(

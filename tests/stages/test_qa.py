@@ -16,6 +16,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.generator.schedule import published_moves, random_moves
 from tests.stages.line import run_line
+from truing.report.quality_section import quality
 
 PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
 K = 0.01 * np.random.default_rng(0).standard_normal((6, 6))
@@ -188,6 +189,14 @@ def test_a_person_accepts_a_verdict_by_name(tmp_path):
     row = _rows(qa, "exchanged-labels").loc["targets P02 P05"]
     assert row["verdict"] == "fail"
     assert row["accepted"] == "M. Keller: known"
+    lead = quality({"qa": qa}).lead
+    open_ones = qa[qa["accepted"].isna()]["verdict"].value_counts()
+    for verdict, word in (("fail", "failed"), ("warn", "warn")):
+        assert f", {open_ones.get(verdict, 0)} {word}" in said.figure
+        assert (f"{open_ones.get(verdict, 0)} {verdict}" in lead) == (verdict in open_ones)
+    assert said.figure.endswith(", 1 accepted")
+    assert lead.endswith(", 1 accepted.")
+    assert len(said.failed_checks) == open_ones.get("fail", 0)
     assert not said.failed_checks
 
 

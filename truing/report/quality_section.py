@@ -29,8 +29,9 @@ def quality(tables: Tables) -> Section | None:
         _checks(qa[(qa["verdict"] == "warn") & ~accepted], "To look at"),
         _checks(qa, f"All {len(qa)} checks", folded=True),
     ]
-    counts = qa["verdict"].value_counts()
-    lead = ", ".join(f"{counts[v]} {v}" for v in _ORDER if v in counts)
+    counts = qa[~accepted]["verdict"].value_counts()  # as the head of the page, the log and the exit code count them
+    told = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
+    lead = ", ".join([*told, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
     idle = (qa["verdict"] == "not evaluated").all()
     state = "fail" if listings[0].rows else "not evaluated" if idle else "pass"
     shown = tuple(x for x in listings if x.rows)
