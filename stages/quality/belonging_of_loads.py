@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _MILLIVOLT = 1e-3
+_SAME_SIZE = 1e-9  # of the logarithm of a factor
 
 
 def relations_of_loads(view: LoadingView, tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Tested, ...]:
@@ -58,32 +59,42 @@ def relations_of_loads(view: LoadingView, tables: Mapping[str, pa.Table], settin
         rows = _of_rows(view, loaded, channels, answers, _typical(steps.sigma), loads_of_readings.RELATION)
         found += _with_rows(_also_reversed(response, loaded), rows)
     else:
-        found.append(_in_range(steps.load, settings) or loads_of_readings.untested("no-readings"))
+        found.append(_in_range(steps.load, settings) or loads_of_readings.untested("no-displacements"))
     if steps.signals:
         signal = np.where(alone[:, None], steps.signal, np.nan)
         recorded = Recorded(steps.load, steps.run, signal, names, settings.signals.zero_mv is not None)
         response = _of_signals(recorded, signals, settings)
-        response = _as_readings_have_it(response, found[0])
+        found[0], response = _reconciled(found[0], response)
         answers = signals_of_loads.responses_of(recorded, len(signals))
         hiss = np.full(len(signals), (settings.noise.signal_mv or np.nan) * _MILLIVOLT)
         rows = _of_rows(view, recorded, signals, answers, hiss, signals_of_loads.RELATION)
-        found = [_as_signals_have_it(one, response) for one in found]
         found += _with_rows(_also_reversed(response, recorded), rows)
     return (*found, *copies)
 
 
-def _as_signals_have_it(readings: Tested, signals: Tested) -> Tested:
-    """Readings whose slip has rivals, of which signals name one."""
-    agreed = tuple(slip for slip in readings.rivals if slip in signals.slips and _as_large(slip, readings.slips[0]))
-    if len(readings.slips) != 1 or not agreed:
-        return readings
-    others = tuple(slip for slip in (*readings.slips, *readings.rivals) if slip not in agreed)
-    return replace(readings, slips=agreed[:1], rivals=others)
+def _reconciled(readings: Tested, signals: Tested) -> tuple[Tested, Tested]:
+    """Both tests with the slip first that both know; where readings follow the loads as predicted, loads are right."""
+    known = (*signals.slips, *signals.rivals)
+    common = [slip for slip in (*readings.slips, *readings.rivals) if slip in known]
+    if len(readings.slips) == len(signals.slips) == 1 and common:
+        return _put_first(readings, common[0]), _put_first(signals, common[0])
+    runs = readings.slips[0].subjects if len(readings.slips) == 1 and readings.slips[0].quantity == "load" else ()
+    if runs and signals.state == State.OK and not any(set(slip.subjects) & set(runs) for slip in signals.hidden):
+        moved = [slip for slip in readings.rivals if slip.quantity in ("displacement", "rotation")]
+        return (_put_first(readings, moved[0]) if moved else readings), signals
+    own = [slip for slip in signals.rivals if slip.quantity == "signal"]
+    right = readings.state == State.OK and all(slip.quantity != "load" for slip in readings.hidden)
+    if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
+        return readings, _put_first(signals, own[0])
+    return readings, signals
 
 
-def _as_large(one: Slip, other: Slip) -> bool:
-    """Whether two slips are of one size, whichever way they are told."""
-    return one.kind == other.kind and abs(abs(np.log(one.factor)) - abs(np.log(other.factor))) < 1e-9
+def _put_first(tested: Tested, slip: Slip) -> Tested:
+    """A test with one of the slips that it has found as likely before the others."""
+    if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
+        return tested
+    others = tuple(one for one in (*tested.slips, *tested.rivals) if one != slip)
+    return replace(tested, slips=(slip,), rivals=others)
 
 
 def _also_reversed(tested: Tested, steps: Recorded) -> Tested:
@@ -128,7 +139,11 @@ def _of_signals(recorded: Recorded, columns: Sequence[Column], settings: Campaig
 def _either(predicted: Tested, alike: Tested, runs: Sequence[str]) -> Tested:
     """What a prediction tells; where it tells no slip, or one of single runs, what runs tell of each other."""
     of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)
-    return replace(alike if alike.slips and of_runs else predicted, tried=predicted.tried + alike.tried)
+    if alike.slips and of_runs:
+        return replace(alike, tried=predicted.tried + alike.tried)
+    single = [slip for slip in alike.hidden if set(slip.subjects).intersection(runs) and slip.kind != SlipKind.SIGN]
+    doubled = tuple(replace(slip, factor=0.5) if slip.kind == SlipKind.UNIT else slip for slip in single)
+    return replace(predicted, tried=predicted.tried + alike.tried, hidden=(*predicted.hidden, *doubled))
 
 
 def _or_sensitivity(tested: Tested) -> Tested:
@@ -138,16 +153,6 @@ def _or_sensitivity(tested: Tested) -> Tested:
         return tested
     factor = slip.factor if slip.quantity == "load" else 1.0 / slip.factor
     return replace(tested, rivals=(*tested.rivals, Slip(SlipKind.UNIT, "sensitivity_mv_per_n", (), factor)))
-
-
-def _as_readings_have_it(signals: Tested, readings: Tested) -> Tested:
-    """Signals whose slip may be one of loads, or of signals as well, where readings follow these loads as predicted."""
-    agreed = [slip for slip in signals.rivals if slip.quantity == "signal"]
-    known = readings.state == State.OK and all(slip.quantity != "load" for slip in readings.hidden)
-    if len(signals.slips) != 1 or signals.slips[0].quantity != "load" or not agreed or not known:
-        return signals
-    others = tuple(slip for slip in (*signals.slips, *signals.rivals) if slip != agreed[0])
-    return replace(signals, slips=(agreed[0],), rivals=others)
 
 
 def _in_range(load: Array, settings: Campaign) -> Tested | None:

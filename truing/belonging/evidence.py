@@ -30,17 +30,17 @@ def physics(columns: Array) -> Physics:
     return Physics(left[:, kept], size[kept])
 
 
-def log_evidence(misfit: Array, known: Physics, floor: float) -> Array:
+def log_evidence(misfit: Array, known: Physics, floor: float, ceiling: float = np.inf) -> Array:
     """Return the log marginal likelihood of misfits (..., N) under known physics and white noise of unknown level.
 
-    The noise level is the most likely one not below ``floor`` (same unit as the misfit, positive). Constants that all
+    The noise level is the most likely one not below ``floor`` nor above ``ceiling`` (same unit as the misfit, positive). Constants that all
     hypotheses about the same N numbers share are kept, so that evidences compare.
     """
     explained = misfit @ known.left
     rest = np.maximum(np.sum(misfit**2, -1) - np.sum(explained**2, -1), 0.0)
     count, free = misfit.shape[-1], misfit.shape[-1] - len(known.size)
     top = max(float(np.sqrt(np.mean(misfit**2, -1)).max(initial=0.0)), floor) * 2.0
-    levels = np.geomspace(floor, max(top, 2.0 * floor), _LEVELS)
+    levels = np.geomspace(floor, min(max(top, 2.0 * floor), ceiling), _LEVELS)
     variance = known.size**2 + levels[:, None] ** 2
     fixed = -0.5 * (np.log(variance).sum(-1) + 2.0 * free * np.log(levels) + count * np.log(2.0 * np.pi))
     spent = np.tensordot(explained**2, 1.0 / variance, axes=(-1, -1)) + rest[..., None] / levels**2

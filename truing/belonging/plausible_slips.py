@@ -31,7 +31,6 @@ class Column:
     factors: tuple[float, ...]
     fringes: tuple[float, ...] = ()
     unit_si: float = 1.0
-    has_sign: bool = True
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,8 @@ def slips_of_columns(
         for k, column in enumerate(columns):
             yield from _column_slips(found, columns, [k], (column.name,), found.column == k, np.log(len(columns)))
         yield from _columns_exchanged(found, columns, np.ones(len(found), bool), (), 2.0 * np.log(len(columns)))
-        yield from exchanges_by_axis(found, columns)
+        if len({column.quantity for column in columns}) == 1:
+            yield from exchanges_by_axis(found, columns)
     for one in np.unique(found.run).tolist():
         mine = found.run == one
         yield from _columns_exchanged(found, columns, mine, (runs[one],), many + 2.0 * np.log(len(columns)))
@@ -219,8 +219,7 @@ def _column_slips(
     for factor in one.fringes:
         slip = Slip(SlipKind.FRINGES, one.quantity, subjects, factor)
         yield Candidate(slip, mine, _Values(mine, factor), penalty + 1.0)
-    if one.has_sign:
-        yield Candidate(Slip(SlipKind.SIGN, one.quantity, subjects), mine, _Values(mine, -1.0), penalty)
+    yield Candidate(Slip(SlipKind.SIGN, one.quantity, subjects), mine, _Values(mine, -1.0), penalty)
 
 
 def _columns_exchanged(

@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
 _BESIDE = 0.7  # of the prior widths of one response: what is left of it beside what responses have in common
 _TELLING = 0.3  # share of the possible response, expected or recorded, from which one tells hypotheses apart
-_FLOOR = 0.01  # relative scatter of responses from run to run
+_FLOOR, _CEILING = 0.01, 0.5  # relative scatter of responses from run to run, at least and at most
 CLEARLY, _RIGHT = 2.0, 1.2  # widths by which affected responses miss at least as recorded, and at most put right
 _MUCH = 12.0  # log evidence that a slip has to gain beyond what its number of rivals gives by chance
 _AS_LIKELY = 3.0  # log evidence within which another slip is as likely
@@ -112,6 +112,11 @@ class _Compared:
     def misses(self) -> Array:
         """Misfit in prior widths."""
         return np.asarray(self.misfit / self.width)
+
+    @property
+    def is_large(self) -> Mask:
+        """Whether a response is, or should be, large enough to tell hypotheses apart."""
+        return np.maximum(np.abs(self.share), np.abs(self.expected)) > _TELLING
 
     def chosen(self, rows: Mask) -> _Compared:
         return _Compared(self.share[rows], self.expected[rows], self.possible[rows], self.by)
@@ -214,11 +219,13 @@ def hidden(found: Responses, expected: Expected, candidates: Sequence[Candidate]
     read = as_recorded(found)
     here = _compare(found, expected, read)
     ideal = replace(found, size=here.expected * here.possible)
+    perfect = _compare(ideal, expected, read)
     out = []
     for candidate in candidates:
         now = candidate.undo(read)
-        changed = _differ(read, now)
-        if not changed.any() or _root(_compare(ideal, expected, now).misses[changed]) < CLEARLY:
+        there = _compare(ideal, expected, now)
+        changed = _telling(perfect, there, _differ(read, now))
+        if not changed.any() or _root(there.misses[changed]) < CLEARLY:
             out.append(candidate.slip)
     broad = {slip for slip in out if not slip.subjects}
     return tuple(slip for slip in out if not slip.subjects or replace(slip, subjects=()) not in broad)
@@ -270,18 +277,24 @@ def _halving(
 ) -> Iterator[tuple[float, Candidate, Reading]]:
     """Candidates that at least halve the misfit of what they concern and bring it to where physics may be, with what
     all responses then miss."""
-    before = here.misses
+    before = np.abs(here.misses)
     for candidate in candidates:
-        if not candidate.concerns.any() or _root(before[candidate.concerns]) < CLEARLY:
+        if np.max(before[candidate.concerns], initial=0.0) < CLEARLY:
             continue
         now = candidate.undo(read)
-        changed = _differ(read, now)
+        there = _compare(found, expected, now)
+        changed = _telling(here, there, _differ(read, now))
         if not changed.any() or _root(before[changed]) < CLEARLY:
             continue
-        after = _compare(found, expected, now).misses
-        size = _root(after[changed])
-        if size <= min(_RIGHT, 0.5 * _root(before[changed])):
+        after = there.misses
+        if _root(after[changed]) <= min(_RIGHT, 0.5 * _root(before[changed])):
             yield _root(after), candidate, now
+
+
+def _telling(here: _Compared, there: _Compared, changed: Mask) -> Mask:
+    """Of the responses that a slip changes, those that either way should be or are large; all where none is."""
+    large = changed & (here.is_large | there.is_large)
+    return large if large.any() else changed
 
 
 def _root(values: Array) -> float:
@@ -291,8 +304,7 @@ def _root(values: Array) -> float:
 def _gain(found: Responses, expected: Expected, one: tuple[Reading, _Compared], other: Reading) -> float:
     """Log evidence that another way to read responses has over one, by those that either way should or do tell."""
     here, there = one[1], _compare(found, expected, other)
-    sizes = [np.abs(values) for way in (here, there) for values in (way.share, way.expected)]
-    telling = np.max(sizes, axis=0) > _TELLING
+    telling = here.is_large | there.is_large
     if not telling.any():
         return -np.inf
     return _evidence(other, there, expected, telling) - _evidence(one[0], here, expected, telling)
@@ -304,7 +316,7 @@ def _evidence(read: Reading, compared: _Compared, expected: Expected, rows: Mask
     compared = compared.chosen(rows)
     slope = compared.slope
     axis = np.argmax(np.abs(read.direction * expected.of_load), axis=1)
-    own = _BESIDE * compared.width
+    own = _BESIDE * compared.width * np.where(compared.expected < 0.0, -1.0, 1.0)
     along = _SHARED * compared.expected * slope
     column = read.column
     known = [
@@ -314,7 +326,7 @@ def _evidence(read: Reading, compared: _Compared, expected: Expected, rows: Mask
         np.where((6 * column + axis)[:, None] == np.unique(6 * column + axis), own[:, None], 0.0),
     ]
     scale = np.log(np.abs(read.factor) / (compared.possible * np.hypot(compared.share, expected.linear)))
-    return float(log_evidence(compared.misfit, physics(np.column_stack(known)), _FLOOR)) + float(scale.sum())
+    return float(log_evidence(compared.misfit, physics(np.column_stack(known)), _FLOOR, _CEILING)) + float(scale.sum())
 
 
 def _relative(compared: _Compared, where: Mask) -> float:
