@@ -33,8 +33,8 @@ def physics(columns: Array) -> Physics:
 def log_evidence(misfit: Array, known: Physics, floor: float, ceiling: float = np.inf) -> Array:
     """Return the log marginal likelihood of misfits (..., N) under known physics and white noise of unknown level.
 
-    The noise level is the most likely one not below ``floor`` nor above ``ceiling`` (same unit as the misfit, positive). Constants that all
-    hypotheses about the same N numbers share are kept, so that evidences compare.
+    The noise level is the most likely one not below ``floor`` nor above ``ceiling`` (unit of the misfit, positive).
+    Constants that all hypotheses about the same N numbers share are kept, so that evidences compare.
     """
     explained = misfit @ known.left
     rest = np.maximum(np.sum(misfit**2, -1) - np.sum(explained**2, -1), 0.0)
