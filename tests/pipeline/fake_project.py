@@ -284,6 +284,7 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     files |= {"stages/__init__.py": "", "truing/__init__.py": '__version__ = "0"\n', "truing/formats/__init__.py": ""}
     files |= {
         "stages/prospects.py": _PROSPECTS,
+        "stages/belonging.py": "def failed_relations(tables):\n    return ()\n",
         "stages/attention.py": "def attention(settings, found):\n    return ()\n",
         "truing/estimation/__init__.py": "",
         "truing/estimation/mean.py": "def mean(values):\n    return sum(values) / len(values)\n",
