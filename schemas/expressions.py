@@ -6,7 +6,7 @@ import re
 import string
 import warnings
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator
 
@@ -16,26 +16,18 @@ LONGEST_PATTERN = 20_000
 _FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # what may follow a name's colon: the column is filled up
 
 
-def matching_library() -> Any:
-    """The module that matches expressions: `regex`, which can be told to give up, else `re`."""
-    try:
-        import regex
-    except ModuleNotFoundError:
-        return re
-    return regex
-
-
 def _compiles(pattern: str) -> str:
     if len(pattern) > LONGEST_PATTERN:
         raise ValueError(f"a regular expression of at most {LONGEST_PATTERN} characters")
-    library = matching_library()
+    import regex  # not where every command would wait for it
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what later versions of Python may read in another way
             re.compile(pattern)
             re.compile(pattern.encode())
-            library.compile(pattern)
-    except (re.error, library.error, OverflowError) as error:
+            regex.compile(pattern)
+    except (re.error, regex.error, OverflowError) as error:
         raise ValueError(f"not a regular expression: {error}") from None
     except RecursionError:
         raise ValueError("a regular expression with fewer brackets within brackets") from None

@@ -12,8 +12,6 @@ from tests.formats.reading import read, written
 from truing.formats.mapping import joined_by
 from truing.formats.patterns import BoundedPattern, TooSlow
 
-pytest.importorskip("regex", reason="without it expressions are matched by `re`, which cannot be told to give up")
-
 ENDLESS = r"(?P<{}>(?:a|aa)+)"  # every way of making a row of these letters from one and two
 LETTERS = "a" * 60 + "!"
 HEAD = "pose,body,target,x_mm,y_mm,z_mm\n"

@@ -8,8 +8,6 @@ from functools import lru_cache
 from time import perf_counter
 from typing import Any, AnyStr, Generic
 
-from schemas.expressions import matching_library
-
 SECONDS = 1.0  # of processor time, that one text may take
 _IN_ALL = 10.0  # seconds that an expression may take for all texts, besides
 _PER_TEXT = 2e-4  # seconds for each: a hundred times what usual ones take
@@ -37,14 +35,14 @@ class BoundedPattern(Generic[AnyStr]):
         self.key = key
         self._spent, self._asked = 0.0, 0
         # Without repeats it is decided at once in any case, by `re` some times faster.
-        library = re if _REPEATS.search(_text(expression)) is None else matching_library()
-        self._is_plain = library is re
-        self._found = library.compile(expression)
+        self._is_plain = _REPEATS.search(_text(expression)) is None
+        self._found: Any = re.compile(expression) if self._is_plain else _interruptible(expression)
 
     @property
     def groupindex(self) -> Mapping[str, int]:
         """The named groups, and their numbers."""
-        return self._found.groupindex
+        found: Mapping[str, int] = self._found.groupindex
+        return found
 
     def search(self, text: AnyStr) -> re.Match[AnyStr] | None:
         """The first match anywhere; raises TooSlow."""
@@ -56,12 +54,13 @@ class BoundedPattern(Generic[AnyStr]):
 
     def _asked_for(self, method: Any, text: AnyStr) -> re.Match[AnyStr] | None:
         if self._is_plain:
-            return method(text)
+            plain: re.Match[AnyStr] | None = method(text)
+            return plain
         begin = perf_counter()
         try:
             if len(text) > _LONGEST:
                 raise TimeoutError
-            match = method(text, timeout=SECONDS, concurrent=False)
+            match: re.Match[AnyStr] | None = method(text, timeout=SECONDS, concurrent=False)
         except TimeoutError:
             raise TooSlow(self.key, _text(text)) from None
         self._spent += perf_counter() - begin
@@ -69,6 +68,13 @@ class BoundedPattern(Generic[AnyStr]):
         if self._spent > _IN_ALL + _PER_TEXT * self._asked:
             raise TooSlow(self.key, _text(text))
         return match
+
+
+def _interruptible(expression: AnyStr) -> Any:
+    """The pattern as `regex` compiles it, which can be told to give up."""
+    import regex
+
+    return regex.compile(expression)
 
 
 @lru_cache(maxsize=1000)
