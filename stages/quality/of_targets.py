@@ -84,7 +84,8 @@ def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
         )
         return
     shape = body_shape(points)
-    across, thick = shape.extents[1] / shape.extents[0], shape.extents[2] / shape.extents[0]
+    length = shape.extents[0] if shape.extents[0] > 0.0 else 1.0  # all targets in one place are neither wide nor thick
+    across, thick = shape.extents[1] / length, shape.extents[2] / length
     spread, line = float(shape.extents[1] * 1e3), limits.of("geometry-line", per=float(np.median(body.sigma)) * 1e3)
     in_line = line.verdict(spread) != PASS
     yield line.row(
