@@ -96,7 +96,8 @@ def best_written(motion: Motion, description: Description, *, exchanged: bool) -
     plain = _written(motion, description, asked, own, [changes[0]] * count, float(scores[own, own, 0].sum()))
     found = _most_likely(scores, changes, exchanged=exchanged)
     best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
-    return plain, best, scores.size if exchanged else count * len(changes)
+    # the fitted factor is none of those that are tried in every campaign
+    return plain, best, count * (count if exchanged else 1) * len(own_changes())
 
 
 def _is_geometry(motion: Motion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> NDArray[np.bool_]:
