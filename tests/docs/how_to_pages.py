@@ -73,7 +73,7 @@ def write_listing(path: Path, text: str) -> None:
 
 def write_workbook(path: Path, listing: str) -> None:
     """A workbook of the sheets that a page lists, cells separated by commas, numbers as such."""
-    openpyxl = pytest.importorskip("openpyxl", reason="the extra `tables` is not installed")
+    openpyxl = pytest.importorskip("openpyxl", reason="not installed")
     book = openpyxl.Workbook()
     book.remove(book.active)
     for line in listing.splitlines():

@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 from tests.formats.reading import read
 from tests.tolerance import assert_close
 
-h5py = pytest.importorskip("h5py", reason="the extra `tables` is not installed")
+h5py = pytest.importorskip("h5py", reason="not installed")
 
 RNG = np.random.default_rng(7)
 XYZ = RNG.uniform(-100.0, 100.0, (5, 3))

@@ -11,7 +11,7 @@ import xlsxwriter
 
 from tests.formats.reading import read
 
-openpyxl = pytest.importorskip("openpyxl", reason="the extra `tables` is not installed")
+openpyxl = pytest.importorskip("openpyxl", reason="not installed")
 
 HEADER = ["Pose", "Marke", "X [mm]", "Y [mm]", "Z [mm]"]
 ROWS = [[1, "T1", 1.5, 2.25, -3.0], [1, "T2", 4, 5, 6], [2, "T1", 7.125, 8, 9]]

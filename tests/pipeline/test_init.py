@@ -497,7 +497,7 @@ def test_the_same_fault_in_many_files_is_one_message_with_a_count(tmp_path: Path
 
 
 def test_a_sheet_of_a_workbook_is_proposed_as_it_is_read(tmp_path: Path) -> None:
-    openpyxl = pytest.importorskip("openpyxl", reason="the extra `tables` is not installed")
+    openpyxl = pytest.importorskip("openpyxl", reason="not installed")
     book = openpyxl.Workbook()
     book.active.title = "Messdaten"
     book.active.append(["Projekt"])
