@@ -54,7 +54,8 @@ def may_be(slip: Mapping[str, Any], made: Made) -> bool:
     if slip["kind"] != made.kind or slip["quantity"] not in (*made.quantities, "reading", "rows"):
         return False
     whole = not made.subjects and set(slip["subjects"]) <= {"all runs", "any two in all runs"}
-    here = bool(made.subjects) and set(made.subjects) <= set(slip["subjects"])
+    runs = {name for name in made.subjects if name.startswith("run ")}
+    here = bool(made.subjects) and (runs or set(made.subjects)) <= set(slip["subjects"])
     return bool((slip["factor"] == 1.0 or np.isclose(slip["factor"], made.factor, rtol=1e-3)) and (whole or here))
 
 

@@ -59,13 +59,20 @@ def against_geometry(steps: Recorded, columns: Sequence[Column], legs: Array, ga
             tested = _tested(told, unseen)
             if not tested.slips:
                 return tested
-            best = tested if best is None or _named(tested) < _named(best) else best
+            if not _turns_most(tested, steps) and (best is None or _named(tested) < _named(best)):
+                best = tested
     return best if best is None or gain is not None else replace(best, rivals=(*best.rivals, *_the_other_way(best)))
 
 
 def _named(tested: Tested) -> int:
     """How many columns and runs slips name: of two stories, the one that needs fewer."""
     return sum(len(slip.subjects) for slip in tested.slips)
+
+
+def _turns_most(tested: Tested, steps: Recorded) -> bool:
+    """Whether most runs would have the opposite sign: then the others have, of signals that count the other way."""
+    most = 0.5 * len(np.unique(steps.run))
+    return any(slip.kind == SlipKind.SIGN and len(set(slip.subjects) & set(steps.runs)) > most for slip in tested.slips)
 
 
 def _explained(
