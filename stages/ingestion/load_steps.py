@@ -22,7 +22,7 @@ def check_once(found: Gathered, log: FaultLog, *key: str, cure: str = "") -> Non
 
 
 def check_times(found: Gathered, log: FaultLog) -> None:
-    """A fault at every row that was not taken after all earlier steps of its run."""
+    """A fault at every row that was not taken after the step before it in its run."""
     if "time_s" not in found.table.column_names:
         return
     run, step, time = numbered(found, "run"), numbers(found, "step"), numbers(found, "time_s")
@@ -30,9 +30,9 @@ def check_times(found: Gathered, log: FaultLog) -> None:
     order = np.lexsort((time, step, run))
     order = order[found.sound("run", "step", "time_s")[order]]
     for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
-        latest = np.maximum.accumulate(np.where(np.isfinite(time[rows]), time[rows], -np.inf))
-        before = np.searchsorted(step[rows], step[rows])  # the first row of the same step
-        wrong[rows] = (before > 0) & (time[rows] <= latest[before - 1])
+        known = rows[np.isfinite(time[rows])]
+        before = np.searchsorted(step[known], step[known])  # the first row of the same step: before it, the latest
+        wrong[known] = (before > 0) & (time[known] <= time[known[before - 1]])
     found.fault(log, wrong, "time_s", "a time after that of the step before: steps are in the order taken")
 
 

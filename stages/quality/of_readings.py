@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
-from truing.estimation.interferometry.log_quality import signs_flipped, units_mistaken
+from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure, units_mistaken
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
 from truing.report.numbers import handy
@@ -164,10 +164,26 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
         names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
         said = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
         yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, said)
-    if not flipped:
+    alike, count = int(np.count_nonzero(_same_sign(found, share))), len(found.slope)
+    if not flipped and not alike:
+        why = "no run answers clearly that another one under the same axis, or a simulation, could be compared with"
+        yield without("signs", "signs", of, why)
+    elif not flipped:
         against = "the simulation" if found.simulated else "each other"
-        said = f"{of}: {len(found.slope)} runs and channels have the same sign as {against}."
+        some = f"{count}" if alike == count else f"{alike} of {count}"
+        said = f"{of}: {some} runs and channels have the same sign as {against}."
+        if alike < count:
+            said += " The others answer too little, or have no like run to be compared with."
         yield Check("signs", of, 1.0, 0.0, "1", PASS, said)
+
+
+def _same_sign(found: Answers, share: float) -> NDArray[np.bool_]:
+    """Which answers (G,) clearly have the sign of the simulated, or of another of their kind."""
+    sure = signs_sure(found.slope, found.sigma, share)
+    if found.simulated:
+        return sure & (found.slope > 0.0)
+    groups = np.unique(np.stack([found.kind, found.slope > 0.0]), axis=1, return_inverse=True)[1].ravel()
+    return sure & (np.bincount(groups, sure)[groups] > 1)
 
 
 def noise(channel: ChannelView, share: float) -> Check:

@@ -80,3 +80,11 @@ def test_what_follows_loads_is_no_noise_and_gross_errors_and_jumps_are_told_apar
     # chi-square over its freedom, four standard deviations; creep is met by two time constants, not by its own
     assert abs(fit.chi_square / fit.dof - 1.0) < 4.0 * np.sqrt(2.0 / fit.dof) + 0.1
     assert not (np.abs(fit.drift) > 5.0 * fit.drift_sigma).any()
+
+
+def test_a_run_that_begins_on_an_earlier_day_overflows_nothing():
+    run, time_s, load = bench(2)
+    time_s[run == 1] -= 1e7
+    with np.errstate(over="raise"):
+        groups = response_columns(load, run, time_s, np.zeros((len(run), 0)))
+    assert all(np.isfinite(group).all() for group in groups)

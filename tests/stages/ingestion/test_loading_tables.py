@@ -379,6 +379,13 @@ FOUR_STEPS = {
 }
 
 
+def test_a_time_too_late_is_told_once_where_times_go_back(tmp_path):
+    rows = [f"1,{step},{time},fz,{step},dz,1" for step, time in enumerate((0, 9, 1, 2, 3))]
+    said = faults(tmp_path, {"interferometer.csv": [HEAD, *rows]})
+    assert len(said) == 1, said
+    assert "row 4, column time_s: found '1.0'; expected a time after that of the step before" in said[0]
+
+
 @pytest.mark.parametrize("table", FOUR_STEPS)
 @pytest.mark.parametrize("word", ["oops", "inf"])
 def test_a_cell_that_holds_no_number_is_told_once_and_nothing_that_follows_from_it(tmp_path, table, word):

@@ -243,6 +243,20 @@ def test_signals_alone_are_judged_and_the_rest_is_told_as_not_evaluated(tmp_path
     assert "loads-span" in told(qa, "pass")
 
 
+def test_what_whole_runs_hide_is_not_vouched_for(tmp_path):
+    """One run under each axis: no sign and no axis of a run is known by another."""
+
+    def change(readings, signals):
+        return None, signals
+
+    qa = judged(tmp_path, change, repeats=1)
+    assert "another one under the same axis" in told(qa, "not evaluated")["signs signals"]
+    assert "in whole runs would not show" in told(qa, "pass")["exchanged-rows"]
+    (tmp_path / "2").mkdir()
+    qa = judged(tmp_path / "2", change, repeats=2)
+    assert "runs and channels have the same sign as each other" in told(qa, "pass")["signs signals"]
+
+
 def test_noise_at_the_bound_fails_as_rarely_as_stated():
     """At twice the declared noise, which is tolerated, a share of 5 % fails 5 % of campaigns; at the declared, none."""
     rng = np.random.default_rng(5)

@@ -101,7 +101,8 @@ def _since_start(values: Array, run: Index) -> Array:
 
 def _crept(share: Array, run: Index, time_s: Array, tau: float) -> Array:
     """Loads (N, A) as a platform feels them that follows with a time constant, each held until its reading."""
-    fraction = 1.0 - np.exp(-np.diff(time_s, prepend=time_s[:1]) / tau)
+    elapsed = np.maximum(np.diff(time_s, prepend=time_s[:1]), 0.0)  # where a run begins, time may go back
+    fraction = 1.0 - np.exp(-elapsed / tau)
     out = np.zeros(share.shape)
     for n in range(1, len(share)):
         if run[n] == run[n - 1]:

@@ -53,12 +53,9 @@ def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm:
     kind. Only sizes that agree but for the sign count; where two runs contradict each other and no third decides, both
     are returned.
     """
-    from scipy.special import ndtri
-
-    value, spread = np.asarray(slope, float), np.asarray(sigma, float)
-    limit = float(-ndtri(0.5 * false_alarm / max(len(value), 1)))
+    value = np.asarray(slope, float)
     _, kind = np.unique(alike, return_inverse=True)
-    sure = np.isfinite(value) & (np.abs(value) > limit * spread)
+    sure = signs_sure(slope, sigma, false_alarm)
     positive = np.bincount(kind, sure & (value > 0.0))[kind]
     negative = np.bincount(kind, sure & (value < 0.0))[kind]
     against = np.where(value > 0.0, negative, positive)
@@ -68,7 +65,19 @@ def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm:
         ratio = value / (np.where(value > 0.0, -1.0, 1.0) * typical)
         alike_in_size = np.abs(np.log(np.abs(ratio))) < _SAME_SIZE
     wrong = sure & alike_in_size & (against >= along) & (against > 0)
-    return _found(wrong, ratio, limit)
+    return _found(wrong, ratio, _sigmas(len(value), false_alarm))
+
+
+def signs_sure(slope: ArrayLike, sigma: ArrayLike, false_alarm: float = 0.01) -> Mask:
+    """Return which responses (G,) with sigma (G,) have a sign beyond chance, false_alarm for all of them together."""
+    value = np.asarray(slope, float)
+    return np.isfinite(value) & (np.abs(value) > _sigmas(len(value), false_alarm) * np.asarray(sigma, float))
+
+
+def _sigmas(count: int, false_alarm: float) -> float:
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.5 * false_alarm / max(count, 1)))
 
 
 def _typical(size: Array, kind: Index) -> Array:

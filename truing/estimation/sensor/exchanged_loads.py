@@ -21,6 +21,7 @@ _OPEN = 1e-12  # share of the largest eigenvalue that is no zero
 _ROUNDS = 50  # exchanges looked for, one after the other
 _SUSPECT = 2.5  # of a row's residuals in sigmas, below which it cannot be part of an exchange that is no chance
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
+_MOST_PAIRS = 300_000  # of rows that are looked at: a table full of gross errors would take all memory
 _FALSE_ALARM = 1e-3  # of any exchange named in a table without one
 _ROWS_PER_COLUMN, _WITHIN = 4.0, 0.2  # a zero of each run: rows by column, and share of the loads' variance within runs
 
@@ -42,24 +43,33 @@ class RowExchange:
 
 
 def exchanged_loads(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> list[RowExchange]:
-    """Return the exchanged rows of a table, the surest first; loads that the table exchanges alike are no exchange.
+    """Return the exchanged rows of a table as `search_exchanges` finds them."""
+    return search_exchanges(table, false_alarm)[0]
+
+
+def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tuple[list[RowExchange], int]:
+    """Return the exchanged rows of a table, the surest first, and how many suspected pairs were not looked at.
+
+    Loads that the table exchanges alike are no exchange. Pairs are left out where rows far from their place are too
+    many; the farthest are looked at.
 
     The noise is that of the table's own residuals, from a robust fit of loads to signals and a zero: of each run where
     loads change within runs that are long enough, for bridges drift between them. Whole rows of signals exchanged,
     loads being right, look the same as whole rows of loads.
     """
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
-    loads, found = table.loads[:, applied], []
+    loads, found, unseen = table.loads[:, applied], list[RowExchange](), 0
     zeros = _zeros(table, loads)
     for _ in range(_ROUNDS):
         rest, sigma = _robust_residuals(table.signals, loads, zeros)
-        one = _best(loads, rest / sigma, sigma, false_alarm, table.case)
+        one, left_out = _best(loads, rest / sigma, sigma, false_alarm, table.case)
+        unseen = max(unseen, left_out)
         if one is None:
             break
         _exchange(loads, one)
         one = replace(one, components=tuple(applied[list(one.components)].tolist()))
         found.append(one)
-    return found
+    return found, unseen
 
 
 def _exchange(loads: NDArray, one: RowExchange) -> None:
@@ -140,8 +150,28 @@ def _scatter(rest: NDArray, parameters: int) -> NDArray:
     return np.where(spread > 0, spread, np.inf)
 
 
-def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float, case: NDArray) -> RowExchange | None:
-    """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise.
+def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]:
+    """Return the pairs (first, second) of rows whose residuals (N, W) in sigmas hold the gain in chi-square that is
+    needed, and how many such pairs were left out; no exchange gains more than its rows have."""
+    size = np.sum(whitened**2, axis=1)
+    rows = np.flatnonzero(np.any(np.abs(whitened) > _SUSPECT, axis=1))
+    rows = rows[np.argsort(-size[rows], kind="stable")]
+    place = np.arange(len(rows))
+    partners = np.maximum(np.searchsorted(-size[rows], size[rows] - needed, side="right") - place - 1, 0)
+    taken = np.cumsum(partners) <= _MOST_PAIRS
+    unseen, partners = int(partners[~taken].sum()), np.where(taken, partners, 0)
+    first = np.repeat(place, partners)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(partners) - partners, partners)
+    pairs = np.sort(np.stack([rows[first], rows[second]]), axis=0)
+    pairs = pairs[:, np.lexsort(pairs[::-1])]
+    return pairs[0], pairs[1], unseen
+
+
+def _best(
+    loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float, case: NDArray
+) -> tuple[RowExchange | None, int]:
+    """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise, and how
+    many suspected pairs were not looked at.
 
     Where one of its rows is put right as well by a row of its own run (N,), it is that one: who writes down a row takes
     the next for it, not one of another day with the same load.
@@ -150,10 +180,10 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float,
 
     pairs = len(loads) * (len(loads) - 1) // 2
     trials = pairs * (2 ** loads.shape[1] - 1)
-    suspects = np.flatnonzero(np.any(np.abs(whitened) > _SUSPECT, axis=1))
-    if len(suspects) < 2:
-        return None
-    first, second = suspects[np.array(np.triu_indices(len(suspects), 1))]
+    needed = 2.0 * float(chdtri(1, false_alarm / max(trials, 1)))
+    first, second, unseen = _suspected(whitened, needed)
+    if not len(first):
+        return None, unseen
     way = (loads[first] - loads[second]) / sigma
     before = whitened[first] ** 2 + whitened[second] ** 2
     after = (whitened[first] - way) ** 2 + (whitened[second] + way) ** 2
@@ -168,13 +198,13 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float,
     right = left <= chdtri(2 * np.maximum(count, 1), false_alarm / pairs)
     valid = (p_value <= false_alarm) & right
     if not valid.any():
-        return None
+        return None, unseen
     best = int(np.argmax(np.where(valid, total, -np.inf)))
     rows = (first[best], second[best])
     nearer = valid & (case[first] == case[second]) & (np.isin(first, rows) | np.isin(second, rows))
     if nearer.any():
         best = int(np.argmax(np.where(nearer, total, -np.inf)))
-    return RowExchange(
+    one = RowExchange(
         int(first[best]),
         int(second[best]),
         tuple(np.flatnonzero(taken[best]).tolist()),
@@ -182,3 +212,4 @@ def _best(loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float,
         float(np.sqrt(left[best] / (2 * count[best]))),
         float(p_value[best]),
     )
+    return one, unseen
