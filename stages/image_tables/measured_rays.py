@@ -146,8 +146,7 @@ def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
         if name in names:
             out[:, k] = _numbers(found, name)
     if not np.isfinite(out).all():
-        said = f"a standard deviation of image coordinates, which {found.first_file} does not give in every row"
-        log.add(Fault("campaign.toml", said, column="noise.image_px"))
+        log.lacks("noise.image_px", "a standard deviation of image coordinates", found.first_file)
         return np.ones_like(out)
     improper = (out[:, 0] <= 0.0) | (out[:, 2] <= 0.0) | (out[:, 0] * out[:, 2] <= out[:, 1] ** 2)
     if improper.any() and _COVARIANCE[0] in names:

@@ -158,8 +158,7 @@ def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Arra
             given = numbers(found, name)
             sigma[:, k] = np.where(np.isnan(given), sigma[:, k], given)
     if np.isnan(sigma).any():
-        said = f"a standard deviation of the points, which {found.first_file} does not give in every row"
-        log.add(Fault(_FILE, said, column="noise.point_mm"))
+        log.lacks("noise.point_mm", "a standard deviation of the points", found.first_file)
     absurd: NDArray[np.bool_] = np.any(sigma < LEAST_SIGMA_MM, axis=1)
     found.fault(log, absurd, "sigma_x_mm", "a standard deviation above 0")
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)

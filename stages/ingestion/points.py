@@ -224,8 +224,7 @@ class Points:
         if given is not None and not given.null_count:
             return given
         if declared is None:
-            said = f"a standard deviation of the points, which {file.raw.name} does not give in every row"
-            self.log.add(Fault("campaign.toml", said, column="noise.point_mm"))
+            self.log.lacks("noise.point_mm", "a standard deviation of the points", file.raw.name)
             return pa.nulls(rows, pa.float64())
         if given is not None:
             return given.fill_null(declared)

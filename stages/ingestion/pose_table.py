@@ -151,7 +151,9 @@ def _turn_sigmas(
     own = np.broadcast_to(np.eye(3), R.shape)
     if names & set(_EULER_SIGMAS):
         order = settings.poses.euler
-        if columns != EULER or order is None:
+        if columns == EULER and order is None:
+            return np.ones((len(R), 3)), own  # the order was asked for where the angles were read
+        if columns != EULER:
             expected = (
                 "sigmas of Euler angles together with Euler angles; else sigma_rx_rad, sigma_ry_rad, sigma_rz_rad"
             )
@@ -177,8 +179,7 @@ def _sigmas(found: Gathered, columns: tuple[str, ...], declared: float | None, k
             values[:, number] = numbers(found, name)
             found.fault(log, values[:, number] == 0.0, name, "a standard deviation above 0")
     if np.isnan(values).any() and declared is None:
-        said = f"a standard deviation of the poses, which {found.first_file} does not give in every row"
-        log.add(Fault("campaign.toml", said, column=key))
+        log.lacks(key, "a standard deviation of the poses", found.first_file)
     return np.where(np.isnan(values), np.nan if declared is None else declared, values)
 
 

@@ -201,9 +201,9 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
 
 def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
     """A fault where a surveyed target has no standard deviation; not where its cell was at fault as it was read."""
-    if not log and any(survey.table.column(f"sigma_{axis}_mm").null_count for axis in "xyz"):
-        said = f"a standard deviation of surveyed targets, which {survey.file} does not give in every row"
-        log.add(Fault("campaign.toml", said, column="noise.point_mm"))
+    empty = [survey.table.column(f"sigma_{axis}_mm").null_count for axis in "xyz"]
+    if any(count and (not log or count == len(survey.table)) for count in empty):
+        log.lacks("noise.point_mm", "a standard deviation of surveyed targets", survey.file)
 
 
 def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:

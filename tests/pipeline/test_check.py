@@ -230,3 +230,23 @@ def test_rays_that_the_survey_knows_or_may_name_are_none(tmp_path: Path, points:
     folder = written(tmp_path, **RAYS, image_points=points)
     checked = check_campaign(open_campaign(folder))
     assert checked.prospects[0].endswith("what the photographs show, once they are adjusted")
+
+
+def test_a_standard_deviation_that_many_files_lack_is_said_once(tmp_path: Path) -> None:
+    for number in range(12):
+        (tmp_path / f"export_{number}.csv").write_text("target,x_mm,y_mm,z_mm\nA,1,2,3\nB,4,5,6\n")
+    (tmp_path / "campaign.toml").write_text(
+        '[campaign]\nname = "c"\nkind = "photogrammetry"\n[files.points]\npath = "export_*.csv"\n'
+        "from_name = 'export_(?P<pose>\\d+)'\nconstants = { body = \"b\" }\n"
+    )
+    (line,) = faults(tmp_path)
+    assert line.startswith("campaign.toml, column noise.point_mm: expected a standard deviation of the points")
+    assert line.endswith("which export_0.csv does not give in every row, nor do 11 other files")
+
+
+def test_a_survey_without_a_standard_deviation_is_told_beside_faults_of_other_tables(tmp_path: Path) -> None:
+    found = faults(
+        written(tmp_path, campaign=HEAD, points=points("1", "x"), configurations="pose\n1\n1\n", targets=survey("A"))
+    )
+    assert any("noise.point_mm: expected a standard deviation of surveyed targets" in fault for fault in found)
+    assert any("configurations.csv" in fault for fault in found)

@@ -58,15 +58,18 @@ class FaultLog:
     def __init__(self) -> None:
         self._plain: dict[tuple[str, str | None, str], list[Fault]] = {}
         self._cells: dict[tuple[str, str | None, str], _Kind] = {}
+        self._lacking: dict[tuple[str, str], dict[str, None]] = {}
         self._locate: dict[str, Callable[[Sequence[int]], Sequence[int]]] = {}
 
     def __bool__(self) -> bool:
-        return bool(self._plain or self._cells)
+        return bool(self._plain or self._cells or self._lacking)
 
     def absorb(self, other: FaultLog) -> None:
         """Take over what another log found about other files."""
         self._plain.update(other._plain)
         self._cells.update(other._cells)
+        for key, files in other._lacking.items():
+            self._lacking.setdefault(key, {}).update(files)
         self._locate.update(other._locate)
 
     def add(self, fault: Fault) -> None:
@@ -74,6 +77,10 @@ class FaultLog:
         same_kind = self._plain.setdefault((fault.file, fault.column, fault.expected), [])
         if fault not in same_kind:
             same_kind.append(fault)
+
+    def lacks(self, key: str, what: str, file: str) -> None:
+        """What neither every row of a file gives nor ``key`` of campaign.toml; said once for all files."""
+        self._lacking.setdefault((key, what), {})[file] = None
 
     def cells(self, file: str, faults: CellFaults, locate: Callable[[Sequence[int]], Sequence[int]]) -> None:
         """Faults in the records of a file; ``locate`` turns records into the rows that an editor counts."""
@@ -88,6 +95,7 @@ class FaultLog:
     def faults(self) -> tuple[Fault, ...]:
         """All faults, by file and kind, capped with a count."""
         plain = [fault for faults in self._plain.values() for fault in _capped(faults, len(faults))]
+        plain += [_lack(key, what, list(files)) for (key, what), files in self._lacking.items()]
         return (*plain, *(fault for file in self._locate for fault in self._of_file(file)))
 
     def _of_file(self, file: str) -> list[Fault]:
@@ -104,6 +112,12 @@ class FaultLog:
         """Raise CampaignFaults where there is any fault."""
         if self:
             raise CampaignFaults(self.faults())
+
+
+def _lack(key: str, what: str, files: list[str]) -> Fault:
+    others = len(files) - 1
+    more = f", nor {'does another file' if others == 1 else f'do {others} other files'}" if others else ""
+    return Fault("campaign.toml", f"{what}, which {files[0]} does not give in every row{more}", column=key)
 
 
 def _capped(faults: list[Fault], count: int) -> list[Fault]:

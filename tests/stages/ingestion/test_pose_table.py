@@ -260,3 +260,10 @@ def test_a_file_called_poses_stays_what_campaign_toml_says_it_is(tmp_path):
     tables, _ = run_line(tmp_path, "ingest")
     assert "measured_poses" not in tables
     assert tables["configurations"].num_rows == 2
+
+
+def test_euler_angles_of_unknown_order_are_one_fault_with_their_sigmas_or_without(tmp_path):
+    columns, angles, _ = WAYS["euler ZYX"]
+    values = np.hstack([PLACES, angles, np.full((COUNT, 3), 0.01)])
+    (fault,) = faults(table(tmp_path, [*XYZ, *columns, *(f"sigma_{name}" for name in columns)], values))
+    assert fault.column == "poses.euler"
