@@ -90,6 +90,8 @@ def test_the_summary_says_what_the_page_says(run: truing.Run) -> None:
     told = json.loads(dict(summary(run))["summary.json"])
     assert [(each["mark"], each["sentence"]) for each in told["verdicts"]] == list(run.verdicts)
     assert sum(told["qa"]["verdicts"].values()) == len(run["qa"])
+    assert told["qa"]["failed"] == []
+    assert [row["relation"] for row in told["belonging"]] == run["belonging"]["relation"].tolist()
     found = [cause for cause in told["causes"] if cause["verdict"] == "found"]
     assert found
     assert all(isinstance(cause["parameters"], dict) for cause in found)

@@ -44,7 +44,11 @@ def _quality(run: Run) -> dict[str, Any]:
         return {}
     checks = run["qa"]
     told = checks[checks["verdict"].isin(["warn", "fail"])]
-    return {"qa": {"verdicts": checks["verdict"].value_counts().sort_index().to_dict(), "told": _rows(told)}}
+    accepted = checks["accepted"].notna() if "accepted" in checks else checks["verdict"].isna()
+    failed = checks[checks["verdict"].eq("fail") & ~accepted]
+    counts = checks["verdict"].value_counts().sort_index().to_dict()
+    belonging = {"belonging": _rows(run["belonging"])} if "belonging" in run else {}
+    return {"qa": {"verdicts": counts, "told": _rows(told), "failed": _rows(failed[["check", "subject"]])}, **belonging}
 
 
 def _causes(run: Run) -> dict[str, Any]:
