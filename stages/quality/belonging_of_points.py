@@ -35,12 +35,12 @@ def relations_of_points(
     surveyed = set(tables["survey"].column("body").to_pylist()) if "survey" in tables else set()
     return (
         _copies(bodies, around),
-        *together(tuple(relate_survey(_points(body)) for body in bodies if body.name in surveyed)),
+        *together(tuple(relate_survey(_points(body, around)) for body in bodies if body.name in surveyed)),
         *_readings(bodies, around, tables.get("configurations"), surveyed, settings),
     )
 
 
-def _points(body: BodyView) -> BodyPoints:
+def _points(body: BodyView, around: Surroundings) -> BodyPoints:
     """The targets that make the body's frame."""
     frame = body.frame
     seen = body.points.seen[:, frame]
@@ -51,6 +51,7 @@ def _points(body: BodyView) -> BodyPoints:
         body.points.points[:, frame],
         seen,
         float(np.median(sigma)) if sigma.size else 0.0,
+        tuple(map(str, around.poses)),
     )
 
 

@@ -189,6 +189,53 @@ def _exchange_points(files: Files) -> None:
     files.points["pose"] = files.points["pose"].replace({i: j, j: i})
 
 
+def _misread(files: Files) -> None:
+    """Two digits of one reading change places."""
+    name, row = files.rho[0], files.configurations.index[5]
+    away = 1.0 if files.configurations.loc[row, name] < files.configurations[name].median() else -1.0
+    files.configurations.loc[row, name] += 1.8 * away * _large(files)
+
+
+def _large(files: Files) -> float:
+    """A third of the range of the readings, mm."""
+    return float(np.ptp(files.configurations[files.rho].to_numpy())) / 3.0
+
+
+def _half(change: Callable[[Files, np.ndarray], None]) -> Callable[[Files], None]:
+    """A change in the second half of the rows of configurations."""
+    return lambda files: change(files, np.arange(len(files.configurations)) >= len(files.configurations) // 2)
+
+
+def _half_sign(files: Files, rows: np.ndarray) -> None:
+    files.configurations.loc[rows, files.rho] *= -1.0
+
+
+def _half_inch(files: Files, rows: np.ndarray) -> None:
+    files.configurations.loc[rows, files.rho] /= 25.4
+
+
+def _half_exchanged(files: Files, rows: np.ndarray) -> None:
+    one, two = files.rho[0], files.rho[2]
+    files.configurations.loc[rows, [one, two]] = files.configurations.loc[rows, [two, one]].to_numpy()
+
+
+def _copied_column(files: Files) -> None:
+    files.configurations[files.rho[2]] = files.configurations[files.rho[1]]
+
+
+def _poses_in_m(files: Files) -> None:
+    poses = files.configurations["pose"].tolist()[3:6]
+    files.points.loc[files.points["pose"].isin(poses), ["x_mm", "y_mm", "z_mm"]] *= 1e-3
+
+
+def _survey_of_another(files: Files) -> None:
+    own = files.targets["body"].eq("base")
+    other = files.targets.loc[files.targets["body"].eq("platform"), ["x_mm", "y_mm", "z_mm"]].to_numpy()
+    count = min(int(own.sum()), len(other))
+    places = np.flatnonzero(own)[:count]
+    files.targets.iloc[places, files.targets.columns.get_indexer(["x_mm", "y_mm", "z_mm"])] = other[:count]
+
+
 READING_SLIPS = (
     PointSlip("readings in m", "unit", _readings(1e-3)),
     PointSlip("readings in inches", "unit", _readings(1 / 25.4)),
@@ -210,6 +257,11 @@ READING_SLIPS = (
     PointSlip("points of two poses exchanged", "rows-exchanged", _exchange_points),
     PointSlip("readings from the reference", "zero", _from_reference),
     PointSlip("readings as whole lengths", "zero", _whole_lengths),
+    PointSlip("a misread digit", "stray", _misread),
+    PointSlip("sign of half the rows", "sign", _half(_half_sign)),
+    PointSlip("half the rows in inches", "unit", _half(_half_inch)),
+    PointSlip("columns exchanged in half the rows", "columns-exchanged", _half(_half_exchanged)),
+    PointSlip("a column twice", "copied", _copied_column),
     PointSlip("a column frozen", "frozen", _frozen_column),
     PointSlip("a column frozen halfway", "frozen", _freeze),
 )
@@ -231,6 +283,8 @@ POINT_SLIPS = (
     PointSlip("survey of the platform mirrored", "mirrored", _mirror_survey, "points-against-survey"),
     PointSlip("points in m", "unit", _scale_points(1e-3, "points"), "points-against-survey"),
     PointSlip("survey in inches", "unit", _scale_points(1 / 25.4, "targets"), "points-against-survey"),
+    PointSlip("points of three poses in m", "unit", _poses_in_m, "points-against-survey"),
+    PointSlip("survey of another body", "", _survey_of_another, "points-against-survey"),
     PointSlip("a pose copied", "copied", _copy_pose, "copied-poses"),
     PointSlip("instrument frozen halfway", "copied", _frozen_instrument, "copied-poses"),
 )

@@ -62,6 +62,8 @@ def test_good_campaigns_with_effects_in_them_belong_together(files: Files, tmp_p
 def test_a_slip_fails_its_relation_under_its_own_name(files: Files, slip: PointSlip, tmp_path: Path) -> None:
     if slip.name == "u downwards" and files.toml["mechanism"]["type"] == "ups":
         pytest.skip("a leg of variable length has no direction of its own")
+    if slip.name == "survey of another body" and files.toml["mechanism"]["type"] == "ups":
+        pytest.skip("these two bodies differ so much in size that the file is refused")
     slipped = copy.deepcopy(files)
     slip.make(slipped)
     made, said = _checked(slipped, tmp_path / "c")

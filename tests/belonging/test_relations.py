@@ -100,6 +100,14 @@ def test_one_reading_of_nothing_fails_under_its_name() -> None:
     assert found.subject == "rho6_mm"
 
 
+def test_readings_written_down_in_coarse_steps_are_told() -> None:
+    found = _readings(_travel(), lambda r: (r / 7e-4).round() * 7e-4)
+    assert found.state is State.FAILS
+    assert found.slips[0].kind is SlipKind.ROUNDED
+    assert abs(found.slips[0].offset - 0.7) < 1e-6
+    assert not _readings(_travel(), lambda r: (r / 1e-5).round() * 1e-5).slips  # a step that hardly shows
+
+
 def test_evidence_is_the_gaussian_marginal_likelihood() -> None:
     rng = np.random.default_rng(2)
     columns, misfit, level = rng.standard_normal((9, 3)), rng.standard_normal(9), 1.7

@@ -19,6 +19,7 @@ _LEAST_TARGETS = 4  # three points are congruent to their mirror image
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
 _FIFTH = 0.2  # the share of the misfit that a slip may leave
+_OTHER_BODY = 0.05  # of a body's size (rms from its middle): by as much no body deforms
 _SCALE = 0.02  # relative, to a factor between units
 _CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
 
@@ -32,6 +33,7 @@ class BodyPoints:
     points: Array
     seen: Mask
     sigma: float
+    poses: tuple[str, ...] = ()
 
 
 def relate_survey(body: BodyPoints) -> Tested:
@@ -47,6 +49,11 @@ def relate_survey(body: BodyPoints) -> Tested:
     if not np.isfinite(before):
         return Tested(SURVEY, State.NOT_TESTED, "no-frame", body.name)
     tested = Tested(SURVEY, State.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma)
+    names = [body.poses[pose] if body.poses else str(pose) for pose in np.flatnonzero(usable)]
+    if odd := _poses_in_other_units(scaled.scale, names):
+        quantity = f"points of body {body.name} in poses"
+        slips = tuple(Slip(SlipKind.UNIT, quantity, poses, factor) for factor, poses in odd.items())
+        return replace(tested, state=State.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
     if before <= _MISFIT * body.sigma:
         mirrored_slip = (Slip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
         return replace(tested, tried=2, hidden=mirrored_slip if _is_flat(body.survey) else ())
@@ -55,8 +62,25 @@ def relate_survey(body: BodyPoints) -> Tested:
         trials.append((Slip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before:
-        return replace(tested, state=State.ATTENTION, reason="no-fit", tried=2)
+        size = float(np.sqrt(np.mean(np.sum((body.survey - body.survey.mean(axis=0)) ** 2, axis=1))))
+        state = State.FAILS if before > _OTHER_BODY * size else State.ATTENTION
+        return replace(tested, state=state, reason="no-fit", tried=2)
     return replace(tested, state=State.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2)
+
+
+def _poses_in_other_units(scale: Array, poses: list[str]) -> dict[float, tuple[str, ...]]:
+    """Poses (B) by the factor that makes their points as large as the survey, where others are as large as they are."""
+    known = np.array(both_ways(LENGTH_FACTORS))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        right = np.abs(np.log(scale)) < _SCALE
+        off = np.abs(np.log(scale[:, None] * known))
+    if not right.any() or not poses:
+        return {}
+    found: dict[float, tuple[str, ...]] = {}
+    for pose in np.flatnonzero(~right & (np.nan_to_num(off, nan=np.inf).min(axis=1) < _SCALE)):
+        factor = float(known[np.nanargmin(off[pose])])
+        found[factor] = (*found.get(factor, ()), poses[pose])
+    return found
 
 
 def together(tested: tuple[Tested, ...]) -> Iterator[Tested]:
@@ -67,7 +91,8 @@ def together(tested: tuple[Tested, ...]) -> Iterator[Tested]:
     for group in groups.values():
         worst = max(group, key=lambda one: one.misfit or 0.0)
         names = tuple(one.subject for one in group)
-        slips = tuple(replace(slip, subjects=names) for slip in worst.slips)
+        whole = {slip.subjects for one in group for slip in one.slips} == {(name,) for name in names}
+        slips = tuple(replace(slip, subjects=names) if whole else slip for slip in worst.slips)
         hidden = tuple(slip for one in group for slip in one.hidden)
         yield replace(worst, subject=" ".join(names), slips=slips, hidden=hidden, tried=sum(one.tried for one in group))
 

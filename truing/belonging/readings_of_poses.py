@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.leg_hypotheses import Description, Motion, descriptions
+from truing.belonging.partial_slips import copied_columns, rounded_to, stray_readings, wrong_parts
 from truing.belonging.reading_hypotheses import PENALTY, Written, best_written, reached
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.belonging.row_hypotheses import RowOrder, best_order
@@ -31,6 +32,7 @@ _STRAIGHT = 0.05  # rad between directions of parallel legs
 _SAME_M = 1e-6  # distance of joints that are the same
 _SINGULAR = 1e-4  # of the largest singular value of the legs' rows, arms in units of their rms
 _MOSTLY = 0.7  # of the rows that moved
+_SINGLE = 3  # stray readings, beyond which a part of the table is looked at first
 _FROZEN = 4  # readings in a row that are the same number
 
 
@@ -95,30 +97,86 @@ def _test(motion: Motion, names: Names) -> Tested:
     asked = next(descriptions(motion)).asked()
     search = _search(motion)
     misfit, moved, legs = _plain_misfit(motion, asked)
-    frozen = _frozen(motion, asked, names)
     comparable = np.isfinite(misfit)
     base = Tested(READINGS, State.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried)
     if not comparable:
         base = replace(base, state=State.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1")
-    slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
-    if 0 < len(slips) <= _MOST_SLIPS:
-        before, after = (1e3 * size for size in _halved(search.plain.misfit, _reordered(search.meant, search.order)))
-        explained = replace(base, state=State.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm")
-        return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
+    if explained := _explained(search, motion, names, base):
+        return explained
     if zero := _other_zero(motion, asked):
         return replace(base, state=State.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
-    if frozen:
+    if frozen := _frozen(motion, asked, names):
         return replace(base, state=State.FAILS, reason="slip", slips=frozen)
     if not comparable:
         return base
     if moved <= 1e3 * _MOVED * motion.noise:
         return replace(base, state=State.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
+    if strays := _strays(motion, asked, names):
+        stray = replace(base, state=State.FAILS, reason="slip", slips=strays)
+        return (_of_a_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
-        subject = " ".join(names.columns[leg] for leg in legs) if len(legs) < len(names.columns) else ""
-        return replace(base, state=State.FAILS, reason="no-slip", subject=subject)
+        return _of_a_part(motion, asked, names, base) or _without_name(motion, asked, names, base, legs)
+    return _agreeing(motion, search, names, base)
+
+
+def _explained(search: _Found, motion: Motion, names: Names, base: Tested) -> Tested | None:
+    """The result where slips in all rows explain what was recorded."""
+    slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
+    if not 0 < len(slips) <= _MOST_SLIPS:
+        return None
+    before, after = (1e3 * size for size in _halved(search.plain.misfit, _reordered(search.meant, search.order)))
+    explained = replace(base, state=State.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm")
+    return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
+
+
+def _of_a_part(motion: Motion, asked: Array, names: Names, base: Tested) -> Tested | None:
+    """The result where slips explain a beginning or an end of the table, and the rest agrees."""
+    for first, last in wrong_parts(motion.readings, asked, _NOTED):
+        part = Names(names.columns, names.poses[first:last])
+        found = _explained(_search(motion.between(first, last)), motion.between(first, last), part, base)
+        if found is not None:
+            where = f"from pose {names.poses[first]} on" if first else f"up to pose {names.poses[last - 1]}"
+            slips = tuple(replace(slip, subjects=(*slip.subjects, where)) for slip in found.slips)
+            return replace(found, slips=slips, rivals=())
+    return None
+
+
+def _without_name(motion: Motion, asked: Array, names: Names, base: Tested, legs: Index) -> Tested:
+    """The result where no slip that was tried explains the misfit; told of the legs that miss, where some do not."""
+    pairs = [pair for pair in copied_columns(motion.readings) if set(pair) & set(legs.tolist())]
+    if pairs:
+        slips = tuple(
+            Slip(SlipKind.COPIED, "columns of readings", tuple(names.columns[leg] for leg in pair)) for pair in pairs
+        )
+        return replace(base, state=State.FAILS, reason="slip", slips=slips)
+    failed = replace(base, state=State.FAILS, reason="no-slip")
+    if not 0 < len(legs) < len(names.columns):
+        return failed
+    own = motion.chosen_columns(legs)
+    misfit, moved, _ = _plain_misfit(own, asked[:, legs])
+    return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
+
+
+def _agreeing(motion: Motion, search: _Found, names: Names, base: Tested) -> Tested:
+    """The result where readings and poses agree, but for what a calibration explains."""
     hidden = _hidden(motion, search.plain, names)
-    state, reason = (State.ATTENTION, "departs") if misfit > _NOTED * moved else (State.OK, "agrees")
-    return replace(base, state=state, reason=reason, hidden=hidden)
+    misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
+    if misfit <= _NOTED * moved:
+        return replace(base, hidden=hidden)
+    step = rounded_to(motion.readings, 1e-3 * misfit, motion.noise)
+    if step is None:
+        return replace(base, state=State.ATTENTION, reason="departs", hidden=hidden)
+    slip = Slip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
+    return replace(base, state=State.FAILS, reason="slip", slips=(slip,))
+
+
+def _strays(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
+    """Single readings that are none of their pose."""
+    told = np.isfinite(asked).all(axis=1)
+    at = np.flatnonzero(told)
+    found = stray_readings(motion.readings[told], asked[told], motion.noise)
+    places = tuple(f"{names.columns[leg]} in pose {names.poses[at[row]]}" for row, leg in found.tolist())
+    return (Slip(SlipKind.STRAY, "readings", places),) if places else ()
 
 
 def _plain_misfit(motion: Motion, asked: Array) -> tuple[float, float, Index]:
@@ -235,7 +293,10 @@ def _other_zero(motion: Motion, asked: Array) -> Slip | None:
     Other offsets are left to calibration, for errors of the geometry make them, too.
     """
     legs = motion.legs
-    offset = np.median(asked - motion.readings, axis=0)
+    left = asked - motion.readings
+    offset = np.median(left, axis=0)
+    if not np.sqrt(np.nanmean((left - offset) ** 2)) <= _NOTED * np.sqrt(np.nanmean((asked - asked.mean(axis=0)) ** 2)):
+        return None
     scale = next(descriptions(motion)).scales(motion.tolerance)
     sigma = np.linalg.norm(np.median(next(descriptions(motion)).by_geometry(), axis=0) * scale, axis=-1)
     for wanted in (legs.rho0, -legs.rho0, -legs.l):
@@ -251,9 +312,11 @@ def _frozen(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
     for leg, name in enumerate(names.columns):
         value = motion.readings[:, leg]
         ends = np.flatnonzero(np.diff(value) != 0.0)
+        numbers = np.unique(value)
+        least = max(2.0 * _MOVED * motion.noise, 1.5 * float(np.diff(numbers).min()) if len(numbers) > 1 else 0.0)
         for first, last in zip(np.r_[0, ends + 1], np.r_[ends + 1, len(value)], strict=True):
             wanted = asked[first:last, leg]
-            if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > 2.0 * _MOVED * motion.noise:
+            if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > least:
                 found.append(Slip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",)))
                 break
     return tuple(found)

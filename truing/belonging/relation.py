@@ -29,6 +29,8 @@ class SlipKind(StrEnum):
     DIRECTION = "direction-reversed"
     FROZEN = "frozen"  # the same number again and again while the machine moves
     COPIED = "copied"
+    STRAY = "stray"  # single numbers far from where they belong: a misread digit, a number of another row
+    ROUNDED = "rounded"  # written down in steps far above the noise
     FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; times factor they are right
     MISLABELLED = "mislabelled"  # one part bears the label of another
     REVERSED = "rows-reversed"  # from the last to the first

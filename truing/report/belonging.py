@@ -84,6 +84,7 @@ _FACTORS = {
 # What columns are, by the units that their names end with.
 _ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "signal"))
 _SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # what is seen in the numbers themselves, and no guess
+_STATED = (SlipKind.STRAY, SlipKind.ROUNDED)
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",
@@ -192,6 +193,8 @@ _WORDS = {
     SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's place: {listed(slip.subjects)}",
     SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
     SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
+    SlipKind.STRAY: lambda slip: f"{_of(slip)} far from where the pose is: a misread digit, or a number of another row",
+    SlipKind.ROUNDED: lambda slip: f"{_of(slip)} written down in steps of {slip.offset:.4g}, far above the noise",
     SlipKind.COPIED: lambda slip: f"{slip.quantity} {listed(slip.subjects)} are the same in every digit",
     SlipKind.FRINGES: lambda slip: f"{_of(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} written down: {listed(slip.subjects)}",

@@ -1,0 +1,63 @@
+"""Slips in a part of a table: single readings, copied columns, rounded numbers, and the first row of a wrong part."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_STRAY = 12.0  # scatters of a leg's misfit, from which a reading is none of its pose
+_SIZEABLE = 0.1  # of the leg's range: smaller ones are left to the diagnosis, which leaves out gross errors
+_FEW = 0.1  # of all readings
+_MEDIAN = 1.4826
+_FEWEST = 4  # different numbers that a column needs to be compared
+_ROUNDED = (0.5, 2.0)  # misfit over the error that the step of a column makes
+
+
+def stray_readings(readings: Array, asked: Array, noise: float) -> Index:
+    """Return rows and columns (N, 2) of the few readings (B, L) far from those that their poses ask for (B, L), m."""
+    misfit = readings - asked
+    misfit = misfit - np.median(misfit, axis=0)
+    scatter = np.maximum(_MEDIAN * np.median(np.abs(misfit), axis=0), noise)
+    limit = np.maximum(_STRAY * scatter, _SIZEABLE * np.ptp(asked, axis=0))
+    found = np.argwhere(np.abs(misfit) > limit)
+    return found if len(found) <= max(_FEW * misfit.size, 1.0) else found[:0]
+
+
+def copied_columns(readings: Array) -> list[tuple[int, int]]:
+    """Return pairs of columns of readings (B, L) that are the same in every row."""
+    return [
+        (i, j)
+        for i in range(readings.shape[1])
+        for j in range(i + 1, readings.shape[1])
+        if np.array_equal(readings[:, i], readings[:, j]) and len(np.unique(readings[:, i])) >= _FEWEST
+    ]
+
+
+def rounded_to(readings: Array, misfit: float, noise: float) -> float | None:
+    """Return the step, m, in which readings were written down, where it makes the rms misfit; else None."""
+    steps = np.diff(np.unique(readings.round(12)))
+    steps = steps[steps > 1e-12]
+    step = float(steps.min()) if len(steps) else 0.0
+    error = step / np.sqrt(12.0)
+    low, high = _ROUNDED
+    return step if error > 10.0 * noise and low * error < misfit < high * error else None
+
+
+def wrong_parts(readings: Array, asked: Array, share: float) -> list[tuple[int, int]]:
+    """Return first and last row (exclusive) of a part that misfits while the rest of the table agrees.
+
+    The rest, a beginning or an end of the table, agrees where its rms misfit about the mean of each leg stays below a
+    share of its movement.
+    """
+    count = len(readings)
+    ends = [k for k in range(4, count - 3) if _agrees(readings[:k], asked[:k], share)]
+    begins = [k for k in range(4, count - 3) if _agrees(readings[k:], asked[k:], share)]
+    return [*([(max(ends), count)] if ends else []), *([(0, min(begins))] if begins else [])]
+
+
+def _agrees(readings: Array, asked: Array, share: float) -> bool:
+    wanted, read = (values - values.mean(axis=0) for values in (asked, readings))
+    return bool(np.mean((read - wanted) ** 2) <= share**2 * np.mean(wanted**2))
