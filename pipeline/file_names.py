@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import glob
 import re
 from collections.abc import Sequence
@@ -10,6 +11,19 @@ from typing import Any
 
 _TOKEN = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
 _WORD = re.compile(r"[^\W_]+")
+_SCAN_WORDS = {
+    "pose",
+    "scan",
+    "scans",
+    "frame",
+    "reference",
+    "ref",
+    "surface",
+    "cloud",
+    "messung",
+    "stellung",
+    "referenz",
+}
 
 
 def common_glob(names: Sequence[str]) -> str:
@@ -21,6 +35,18 @@ def common_glob(names: Sequence[str]) -> str:
         return re.sub(r"\*+", "*", "".join(parts))
     before, after = _ends(tokens)
     return glob.escape("".join(first[:before])) + "*" + glob.escape("".join(first[len(first) - after :]))
+
+
+def without_others(pattern: str, names: Sequence[str], others: Sequence[str]) -> str | list[str]:
+    """What finds files and not ``others`` of their folder: their glob, else as many digits as they have, else names."""
+    strange = [other for other in others if other not in names]
+    folder, slash, last = pattern.rpartition("/")
+    if not fnmatch.filter(strange, last):
+        return pattern
+    digits = list(dict.fromkeys(re.sub(r"\d", "[0-9]", glob.escape(name)) for name in names))
+    found = digits if not any(fnmatch.filter(strange, one) for one in digits) else [glob.escape(one) for one in names]
+    paths = [f"{folder}{slash}{one}" for one in found]
+    return paths if len(paths) > 1 else paths[0]
 
 
 def alike(tokens: Sequence[Sequence[str]]) -> bool:
@@ -96,3 +122,10 @@ def _follows(words: Sequence[Sequence[str]]) -> str:
     """What stands behind the target: the first word that is in all names, or their ending."""
     common = next((word for word in words[0][1:] if all(word in own[1:] for own in words)), None)
     return r"\." if common is None else rf"_{re.escape(common)}"
+
+
+def scanned_body(pattern: str) -> str:
+    """The body of dense scans: the word that their files' name leaves, without those for scans."""
+    stem = Path(pattern).stem
+    words = re.findall(r"[^\W\d_]+", stem.split("*")[-1] or stem)
+    return next((word for word in words if word.casefold() not in _SCAN_WORDS), "body")

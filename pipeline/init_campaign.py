@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.campaign_folder import FILE, is_safe_name
-from pipeline.file_names import bodies_and_targets, common_glob, told_apart
+from pipeline.file_names import bodies_and_targets, common_glob, scanned_body, told_apart, without_others
 from pipeline.init_networks import network_tables
 from pipeline.init_photographs import is_picture, photograph_entries
 from pipeline.problems import ExitCode, environment
@@ -38,29 +38,17 @@ _FEW = 6
 _LONGEST_NOTE = 240
 _MOST_LINES = 28  # of entries in a starter file
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
-_SCAN_WORDS = {
-    "pose",
-    "scan",
-    "scans",
-    "frame",
-    "reference",
-    "ref",
-    "surface",
-    "cloud",
-    "messung",
-    "stellung",
-    "referenz",
-}
 
 
 @dataclass(frozen=True)
 class RawGroup:
-    """Raw files that are read alike: the glob that finds them, one of them, how many, and all their names."""
+    """Raw files that are read alike: their glob, one of them, how many, all their names, what finds no other file."""
 
     glob: str
     example: Path
     count: int
     names: tuple[str, ...] = ()
+    path: str | list[str] = ""
 
 
 def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
@@ -69,10 +57,8 @@ def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = network_tables(
-        _with_surfaces(_beside(_together([(group, _guess(group)) for group in raw_groups(folder)])))
-    )
-    guesses += _photographs(folder)
+    guesses = _together([(group, _guess(group)) for group in raw_groups(folder)])
+    guesses = network_tables(_with_surfaces(_beside(_apart(guesses)))) + _photographs(folder)
     text = (campaign_text if every_key else starter)(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
@@ -171,6 +157,15 @@ def _joined(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tu
     if sorted(fnmatch.filter(everything, pattern)) != sorted(str(parent / name) for name in names):
         return own
     return [(RawGroup(pattern, own[0][0].example, len(names), names), guess)]
+
+
+def _apart(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """The groups with what finds their files and none of another group."""
+    held: dict[Path, list[str]] = {}
+    for group, _ in guesses:
+        held.setdefault(Path(group.glob).parent, []).extend(group.names)
+    paths = (without_others(group.glob, group.names, held[Path(group.glob).parent]) for group, _ in guesses)
+    return [(replace(group, path=path), guess) for (group, guess), path in zip(guesses, paths, strict=True)]
 
 
 def _beside(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
@@ -315,6 +310,8 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     if most or guess.table == "images":
         yield f"# {_shown(group.glob)}: {_shown(held)}"
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
+    if not alone and group.count == 1 and guess.table in _LOADING_TABLES and "run" in mapping.get("constants", {}):
+        mapping["constants"] = {**mapping["constants"], "run": Path(group.example).stem}  # each entry has its own
     notes = [_shown(note) for note in (*guess.notes, *_of_names(mapping))]
     yield from (f"# {note}" if most or len(note) < _LONGEST_NOTE else f"# {note[:_LONGEST_NOTE]}..." for note in notes)
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
@@ -324,7 +321,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     mark = "" if guess.table else "# "
     heading = f"files.{guess.table or 'points'}"
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
-    for key, value in {"path": group.glob, **mapping}.items():
+    for key, value in {"path": group.path or group.glob, **mapping}.items():
         yield f"{mark}{key} = {_shown(_toml(value)) if mark else _toml(value)}"
     if guess.table in ("points", "targets") and not mark and not _says_body(guess, mapping):
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
@@ -382,9 +379,7 @@ def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
     """Scans and surfaces name no body: it is the word that their files' name leaves, without those for scans."""
     if guess.table not in ("scans", "surfaces"):
         return {}
-    words = re.findall(r"[^\W\d_]+", Path(group.glob).stem.split("*")[-1] or Path(group.glob).stem)
-    left = [word for word in words if word.casefold() not in _SCAN_WORDS]
-    return {"constants": {"body": left[0] if left else "body"}}
+    return {"constants": {"body": scanned_body(group.glob)}}
 
 
 def _toml(value: Any) -> str:

@@ -524,3 +524,33 @@ def test_a_stack_of_matrices_of_matlab_is_proposed_as_poses(tmp_path: Path) -> N
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "8 measured poses" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("names", "other", "path"),
+    [
+        (("cell1", "cell2", "cell12"), "cell2_validation", ["cell[0-9].csv", "cell[0-9][0-9].csv"]),
+        (("SMR_1", "SMR_2"), "SMR_base", "SMR_[0-9].csv"),
+        (("SMR_1", "SMR_2"), "base_1", "SMR_*.csv"),
+    ],
+)
+def test_a_glob_finds_no_file_of_another_entry(
+    tmp_path: Path, names: tuple[str, ...], other: str, path: str | list[str]
+) -> None:
+    for name in names:
+        (tmp_path / f"{name}.csv").write_text("target,x_mm,y_mm,z_mm\nA,1,2,3\nB,4,5,6\nC,7,8,10\n")
+    (tmp_path / f"{other}.csv").write_text("who,when\nAnn,today\n")
+    init(tmp_path)
+    assert written(tmp_path)["files"]["points"]["path"] == path
+
+
+def test_entries_of_loads_of_one_file_each_are_runs_of_their_own(tmp_path: Path) -> None:
+    for name in ("cell1", "cell2", "cell2_check"):
+        (tmp_path / f"{name}.csv").write_text("v1,v2,fx,fy\n1,2,0,0\n2,3,10,0\n".replace("v", "sensor_v"))
+    (tmp_path / "loads.csv").write_text("Fx,Fy,Fz,known_Fx,known_Fy,known_Fz\n1,2,3,4,5,6\n")
+    (tmp_path / "other.csv").write_text("Time (s),Fx (N),Fy (N),Mz (Nmm)\n1,2,3,4\n")
+    init(tmp_path)
+    entries = written(tmp_path)["files"]["signals"]
+    assert len(entries) > 1
+    runs = [entry["constants"]["run"] for entry in entries if "run" in entry.get("constants", {})]
+    assert len(set(runs)) == len(runs) > 1, entries
