@@ -49,7 +49,11 @@ def _lead(tables: Tables) -> str:
         if table is not None and table["rejected"].any():
             number, by_person = int(table["rejected"].sum()), int((table["rejected"] & _by_person(table)).sum())
             words.append(f"{count(number, noun)} of {len(table):,} ({by_person:,} by a person)")
-    return f"Left out: {' and '.join(words)}. Every exclusion stands here with its reason." if words else "All of it:"
+    if not words:
+        return "All of it:"
+    # what the fits of diagnosis and calibration leave out is in no table of the run
+    besides = "Diagnosis and calibration may leave out further gross errors; the lines of their stages count them."
+    return f"Left out of files and poses: {' and '.join(words)}, each with its reason. {besides}"
 
 
 def _by_person(table: pd.DataFrame) -> pd.Series:
