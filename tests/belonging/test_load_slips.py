@@ -180,3 +180,24 @@ def test_equal_numbers_tell_a_copy_only_where_noise_would_have_shown() -> None:
     coarse = load[:, :1].round(1)
     told = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", coarse, np.array([0.01]))])
     assert not any(one.slips for one in told)
+
+
+@pytest.mark.parametrize("columns", [1, 6])
+def test_a_copied_part_is_told_with_its_rows_wherever_it_stands_and_coarse_numbers_are_no_copy(columns: int) -> None:
+    rng = np.random.default_rng(5)
+    load, run, names = np.zeros((144, 6)), np.repeat([0, 1, 2], 48), ["run 1", "run 2", "run 3"]
+    load[:, 0] = np.tile(np.sin(np.linspace(0.0, 2.0 * np.pi, 48)), 3)
+    value = (load[:, :1] * np.arange(1.0, columns + 1.0) + 0.01 * rng.standard_normal((144, columns))).round(4)
+    noise = np.full(columns, 0.01)
+
+    def told(signals: np.ndarray) -> list[tuple[State, str, float | None, tuple[int, ...]]]:
+        tested = copied_runs(run, names, load, [Values("signals", signals, noise)])
+        return [(one.state, one.subject, one.misfit, one.slips[0].rows if one.slips else ()) for one in tested]
+
+    assert told(value) == [(State.OK, "", None, ())]
+    tail, moved = value.copy(), value.copy()
+    tail[58:96] = value[10:48]
+    moved[65:85] = value[3:23]
+    for written, rows in ((tail, range(11, 49)), (moved, range(4, 24))):
+        assert told(written) == [(State.FAILS, "run 1, run 2", pytest.approx(100.0 * len(rows) / 48), tuple(rows))]
+    assert told(value.round(1)) in ([(State.OK, "", None, ())], [(State.NOT_TESTED, "", None, ())])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.belonging.copied_parts import copied_parts
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 
 Array = NDArray[np.float64]
@@ -33,8 +34,11 @@ class Values:
 
 
 def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[Values]) -> tuple[Tested, ...]:
-    """Return the test of all pairs of runs; values are compared row by row from the first of both, load (N, 6) too."""
-    found, pairs, telling = dict[tuple[str, str], list[tuple[str, float]]](), 0, False
+    """Return the test of all pairs of runs, load (N, 6) too.
+
+    Whole runs are compared row by row from the first of both, parts of them wherever they stand.
+    """
+    found, pairs, telling, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
     rows = [np.flatnonzero(run == one) for one in range(len(runs))]
     for table in map(_rounded, tables):
         alike, other = _chance(table.value, table.noise)
@@ -43,12 +47,19 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
             chance = alike if _same(load[rows[first]], load[rows[second]]) else other
             share, likely = _equal(table.value[rows[first]], table.value[rows[second]], chance)
             if share >= _EQUAL and likely < _CHANCE:
-                found.setdefault((runs[first], runs[second]), []).append((table.name, share))
+                found.setdefault((runs[first], runs[second]), []).append(_Copy(table.name, share))
+        parts, tell = copied_parts(table.value, rows, load, alike, other)
+        parts_tell &= tell
+        for part in parts:
+            known = found.setdefault((runs[part.first], runs[part.second]), [])
+            if all(one.quantity != table.name for one in known):
+                known.append(_Copy(table.name, part.share, tuple((part.rows + 1).tolist())))
         pairs += len(runs) * (len(runs) - 1) // 2
     if found:
         return tuple(_told(found, pairs))
-    state, reason = (State.OK, "distinct") if pairs and telling else (State.NOT_TESTED, _why(pairs))
-    return (Tested(RELATION, state, reason, tried=pairs if telling else 0),)
+    if not pairs or not telling:
+        return (Tested(RELATION, State.NOT_TESTED, "coarse" if pairs else "one-run"),)
+    return (Tested(RELATION, State.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
 
 
 def _rounded(table: Values) -> Values:
@@ -57,14 +68,20 @@ def _rounded(table: Values) -> Values:
     return replace(table, value=np.round(table.value / most, _DIGITS) * most)
 
 
-def _why(pairs: int) -> str:
-    return "coarse" if pairs else "one-run"
+@dataclass(frozen=True)
+class _Copy:
+    """A quantity of two runs, the share of it that is the same, and which rows of the first (from 1): none for all."""
+
+    quantity: str
+    share: float
+    rows: tuple[int, ...] = ()
 
 
-def _told(found: dict[tuple[str, str], list[tuple[str, float]]], pairs: int) -> Iterator[Tested]:
-    for (first, second), names in found.items():
-        slip = Slip(SlipKind.COPIED, " and ".join(name for name, _ in names), (first, second))
-        share = 100.0 * max(size for _, size in names)
+def _told(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[Tested]:
+    for (first, second), copies in found.items():
+        rows = () if any(not one.rows for one in copies) else max((one.rows for one in copies), key=len)
+        slip = Slip(SlipKind.COPIED, " and ".join(one.quantity for one in copies), (first, second), rows=rows)
+        share = 100.0 * max(one.share for one in copies)
         yield Tested(
             RELATION, State.FAILS, "copied", f"{first}, {second}", share, None, None, "%", (slip,), tried=pairs
         )

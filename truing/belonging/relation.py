@@ -42,7 +42,8 @@ class Slip:
 
     ``factor``: recorded numbers times ``factor`` are right (kind unit), 1 for other kinds. ``shift``: rows by which
     the recorded values stand too far down (kind rows-shifted). ``offset``: what is to be added, in the unit of the
-    column (kind zero). ``dimension`` of the quantity: length, angle, force, torque or voltage.
+    column (kind zero). ``rows``: those of the first subject, from 1 (kind copied; none: all).
+    ``dimension`` of the quantity: length, angle, force, torque or voltage.
     """
 
     kind: SlipKind
@@ -52,6 +53,7 @@ class Slip:
     shift: int = 0
     offset: float = 0.0
     dimension: str = "length"
+    rows: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

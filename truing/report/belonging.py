@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.report.numbers import two_decimals
@@ -110,6 +111,8 @@ _REASONS = {
     "one-run": "were not compared: there is only one",
     "trace-of-range": "were not compared, and the loads are no more than a trace of the range in [loading]",
     "distinct": "are all different measurements",
+    "no-copies": "differ: no two agree in every digit over a fifth of the shorter one, eight rows or more",
+    "no-whole-copies": "differ: no two agree in every digit as a whole; a copied part would not show",
     "coarse": "were not compared: the resolution of the file is coarser than the noise",
 }
 
@@ -120,7 +123,10 @@ def message(tested: Tested) -> str:
     subject = f" ({listed(names)})" if names and tested.subject else ""
     sides = f"{RELATIONS[tested.relation]}{subject}"
     if tested.slips and all(slip.kind in _SEEN for slip in tested.slips):
-        return f"{sides} are not all measurements of their own: {'; '.join(map(slip_words, tested.slips))}."
+        part = any(slip.rows for slip in tested.slips)
+        share = f", {tested.misfit:.0f} % of the shorter run" if part and tested.misfit is not None else ""
+        words = "; ".join(map(slip_words, tested.slips))
+        return f"{sides} are not all measurements of their own: {words}{share}."
     if tested.slips and tested.state == State.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
     said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
@@ -182,6 +188,16 @@ def _zero(slip: Slip) -> str:
     return f"{_of(slip)} counted from another zero{by}"
 
 
+def _copied(slip: Slip) -> str:
+    said = f"{slip.quantity} {listed(slip.subjects)} are the same in every digit"
+    if not slip.rows:
+        return said
+    ends = [at for at, row in enumerate(slip.rows) if row + 1 not in slip.rows[at + 1 : at + 2]]
+    parts = [slip.rows[first:last] for first, last in pairwise([0, *(at + 1 for at in ends)])]
+    spans = [f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts]
+    return f"{said} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
+
+
 _WORDS = {
     SlipKind.UNIT: _unit,
     SlipKind.SIGN: lambda slip: f"{_of(slip)} with the opposite sign",
@@ -195,7 +211,7 @@ _WORDS = {
     SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
     SlipKind.STRAY: lambda slip: f"{_of(slip)} far from where the pose is: a misread digit, or a number of another row",
     SlipKind.ROUNDED: lambda slip: f"{_of(slip)} written down in steps of {slip.offset:.4g}, far above the noise",
-    SlipKind.COPIED: lambda slip: f"{slip.quantity} {listed(slip.subjects)} are the same in every digit",
+    SlipKind.COPIED: _copied,
     SlipKind.FRINGES: lambda slip: f"{_of(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} written down: {listed(slip.subjects)}",
     SlipKind.REVERSED: lambda slip: f"{_of(slip)} in reversed order, the last row first",
