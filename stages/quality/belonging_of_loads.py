@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.interferometer import LINEAR
+from stages.quality.belonging_of_parts import of_parts, rows_of_parts
 from stages.quality.loading_view import simulated_compliance
 from stages.sensor.declared_optics import channel_rows
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, READING_SI
 from truing.belonging import loads_of_readings, signals_of_loads
 from truing.belonging.copied_rows import Values, copied_runs
-from truing.belonging.frozen_values import Frozen, frozen
+from truing.belonging.equal_columns import equal_columns
+from truing.belonging.frozen_values import Frozen, frozen, stood_still
+from truing.belonging.parts_of_runs import Part, parts
 from truing.belonging.plausible_slips import Column
 from truing.belonging.relation import (
     DISPLACEMENT_UNITS,
@@ -51,24 +54,32 @@ def relations_of_loads(view: LoadingView, tables: Mapping[str, pa.Table], settin
     alone = ~np.isin(steps.run, [names.index(name) for one in copies for slip in one.slips for name in slip.subjects])
     channels, signals = _channels(settings), _signal_columns(steps.signals)
     seen = _seen(tables, settings)
+    wrong = _parts(view, [*channels, *signals], seen)
     found: list[Tested] = []
     if np.isfinite(steps.reading).any():
-        loaded = Recorded(steps.load, steps.run, np.where(alone[:, None], steps.reading, np.nan), names)
+        apart = rows_of_parts(wrong, steps.run, range(len(channels)))
+        reading, still = _moving(steps.load, steps.run, np.where((alone & ~apart)[:, None], steps.reading, np.nan))
+        loaded = Recorded(steps.load, steps.run, reading, names)
         response = _of_readings(loaded, channels, seen, settings)
         answers = seen if seen is not None else signals_of_loads.responses_of(loaded, len(channels))
-        rows = _of_rows(view, loaded, channels, answers, _typical(steps.sigma), loads_of_readings.RELATION)
-        found += _with_rows(_also_reversed(response, loaded), rows)
+        rows = _of_rows(view, loaded, channels, answers, _typical(steps.sigma), still, loads_of_readings.RELATION)
+        equal = equal_columns(steps.reading, channels, loads_of_readings.RELATION, "readings")
+        own = of_parts(wrong, view, channels, 0, loads_of_readings.RELATION)
+        found += _with_rows(_also_reversed(response, loaded), [*own, *equal, *rows])
     else:
         found.append(_in_range(steps.load, settings) or loads_of_readings.untested("no-displacements"))
     if steps.signals:
-        signal = np.where(alone[:, None], steps.signal, np.nan)
+        apart = rows_of_parts(wrong, steps.run, range(len(channels), len(channels) + len(signals)))
+        signal, still = _moving(steps.load, steps.run, np.where((alone & ~apart)[:, None], steps.signal, np.nan))
         recorded = Recorded(steps.load, steps.run, signal, names, settings.signals.zero_mv is not None)
         response = _of_signals(recorded, signals, settings)
         found[0], response = _reconciled(found[0], response)
         answers = signals_of_loads.responses_of(recorded, len(signals))
         hiss = np.full(len(signals), (settings.noise.signal_mv or np.nan) * _MILLIVOLT)
-        rows = _of_rows(view, recorded, signals, answers, hiss, signals_of_loads.RELATION)
-        found += _with_rows(_also_reversed(response, recorded), rows)
+        rows = _of_rows(view, recorded, signals, answers, hiss, still, signals_of_loads.RELATION)
+        equal = equal_columns(steps.signal, signals, signals_of_loads.RELATION, "signals")
+        own = of_parts(wrong, view, signals, len(channels), signals_of_loads.RELATION)
+        found += _with_rows(_also_reversed(response, recorded), [*own, *equal, *rows])
     return (*found, *copies)
 
 
@@ -95,6 +106,24 @@ def _put_first(tested: Tested, slip: Slip) -> Tested:
         return tested
     others = tuple(one for one in (*tested.slips, *tested.rivals) if one != slip)
     return replace(tested, slips=(slip,), rivals=others)
+
+
+def _parts(view: LoadingView, columns: Sequence[Column], seen: Array | None) -> list[Part]:
+    """Parts of runs that are in another unit or have the opposite sign, told by channels and signals together."""
+    steps = view.steps
+    value = np.column_stack([steps.reading, steps.signal])
+    answers = signals_of_loads.responses_of(Recorded(steps.load, steps.run, value, ()), len(columns))
+    if seen is not None:
+        answers[: len(seen)] = seen
+    return parts(steps.load, steps.run, value, columns, answers)
+
+
+def _moving(load: Array, run: NDArray[np.int64], value: Array) -> tuple[Array, list[Frozen]]:
+    """Values (N, K) without the runs in which their columns stood still, and these."""
+    still, moving = list(stood_still(load, run, value)), value.copy()
+    for one in still:
+        moving[run == one.run, one.column] = np.nan
+    return moving, still
 
 
 def _also_reversed(tested: Tested, steps: Recorded) -> Tested:
@@ -179,10 +208,16 @@ def _leg_forces(section: SensorMechanism) -> Array | None:
 
 
 def _of_rows(
-    view: LoadingView, steps: Recorded, columns: Sequence[Column], answers: Array, noise: Array, relation: str
+    view: LoadingView,
+    steps: Recorded,
+    columns: Sequence[Column],
+    answers: Array,
+    noise: Array,
+    still: Sequence[Frozen],
+    relation: str,
 ) -> Iterator[Tested]:
     """Columns that stand still, and runs whose rows stand in another order than their loads."""
-    still = list(frozen(steps.load, steps.run, steps.value, answers, noise))
+    still = [*still, *frozen(steps.load, steps.run, steps.value, answers, noise)]
     share = 100.0 * max((one.share for one in still), default=0.0)
     for slip in _frozen_slips(still, columns, steps.runs):
         yield Tested(relation, State.FAILS, "frozen", _subject(slip), share, None, None, "%", (slip,), tried=len(still))
@@ -212,7 +247,7 @@ def _subject(slip: Slip) -> str:
     return ", ".join(slip.subjects) if len(slip.subjects) <= 3 else ""
 
 
-def _with_rows(response: Tested, rows: Iterator[Tested]) -> list[Tested]:
+def _with_rows(response: Tested, rows: Iterable[Tested]) -> list[Tested]:
     """The test of responses and of rows: where rows are wrong, responses that follow from them are left out."""
     found = list(rows)
     return [*([] if found and not response.slips else [response]), *found]

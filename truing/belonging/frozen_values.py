@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.belonging.responses import directions
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+_CHANCE = 1e-6  # that noise leaves all values of a run equal
 _FEWEST = 4  # equal values that follow each other
 _OVER_NOISE, _OVER_STEP = 20.0, 5.0
 _OF_RANGE = 0.1  # of what the column answers at most
@@ -47,6 +50,35 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
             moves = float(np.ptp(expected[rows][still])) if still.stop - still.start >= _FEWEST else 0.0
             if most > 0.0 and moves > enough and not _is_limit(value[:, column], rows, expected, still):
                 yield Frozen(column, int(one), still.stop - still.start == len(rows), moves / most)
+
+
+def stood_still(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
+    """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever they answer to them.
+
+    Their scatter in the runs in which they move tells how likely that is; a coarse converter may well stand still.
+    """
+    for column, own in enumerate(value.T):
+        runs = [rows for one in np.unique(run) if len(rows := np.flatnonzero((run == one) & np.isfinite(own)))]
+        moving = [rows for rows in runs if np.ptp(own[rows]) > 0.0]
+        scatter = [_scatter(load[rows], own[rows]) for rows in moving]
+        step = _resolution(own[np.isfinite(own)])
+        least = min((one for one in scatter if np.isfinite(one)), default=0.0)
+        if max((float(np.ptp(own[rows])) for rows in moving), default=0.0) <= _OVER_NOISE * step or least <= 0.0:
+            continue
+        chance = min(step / (2.0 * np.sqrt(np.pi) * least), 1.0)
+        for rows in runs:
+            if np.ptp(own[rows]) == 0.0 and np.ptp(load[rows], axis=0).any() and chance ** (len(rows) - 1) < _CHANCE:
+                yield Frozen(column, int(run[rows[0]]), True, 1.0)
+
+
+def _scatter(load: Array, value: Array) -> float:
+    """Standard deviation of a column (N,) about a smooth curve of the loads (N, 6); NaN where too few rows tell."""
+    way = directions(load)[1]
+    curve = np.column_stack([np.ones(len(way)), way, way**2, way**3])
+    if len(way) < curve.shape[1] + _FEWEST:
+        return float("nan")
+    left = value - curve @ np.linalg.lstsq(curve, value, rcond=None)[0]
+    return float(np.sqrt(left @ left / (len(way) - curve.shape[1])))
 
 
 def _longest(value: Array) -> slice:

@@ -27,6 +27,7 @@ RELATION = "signals-against-loads"
 _OWN_GAIN, _DECLARED = 0.3, 0.1  # relative prior width of a signal's gain: unknown, and where one is declared
 _MATCHES = 1.5  # prior widths by which main responses miss, beyond which signals are not those of the legs
 _MAIN = 0.3
+_NO_BETTER = 1.0  # misfit over what is expected: an expectation of nothing would do as well
 _ABOVE_TYPICAL = 1.5  # the largest responses over the typical one of all legs
 
 
@@ -137,7 +138,8 @@ def _tested(told: Explained, unseen: Sequence[Slip]) -> Tested:
         return Tested(
             RELATION, State.FAILS, "slip", subject, before, after, None, "%", told.slips, told.rivals, told.tried
         )
-    return Tested(RELATION, State.OK, "agrees", "", before, None, None, "%", (), (), told.tried, tuple(unseen))
+    state, reason = (State.OK, "agrees") if told.before <= _NO_BETTER else (State.ATTENTION, "departs")
+    return Tested(RELATION, state, reason, "", before, None, None, "%", (), (), told.tried, tuple(unseen))
 
 
 def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expected]:

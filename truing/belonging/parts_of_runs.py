@@ -1,0 +1,187 @@
+"""Parts of a run whose loads, readings or signals are in another unit, or have the opposite sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.plausible_slips import Column
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS
+from truing.belonging.responses import directions
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_FEWEST = 4  # rows on either side
+_MOST = 400  # rows of a run: of longer ones only the signs of the loads are looked at
+_MAIN = 0.3  # of the largest range of a column: where it goes less far, it tells nothing
+_FOLLOWS = 0.1  # scatter of a part about its own line, over its range
+_BEYOND, _NEAR = 2.0, 1.4  # ratios of two slopes: no physical cause; that of a slip and that of what was recorded
+_FIFTH = 0.2  # of the misfit is left at most
+_TIE, _AS_GOOD = 1.0 + 1e-6, 1.5  # ratios of misfits
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows (N,) of a run that are right times ``factor``: its loads, or its columns (indices) where there are any.
+
+    ``first``: whether they are the first rows of the run; ``sign``: of the loads that they hold, 0 where they follow
+    each other. ``before``, ``after``: what is left of a line through the run, over the range, at most.
+    """
+
+    run: int
+    rows: Index
+    first: bool
+    sign: int
+    columns: tuple[int, ...]
+    factor: float
+    before: float
+    after: float
+
+
+def parts(load: Array, run: Index, value: Array, columns: Sequence[Column], answers: Array) -> list[Part]:
+    """Return the parts of runs in which one factor makes columns (N, K) follow loads (N, 6) as in the rest of the run.
+
+    answers (K, 6): what columns answer by all runs or a simulation; it tells which of two parts is the wrong one.
+    """
+    runs = [np.flatnonzero(run == one) for one in np.unique(run)]
+    ranges = [np.nan_to_num(np.ptp(value[rows], axis=0)) for rows in runs]
+    most = np.max(ranges, axis=0, initial=0.0)
+    found = []
+    for rows, own in zip(runs, ranges, strict=True):
+        direction = directions(load[rows])[0]
+        main = np.flatnonzero((own > _MAIN * most) & (own > 0.0))
+        if len(direction) == 1 and len(main):
+            line = _Line(load[rows] @ direction[0] / (direction[0] @ direction[0]), value[rows][:, main])
+            kinds = FORCE_UNITS if direction[0, :3].any() else (*TORQUE_UNITS, *FORCE_UNITS)
+            best = line.best([columns[k] for k in main.tolist()], kinds, answers[main] @ direction[0])
+            if best is not None:
+                own_columns = tuple(int(main[place]) for place in best.columns)
+                where = (int(run[rows[0]]), rows[best.part], best.first, best.sign)
+                found.append(Part(*where, own_columns, best.factor, best.before, best.after))
+    return found
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A part (N,) of a run and what puts it right: columns (none: the loads), factor, and misfits of a line."""
+
+    part: Mask
+    first: bool
+    sign: int
+    columns: tuple[int, ...]
+    factor: float
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A run along one direction: way (N,) and values (N, K) of the columns that clearly answer."""
+
+    way: Array
+    value: Array
+
+    def best(self, columns: Sequence[Column], units: Sequence[float], answers: Array) -> _Found | None:
+        """The part and the factor that leave least; loads where they do as well as columns."""
+        found = [
+            one for second, sign in self._halves() for one in self._of_halves(second, sign, columns, units, answers)
+        ]
+        if not found:
+            return None
+        least = min(one.after for one in found)
+        loads = [one for one in found if not one.columns and one.after <= _AS_GOOD * least]
+        near = loads or found
+        least = min(one.after for one in near)
+        return min((one for one in near if one.after <= least * _TIE), key=lambda one: one.sign != 0)
+
+    def _of_halves(
+        self, second: Mask, sign: int, columns: Sequence[Column], units: Sequence[float], answers: Array
+    ) -> Iterator[_Found]:
+        """What puts one of two parts right, the one whose slopes are farther from what columns answer."""
+        kept, one, other = self._slopes(second)
+        if not kept.any() or not _differ(other[kept] / one[kept]).any():
+            return
+        told = _Line(self.way, self.value[:, kept])
+        one, other, answers = one[kept], other[kept], answers[kept]
+        off = [np.sum(np.abs(_off(slope, answers, np.minimum(np.abs(one), np.abs(other))))) for slope in (one, other)]
+        first = bool(off[0] > off[1])
+        part, ratio = (~second, one / other) if first else (second, other / one)
+        place = np.flatnonzero(kept).tolist()
+        before = told._left(told.way, told.value)
+        for mine, factor, after in told._undone(part, ratio, [columns[k] for k in place], units):
+            own = list(mine) if mine else slice(None)
+            if np.all(after[own] < _FIFTH * before[own]):
+                left = float(before[own].max()), float(after[own].max())
+                yield _Found(part, first, -sign if first else sign, tuple(place[k] for k in mine), factor, *left)
+
+    def _halves(self) -> Iterator[tuple[Mask, int]]:
+        """Rows from each of them on, and those of negative loads."""
+        count = len(self.way)
+        if count <= _MOST:
+            for start in range(_FEWEST, count - _FEWEST + 1):
+                yield np.arange(count) >= start, 0
+        negative = self.way < 0.0
+        if min(negative.sum(), (~negative).sum()) >= _FEWEST:
+            yield negative, -1
+
+    def _slopes(self, second: Mask) -> tuple[Mask, Array, Array]:
+        """Columns (K,) that follow a line in both parts, and their slopes about a zero of each part."""
+        follows, slopes = np.ones(self.value.shape[1], bool), []
+        for rows in (~second, second):
+            way = self.way[rows] - self.way[rows].mean()
+            value = self.value[rows] - self.value[rows].mean(axis=0)
+            power = float(way @ way)
+            slope = way @ value / power if power > 0.0 else np.zeros(len(follows))
+            left = np.sqrt(np.mean((value - way[:, None] * slope) ** 2, axis=0))
+            follows &= (slope != 0.0) & (left <= _FOLLOWS * np.ptp(value, axis=0))
+            slopes.append(slope)
+        return follows, slopes[0], slopes[1]
+
+    def _undone(
+        self, part: Mask, ratio: Array, columns: Sequence[Column], units: Sequence[float]
+    ) -> Iterator[tuple[tuple[int, ...], float, Array]]:
+        """Columns (none: the loads), factor and what is then left (K,), where slopes differ by about that factor."""
+        for factor in (-1.0, *units):
+            if _told(ratio, factor).all():
+                way = np.where(part, factor, 1.0) * self.way
+                yield (), factor, self._left(way, self.value)
+        for quantity in dict.fromkeys(column.quantity for column in columns):
+            places = [k for k, column in enumerate(columns) if column.quantity == quantity]
+            own = columns[places[0]]
+            for factor in (-1.0, *own.factors):
+                mine = tuple(k for k in places if _told(ratio[k : k + 1], 1.0 / factor).all())
+                others = np.isin(np.arange(len(columns)), mine, invert=True)
+                if mine and not _differ(ratio[others]).any():
+                    value = self.value.copy()
+                    value[:, list(mine)] *= np.where(part, factor, 1.0)[:, None]
+                    yield mine, factor, self._left(self.way, value)
+
+    @staticmethod
+    def _left(way: Array, value: Array) -> Array:
+        """Root mean square (K,) of what lines through all rows leave, over the range of the columns."""
+        about, own = way - way.mean(), value - value.mean(axis=0)
+        left = own - about[:, None] * (about @ own / (about @ about))
+        return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(own, axis=0))
+
+
+def _differ(ratio: Array) -> Mask:
+    return np.asarray((ratio < 1.0 / _BEYOND) | (ratio > _BEYOND))
+
+
+def _told(ratio: Array, factor: float) -> Mask:
+    """Whether ratios of slopes (K,) are about a factor that no physical cause has."""
+    large = factor < 0.0 or max(factor, 1.0 / factor) > _BEYOND * _NEAR
+    near = (ratio / factor > 1.0 / _NEAR) & (ratio / factor < _NEAR)
+    return near if large else np.zeros(len(ratio), bool)
+
+
+def _off(slope: Array, answers: Array, least: Array) -> Array:
+    """How far slopes (K,) are from what is answered, 0 where that is unknown, or no answer beside the least slope."""
+    known = np.isfinite(answers) & (np.abs(answers) > _MAIN * least)
+    size = np.where(known, np.abs(answers), 1.0)
+    return np.where(known, np.arcsinh(slope / size / 0.1) - np.arcsinh(np.sign(answers) / 0.1), 0.0)
