@@ -33,7 +33,8 @@ _OF_PROGRAMME: Checks = {
         "How long is the longest pause within a run, over the usual pace?",
         "Zeros and temperatures may have moved meanwhile.",
         Limits("longest pause over the usual", warn=10.0, unit="times"),
-        "Repeat the run without a pause, or begin a new one after it.",
+        "Repeat the run without a pause, or begin a new one after it. Not evaluated: times are not recorded, or merely "
+        "count the steps.",
     ),
     "load-range": QualityCheck(
         "How large is the largest load, over the range in [loading]?",
@@ -92,7 +93,8 @@ _OF_READINGS: Checks = {
         "Does a channel's zero walk over a run?",
         "What walks with time is taken for creep, or hides it.",
         Rule(warns="beyond 3 sigma and beyond chance"),
-        "Let bench and air settle; load in both orders, so that time and load can be told apart.",
+        "Let bench and air settle; load in both orders, so that time and load can be told apart. Not evaluated: no "
+        "walk is seen, and times merely count the steps.",
     ),
     "zero-return": QualityCheck(
         "Where does a channel stand without load after a run, against before?",

@@ -59,19 +59,22 @@ OF_POINTS: Checks = {
         "How many readings are far from their place, after a robust fit?",
         "A few are ordinary and left out; many say that labels, the survey or the targets themselves are wrong.",
         Limits("share of the readings far from their place", warn=0.05, fail=0.15, most=1.0),
-        "Look at the targets that are named most often: loose, damaged, reflecting, or labelled wrongly?",
+        "Look at the targets that are named most often: loose, damaged, reflecting, or labelled wrongly? Not "
+        "evaluated: fewer than three targets, or one pose without a survey.",
     ),
     "exchanged-labels": QualityCheck(
         "Do two targets lie on each other's places?",
         "Every figure that rests on them is wrong, and the mend is in the laboratory's hands.",
         Rule(fails="any pair"),
-        "Exchange the labels in the poses that are named, in the instrument's project or in the export.",
+        "Exchange the labels in the poses that are named, in the instrument's project or in the export. Not evaluated: "
+        "fewer than three targets, or one pose without a survey.",
     ),
     "moved-targets": QualityCheck(
         "Does a target sit elsewhere from some pose on?",
         "A sticker that was touched looks like a deformation. It can be modelled, and so does not gate.",
         Rule(warns="any, beyond chance at its share"),
-        "Find out what happened before the pose that is named; survey the target anew, or exclude it by name.",
+        "Find out what happened before the pose that is named; survey the target anew, or exclude it by name. "
+        "Not evaluated: no target is seen in six poses.",
     ),
     "resurvey": QualityCheck(
         "How far do targets lie from where they were surveyed before, where nothing takes that into account?",
@@ -98,7 +101,7 @@ OF_POINTS: Checks = {
     "copied-poses": QualityCheck(
         "Is each pose a measurement of its own?",
         "Points that agree in every digit are a copy, or come from an instrument that stood still. Not evaluated where "
-        "the file's resolution is too coarse to tell.",
+        "a single pose was measured, or the file's resolution is too coarse to tell.",
         Rule(fails="two poses the same in every digit"),
         "Export the poses that are named again; take out those that were not measured.",
     ),
@@ -139,7 +142,8 @@ OF_POINTS: Checks = {
         "A tripod or foundation that gives way moves everything, where that frame is one for the campaign.",
         Rule(warns="beyond 3 sigma and beyond chance"),
         "See poses in the frame of the base (`[bodies] reference`); fix the instrument's stand before going on. "
-        "Not evaluated: no body is the reference.",
+        "Not evaluated: no body is the reference, fewer than eight poses show all its targets, or the frame may change "
+        "from pose to pose (`[measurement] frame`).",
     ),
     "overruled": QualityCheck(
         "What does each [[exclude]], [[keep]] and [[accept]] name, and how many points or verdicts is that?",
@@ -161,7 +165,8 @@ OF_POINTS: Checks = {
         "How long is the longest pause, over the usual pace?",
         "Something may have changed meanwhile: temperature, a target, the instrument's place.",
         Limits("longest pause over the usual", warn=10.0, unit="times"),
-        "Write down what happened; repeat a pose from before the pause.",
+        "Write down what happened; repeat a pose from before the pause. Not evaluated: times are not recorded, or "
+        "merely count the poses.",
     ),
     "temperature-span": QualityCheck(
         "How far did the temperature walk?",

@@ -39,7 +39,8 @@ OF_POSITIONS: Checks = {
         "Are forward and backward the sides that the axis came from, in every cycle?",
         "Exchanged directions turn the reversal round, and widen both repeatabilities where it is a single cycle.",
         Rule("all of a run against the order of its rows", "single cycles against the others"),
-        "Exchange forward and backward where the message says so.",
+        "Exchange forward and backward where the message says so. Not evaluated: the order of the rows does not show "
+        "how the axis moved; write them in the order taken.",
     ),
     "approach-cycles": QualityCheck(
         "How often was every target approached from either side?",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
 from stages.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
+from truing.belonging.counted_times import merely_counts
 from truing.estimation.response import keep_consistent
 from truing.estimation.rigid_poses.rigid import RigidFit, umeyama
 from truing.estimation.rigid_poses.robust import consensus
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_LEAST_TARGETS = 3
+_POSES_TO_COMPARE = 2
+
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -29,7 +33,7 @@ class Surroundings:
     poses (B ids); time (B,) in s; settings (B, D) actuator or drive readings in the units of the table,
     without columns that do not vary; temperature (B,) in degrees C or None; names of the settings; unobserved:
     poses of the configurations without any point; shared: points came out of networks of rays, whose errors they
-    share in part.
+    share in part; is_counted: times merely number the poses.
     """
 
     poses: tuple[int | str, ...]
@@ -39,6 +43,7 @@ class Surroundings:
     temperature: Array | None
     unobserved: tuple[int | str, ...] = ()
     shared: bool = False
+    is_counted: bool = False
 
     @property
     def covariates(self) -> Array:
@@ -56,7 +61,8 @@ class BodyView:
     that frame.
 
     residuals (B, T, 3) in m, zero where not seen; sigma (B, T, 3) declared, of measurement and survey
-    together; frame (T,) which targets make the frame; gross (B, T) seen, but far from its place.
+    together; frame (T,) which targets make the frame; gross (B, T) seen, but far from its place; is_surveyed: places
+    come from a survey, not from one of the poses.
     """
 
     name: str
@@ -67,11 +73,26 @@ class BodyView:
     sigma: Array
     frame: Mask
     gross: Mask
+    is_surveyed: bool = True
 
     @property
     def measured_sigma(self) -> Array:
         """(B, T, 3) declared standard deviation of the measurement alone, in m."""
         return np.sqrt(np.einsum("btii->bti", self.points.cov))
+
+    @property
+    def framed(self) -> Mask:
+        """(B,) whether enough targets of the frame were seen to say where the body is."""
+        return np.asarray((self.points.seen & self.frame).sum(axis=1) >= _LEAST_TARGETS)
+
+    @property
+    def why_no_places(self) -> str:
+        """Why nothing tells whether targets are in their places; empty where something does."""
+        if not self.framed.any():
+            return f"{self.name}: no pose shows three targets, and fewer give no frame"
+        if not self.is_surveyed and self.framed.sum() < _POSES_TO_COMPARE:
+            return f"{self.name}: one pose without a survey has nothing to be compared with"
+        return ""
 
     @property
     def good(self) -> Mask:
@@ -84,8 +105,9 @@ def surroundings(observations: pa.Table, configurations: pa.Table | None, drives
     observed, shared = pose_ids(observations), "point" in observations.column_names
     if configurations is None:
         none = np.zeros((len(observed), 0))
-        return Surroundings(observed, np.arange(float(len(observed))), none, (), None, shared=shared)
-    order = np.argsort(number_column(configurations, "time_s"), kind="stable")
+        return Surroundings(observed, np.arange(float(len(observed))), none, (), None, shared=shared, is_counted=True)
+    time = number_column(configurations, "time_s")
+    order = np.argsort(time, kind="stable")
     ids = configurations.column("pose").to_pylist()
     seen = set(observed)
     rows = np.array([i for i in order if ids[i] in seen], dtype=np.int64)
@@ -95,12 +117,13 @@ def surroundings(observations: pa.Table, configurations: pa.Table | None, drives
     has_temperature = "temperature_c" in configurations.schema.names
     return Surroundings(
         tuple(ids[i] for i in rows),
-        number_column(configurations, "time_s")[rows],
+        time[rows],
         np.column_stack([values[n] for n in varying]) if varying else np.zeros((len(rows), 0)),
         varying,
         number_column(configurations, "temperature_c")[rows] if has_temperature else None,
         tuple(pose for pose in ids if pose not in seen),
         shared,
+        merely_counts(time[order], np.arange(len(order)), np.zeros(len(order), dtype=np.int64)),
     )
 
 
@@ -113,7 +136,8 @@ def body_views(tables: Mapping[str, pa.Table], around: Surroundings) -> list[Bod
 
 def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Surroundings) -> BodyView:
     place = survey_points(survey, body) if survey is not None else None
-    if place is None or not place.targets:
+    is_surveyed = place is not None and bool(place.targets)
+    if place is None or not is_surveyed:
         place = _first_shape(pose_points(observations, body, around.poses))
     points = pose_points(observations, body, around.poses, place.targets)
     frame = place.leg == 0
@@ -128,7 +152,7 @@ def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Su
     residuals = np.where((points.seen & fit.ok[:, None])[..., None], fit.residuals(source, points.points), 0.0)
     gross = usable & ~inlier
     gross |= _gross_attachments(residuals, sigma, points.seen & ~frame & fit.ok[:, None], around.covariates)
-    return BodyView(body, place, points, fit, np.nan_to_num(residuals), sigma, frame, gross)
+    return BodyView(body, place, points, fit, np.nan_to_num(residuals), sigma, frame, gross, is_surveyed)
 
 
 def _first_shape(points: PosePoints) -> SurveyPoints:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
+COUNTED = "no time was recorded, or it merely counts"
 
 
 @dataclass(frozen=True)

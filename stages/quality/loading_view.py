@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stages.sensor.declared_optics import channel_rows
 from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
+from truing.belonging.counted_times import merely_counts
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
 
 if TYPE_CHECKING:
@@ -133,6 +134,11 @@ class LoadingView:
     def run_name(self, run: int) -> str:
         """How the campaign calls a run."""
         return f"run {self.steps.runs[run]}"
+
+    @cached_property
+    def is_counted(self) -> bool:
+        """Whether times merely count the steps of every run."""
+        return merely_counts(self.steps.time_s, self.steps.step, self.steps.run)
 
     @cached_property
     def axis(self) -> Index:

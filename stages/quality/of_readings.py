@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
 from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure, units_mistaken
@@ -243,6 +243,8 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     worst = int(np.argmax(z))
     noise = 3.0 * channel.sigma
     walks = z[worst] > limit and abs(value[worst]) > noise
+    if view.is_counted and not walks:
+        return without("drift", "drift", f"channel {channel.name}", COUNTED)
     run = view.run_name(int(channel.runs[worst]))
     shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
     by = handy(float(shown), float(spread), unit)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.check import PASS, WARN, Check, listed, without
+from stages.quality.check import COUNTED, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
@@ -85,6 +85,8 @@ def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
     steps = view.steps
     within = np.flatnonzero(np.diff(steps.run) == 0)
     pause = np.diff(steps.time_s)[within]
+    if view.is_counted:
+        return without("time gaps", "time-gaps", "", COUNTED)
     if len(pause) < 3 or np.median(pause) <= 0.0:
         return without("time gaps", "time-gaps", "", "too few steps with times")
     longest, usual = int(pause.argmax()), float(np.median(pause))

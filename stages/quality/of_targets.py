@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
-from stages.quality.check import FAIL, PASS, WARN, Check, listed
+from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import (
     body_shape,
@@ -19,6 +19,8 @@ from truing.estimation.quality import (
 )
 
 Array = NDArray[np.float64]
+
+_EITHER_SIDE = 3  # poses before and after a step
 
 
 def unobserved_poses(around: Surroundings, limits: CampaignLimits) -> Check:
@@ -112,22 +114,28 @@ def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
 
 
 def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
-    """Share of targets far from their place; a few per cent are ordinary."""
-    seen = int(body.points.seen.sum())
-    share = float(body.gross.sum()) / max(seen, 1)
-    per_target = body.gross.sum(axis=0)
+    """Share of targets far from their place, in poses that show enough of them; a few per cent are ordinary."""
+    if why := body.why_no_places:
+        yield without("gross errors", "gross-errors", body.name, why)
+        return
+    seen, gross = int(body.points.seen[body.framed].sum()), body.gross[body.framed]
+    share = float(gross.sum()) / max(seen, 1)
+    per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
     yield limits.of("gross-errors").row(
         body.name,
         share,
         "1",
-        f"{body.name}: {int(body.gross.sum())} of {seen} readings are far from their place{tail}.",
+        f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}.",
     )
 
 
 def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
     """Pairs of targets that lie on each other's places."""
+    if why := body.why_no_places or ("" if body.fit.ok.any() else f"{body.name}: no pose could be determined"):
+        yield without("exchanged labels", "exchanged-labels", body.name, why)
+        return
     source = body.survey.points
     expected = body.fit.apply(np.broadcast_to(source, body.points.points.shape))
     ok = body.gross & body.fit.ok[:, None]
@@ -154,13 +162,21 @@ def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterato
     seen = body.points.seen & body.fit.ok[:, None]
     own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
     kept = seen & ~isolated(body.residuals, own, seen, limit=4.0)
-    step = find_steps(body.residuals, own, kept)
+    judged = kept.sum(axis=0) >= 2 * _EITHER_SIDE
+    if not judged.any():
+        why = f"{body.name}: no target was seen in three poses before and three after a step"
+        yield without("moved targets", "moved-targets", body.name, body.why_no_places or why)
+        return
+    step = find_steps(body.residuals, own, kept, _EITHER_SIDE)
     moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
     shifted = [
         t for t in moved if not _is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
     ]
     if not shifted:
-        yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, f"{body.name}: no target has moved on its body.")
+        said = f"{body.name}: no target has moved on its body."
+        if rare := [body.survey.targets[t] for t in np.flatnonzero(~judged)]:
+            said += f" Seen in too few poses to tell: {listed(rare)}."
+        yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, said)
     for t in shifted:
         d = step.size[t] * 1e3
         size = float(np.linalg.norm(d))

@@ -7,31 +7,46 @@ from collections.abc import Iterator
 import numpy as np
 
 from stages.quality.bodies import BodyView, Surroundings
-from stages.quality.check import PASS, WARN, Check, without
+from stages.quality.check import COUNTED, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import find_drift
 
+_LEAST_POSES = 8  # that tell a walk from chance
 
-def base_drift(body: BodyView | None, share: float) -> Iterator[Check]:
-    """A reference body that walks in the frame of the measurement; without meaning where that frame changes by
-    pose, and not evaluated where no body is known to be one."""
+
+def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Iterator[Check]:
+    """A reference body that walks in the frame of the measurement.
+
+    Not evaluated where no body is known to be one, and where the frame may change by pose: a walk is told all the
+    same, standing still is not.
+    """
     if body is None:
         yield without("drift of the base", "base-drift", "", "[bodies] reference names no body that stands still")
+        return
+    if body.good.all(axis=1).sum() < _LEAST_POSES:
+        why = f"{body.name}: fewer than eight poses show all its targets"
+        yield without("drift of the base", "base-drift", body.name, why)
         return
     drift = find_drift(body.points.points, body.good)
     size = float(drift.span.max(initial=0.0)) * 1e3
     sigma = float(np.median(body.sigma)) * 1e3
     walks = drift.p_value < share and size > 3.0 * sigma
     target = body.survey.targets[int(drift.span.argmax())] if len(drift.span) else ""
-    message = f"{body.name}: stands still in the frame of the measurement, or that frame changes from pose to pose."
+    if not walks and not frame_stays:
+        why = f"{body.name}: the frame may change from pose to pose ([measurement] frame)"
+        yield without("drift of the base", "base-drift", body.name, why)
+        return
+    message = f"{body.name}: stands still in the frame of the measurement."
     if walks:
-        message = f"{body.name}: drifts by {size:.3f} mm over the campaign, most at target {target}."
+        message = f"{body.name}: drifts by {size:.3f} mm in the frame of the measurement, most at target {target}."
     yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
 
 
 def time_gaps(around: Surroundings, limits: CampaignLimits) -> Check:
     """A pause much longer than the usual pace: something may have changed meanwhile."""
     steps = np.diff(around.time)
+    if around.is_counted:
+        return without("time gaps", "time-gaps", "", COUNTED)
     if len(steps) < 3 or np.median(steps) <= 0.0:
         return without("time gaps", "time-gaps", "", "no times")
     longest = int(steps.argmax())

@@ -126,6 +126,8 @@ FIXED = replace(PLAIN, surroundings=Surroundings(frame_turn_rad=0.0, frame_shift
 
 def test_a_base_that_stands_still_in_a_fixed_frame_is_not_said_to_drift(tmp_path):
     qa, _ = _qa(tmp_path, FIXED)
+    assert _rows(qa, "base-drift").loc["base", "verdict"] == "not evaluated"  # the frame may change by pose
+    qa, _ = _qa(tmp_path, FIXED, seed=2, extra='\n[measurement]\nframe = "campaign"\n')
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "pass"
 
 
@@ -241,3 +243,21 @@ def test_a_single_pose_without_a_survey_fails_no_check(tmp_path: Path) -> None:
     checks = run_line(tmp_path, "ingest", "qa")[0]["qa"].to_pylist()
     assert [row["check"] for row in checks if row["verdict"] == "fail"] == []
     assert [row["verdict"] for row in checks if row["check"] == "noise"] == ["not evaluated"]
+
+
+@pytest.mark.parametrize(("poses", "targets"), [(12, 1), (12, 2), (1, 6), (1, 2)])
+def test_what_too_few_targets_or_one_pose_cannot_tell_is_not_evaluated(tmp_path, poses, targets):
+    rng = np.random.default_rng(1)
+    shape = rng.uniform(-100.0, 100.0, (targets, 3))
+    lines = [
+        f"{pose},mirror,T{k},{','.join(f'{x:.4f}' for x in shape[k] + pose + 0.003 * rng.standard_normal(3))}"
+        for pose in range(poses)
+        for k in range(targets)
+    ]
+    (tmp_path / "points.csv").write_text("\n".join(["pose,body,target,x_mm,y_mm,z_mm", *lines]) + "\n")
+    toml = '[campaign]\nname = "m"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.003\n'
+    (tmp_path / "campaign.toml").write_text(toml)
+    found = run_line(tmp_path, "ingest", "qa")[0]["qa"].to_pandas().set_index("check")["verdict"]
+    unknown = ["gross-errors", "exchanged-labels", "moved-targets", "time-gaps"]
+    assert (found[unknown] == "not evaluated").all()
+    assert found["copied-poses"] == ("not evaluated" if poses == 1 else "pass")

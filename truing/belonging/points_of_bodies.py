@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SURVEY, COPIES = "points-against-survey", "copied-poses"
+_POSES_TO_COMPARE = 2
 _LEAST_TARGETS = 4  # three points are congruent to their mirror image
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
@@ -121,10 +122,14 @@ def _typical(rms: Array) -> float:
 def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> Tested:
     """Return whether poses are measurements of their own: no two agree in every digit of points (B, T, 3), m.
 
-    Not tested where the file's resolution is so coarse, against the noise sigma, that chance could do it.
+    Not tested where a single pose was measured, or the file's resolution is so coarse, against the noise sigma, that
+    chance could do it.
     """
     groups: dict[bytes, list[int]] = {}
-    for pose in np.flatnonzero(seen.any(axis=1)):
+    measured = np.flatnonzero(seen.any(axis=1))
+    if len(measured) < _POSES_TO_COMPARE:
+        return Tested(COPIES, State.NOT_TESTED, "one-pose")
+    for pose in measured:
         key = points[pose][seen[pose]].round(12).tobytes() + seen[pose].tobytes()
         groups.setdefault(key, []).append(int(pose))
     alike = [group for group in groups.values() if len(group) > 1]

@@ -108,6 +108,7 @@ _REASONS = {
     "no-response": "were not compared: no run has loads that change and readings that answer them",
     "no-main-response": "were not compared: no channel was read that should answer clearly",
     "no-repeats": "were not compared: no axis is loaded by three runs or more, and nothing else predicts the response",
+    "one-pose": "were not compared: there is only one",
     "one-run": "were not compared: there is only one",
     "trace-of-range": "were not compared, and the loads are no more than a trace of the range in [loading]",
     "distinct": "are all different measurements",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.belonging.counted_times import merely_counts
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.load_steps import (
     LOAD_UNITS,
@@ -79,7 +80,9 @@ def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
     runs = steps["run"].nunique()
     said = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
     times = steps["time_s"].dropna()
-    if len(times) > 1 and np.ptp(times) > 0.0:
+    if _is_counted(steps):
+        said += ", without times other than their order"
+    elif len(times) > 1 and np.ptp(times) > 0.0:
         said += f" over {duration(float(np.ptp(times)))}"
     said += f", {_at_once(steps)}. "
     signals = signal_names(tables)
@@ -92,6 +95,13 @@ def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
     said += f"Read were {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
     roles = steps.groupby("run")["role"].first().value_counts()
     return said + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
+
+
+def _is_counted(steps: pd.DataFrame) -> bool:
+    """Whether times merely count the steps of every run."""
+    run = steps.groupby("run", sort=False).ngroup()
+    whole = steps.assign(of_run=run).sort_values(["of_run", "time_s"], kind="stable")
+    return merely_counts(*(whole[name].to_numpy() for name in ("time_s", "step", "of_run")))
 
 
 def _at_once(steps: pd.DataFrame) -> str:
@@ -112,7 +122,7 @@ def loads_in_time(steps: pd.DataFrame) -> go.Figure:
 
     kinds = [kind for kind in "fm" if any(axis[0] == kind for axis in axes_of(steps))]
     figure = make_subplots(len(kinds), 1, shared_xaxes=True, vertical_spacing=0.08)
-    known = steps["time_s"].notna().all() and np.ptp(steps["time_s"]) > 0.0
+    known = steps["time_s"].notna().all() and np.ptp(steps["time_s"]) > 0.0 and not _is_counted(steps)
     when = (steps["time_s"] - steps["time_s"].min()) / 3600.0 if known else steps.index.to_series()
     hint = steps.assign(when=when).sort_values("when", kind="stable")
     for row, kind in enumerate(kinds, 1):
@@ -246,7 +256,8 @@ def _surroundings(tables: Tables) -> Listing:
 def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
     """Every run: what it loads, what was read, how long it took."""
     channels = read.groupby("run")["channel"].unique() if len(read) else {}
-    rows = tuple(_run_row(run, own, channels) for run, own in steps.groupby("run", sort=False))
+    timed = steps.assign(time_s=np.nan) if _is_counted(steps) else steps
+    rows = tuple(_run_row(run, own, channels) for run, own in timed.groupby("run", sort=False))
     heads = ("run", "role", "loads", "channels", "steps", "begins at", "takes")
     held_by = "observations.parquet" if "readings" in tables else "signals.parquet"
     return Listing(heads, rows, caption=f"All {count(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by)

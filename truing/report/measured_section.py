@@ -152,5 +152,5 @@ def _time_words(times: Any) -> str:
     if len(times) < 2:
         return ""
     if np.all(np.diff(np.sort(times)) == 1.0):
-        return ", in steps of exactly one second, as where the order of the poses stands for their times"
+        return ", without times other than their order"
     return f" over {duration(float(np.ptp(times)))}"

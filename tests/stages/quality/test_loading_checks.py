@@ -18,6 +18,7 @@ from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.flexible_response import ChannelFit
+from truing.report.measured_loads import measured_loads
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 Change = Callable[[pd.DataFrame, pd.DataFrame], Tables | None]
@@ -47,6 +48,27 @@ def test_a_good_campaign_passes(tmp_path, own_channel):
         assert not told(qa, "warn")
         assert set(qa["check"]) <= set(OF_LOADS)
         assert (qa["verdict"] == "pass").sum() > 40
+
+
+@pytest.mark.parametrize("with_times", [False, True])
+def test_without_times_no_pause_and_no_drift_is_judged_and_no_span_is_told(tmp_path, with_times):
+    _, signals = measured(np.random.default_rng(3))
+    times = {"time_s": 60.0 * np.arange(len(signals))} if with_times else {}
+    write_campaign(tmp_path / "c", None, signals.assign(**times), campaign_toml())
+    tables = run_line(tmp_path / "c", "ingest", "qa")[0]
+    qa = tables["qa"].to_pandas().set_index("check")
+    assert qa.loc["time-gaps", "verdict"] == ("pass" if with_times else "not evaluated")
+    lead = measured_loads({"signals": tables["signals"].to_pandas()}).lead
+    assert (" over " in lead) == with_times
+    assert ("without times other than their order" in lead) != with_times
+
+
+def test_readings_whose_times_only_count_tell_no_drift_unless_one_is_seen(tmp_path):
+    def counted(readings, signals):
+        readings["time_s"] = readings.groupby("run")["step"].transform(lambda step: step - step.min()).astype(float)
+
+    drift = judged(tmp_path, counted).set_index("check").loc["drift"]
+    assert (drift["verdict"] == "not evaluated").all()
 
 
 def test_a_correction_that_is_less_well_known_than_its_channel_reads_is_told(tmp_path):

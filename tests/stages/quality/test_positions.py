@@ -159,6 +159,18 @@ def test_a_jump_between_cycles_is_found_in_a_file_that_is_sorted_by_target():
     assert "from target 15 mm forward in cycle 3 on, in the order of the cycles" in said
 
 
+@pytest.mark.parametrize("way", [lambda row: (row[2], row[1] == "backward", row[0]), lambda row: row[:3]])
+def test_rows_that_do_not_show_movements_tell_no_directions(way):
+    rows = approaches()
+    for slip in (None, turned((1, 2, 3, 4, 5))):
+        if slip:
+            slip(rows)
+        verdict, said = verdicts(sorted(rows, key=way))["approach-directions"]
+        assert verdict == "not evaluated"
+        assert "the order of the rows does not show how the axis moved" in said
+    assert verdicts(approaches())["approach-directions"][0] == "pass"
+
+
 def test_good_runs_of_every_size_are_silent():
     shapes = [(3, 2, 1.0), (3, 5, 0.02), (5, 5, 0.3), (8, 3, 5.0), (11, 5, 0.5), (21, 7, 2.0)]
     told = [
