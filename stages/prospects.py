@@ -16,7 +16,7 @@ LEAST_TARGETS = 3
 HELD_OUT = "verification"
 _LEAST_LEGS = 6  # fewer leave the platform free
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
-NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and the campaign has poses or scans alone"
+NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 

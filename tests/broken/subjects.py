@@ -84,7 +84,7 @@ def _positioning() -> dict[str, bytes]:
     ways = ("forward", "backward")
     rows = [f"a,{at},{way},{cycle},{at + 0.001 * cycle}" for at in (10, 20) for way in ways for cycle in (1, 2)]
     table = "\n".join(["run,target_mm,direction,cycle,position_mm", *rows]) + "\n"
-    steps = [f"1,{n},{n},0,0,{n},0,0,0,.1,.1,.1,0,0,0" for n in range(4)]
+    steps = [f"1,{n},{n},0,0,{n},0,0,0,0,0,.{n},0,0,0" for n in range(4)]
     six = "run,step,time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"
     return {
         "campaign.toml": toml,

@@ -29,6 +29,7 @@ from pipeline.stage_order import ORDER, makers, stage_module
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
 from tests.blind.generator.schedule import random_moves
+from tests.broken.good import axis
 from tests.cut_telescope import cut_telescope
 from tests.photographs.ray_folder import write_rays
 from tests.photographs.rays import Shooting, draw_rays
@@ -43,6 +44,19 @@ drives = ["elevation_deg"]
 point_mm = 0.01
 [bodies]
 reference = "frame"
+"""
+
+POSES = """[campaign]
+name = "poses"
+kind = "photogrammetry"
+drives = ["elevation_deg"]
+[noise]
+displacement_mm = 0.001
+rotation_rad = 1e-5
+[poses]
+euler = "XYZ"
+[measurement]
+frame = "campaign"
 """
 
 DISPLACEMENT = """[campaign]
@@ -71,6 +85,20 @@ def bodies_campaign(folder: Path) -> None:
                 noise = 0.01 * (((7 * pose + 13 * k + len(body)) % 11) / 5 - 1)
                 rows.append(f"{pose},{body},{body[0]}{k},{x + noise},{y - noise},{z + bend + noise / 2}")
     (folder / "points.csv").write_text("\n".join(rows) + "\n")
+    (folder / "configurations.csv").write_text("\n".join(settings) + "\n")
+
+
+def poses_campaign(folder: Path) -> None:
+    """Poses of one body, turns as Euler angles: three elevations, each driven to twice."""
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(POSES)
+    rows = ["pose,body,x_mm,y_mm,z_mm,euler_a_deg,euler_b_deg,euler_c_deg"]
+    settings = ["pose,role,time_s,elevation_deg"]
+    for pose in range(6):
+        elevation, again = 10.0 * (pose % 3), pose // 3
+        rows.append(f"{pose},dish,{elevation + 0.001 * again},{-0.001 * again},0,{elevation},{0.001 * again},0")
+        settings.append(f"{pose},calibration,{10 * pose},{elevation}")
+    (folder / "poses.csv").write_text("\n".join(rows) + "\n")
     (folder / "configurations.csv").write_text("\n".join(settings) + "\n")
 
 
@@ -117,6 +145,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     displacement_campaign(folder / "bench")
     rays_campaign(folder / "rays")
     pictures_campaign(folder / "pictures")
+    poses_campaign(folder / "poses")
+    axis(folder / "axis")
     write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS))
     views: dict[str, list[SettingsView]] = {}
 
@@ -136,7 +166,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
-        parts += [("rays", "pose"), ("pictures", "images")]
+        parts += [("rays", "pose"), ("pictures", "images"), ("poses", "calibrate"), ("axis", "deformation")]
         parts += [("sensor", "qa"), ("sensor", "uncertainty")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name

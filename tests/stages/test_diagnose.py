@@ -253,7 +253,8 @@ def _campaign(**mechanism: Any) -> Any:
 def test_without_any_body_it_is_not_evaluated() -> None:
     nothing = {name: ARTIFACTS[name].empty() for name in ("observations", "poses", "residuals")}
     outcome = diagnose.run(nothing, _campaign(), lambda *_: None)
-    assert outcome.figure == "not evaluated: needs measured points of bodies"
+    assert outcome.figure.startswith("not evaluated: no points: causes are told apart by targets")
+    assert "the campaign has" not in outcome.figure  # it has neither poses nor scans
     assert outcome.artifacts["diagnosis"].num_rows == 0
     assert "model" not in outcome.artifacts
 

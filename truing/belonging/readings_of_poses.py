@@ -181,9 +181,11 @@ def _strays(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
 
 def _plain_misfit(motion: Motion, asked: Array) -> tuple[float, float, Index]:
     """Misfit and movement over all legs, rms in mm about each leg's mean; and the legs that miss by themselves."""
-    told = np.isfinite(asked).all(axis=1)
-    if told.mean() < 0.5:
+    known = np.isfinite(asked).all(axis=1)
+    if known.mean() < 0.5:
         return float("inf"), 0.0, np.arange(0)
+    told = np.flatnonzero(known)
+    told = told[np.lexsort(motion.readings[told].T)]  # the order of the rows leaves no trace in the sums' last digits
     wanted, read = (values[told] - values[told].mean(axis=0) for values in (asked, motion.readings))
     own, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
     wrong = (own > _APART * moved) & (moved > _MOVED * motion.noise)
