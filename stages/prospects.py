@@ -14,9 +14,12 @@ if TYPE_CHECKING:
 LEAST_POSES = 3
 LEAST_TARGETS = 3
 HELD_OUT = "verification"
+_UNTARGETED = {"measured_poses": "measured poses", "scans": "dense scans"}
 _LEAST_LEGS = 6  # fewer leave the platform free
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
+NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"
+_ADJUSTED = "the photographs tell, once they are adjusted"
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 
@@ -36,8 +39,7 @@ class Found:
 
     @property
     def _untargeted(self) -> list[str]:
-        tables = {"measured_poses": "measured poses", "scans": "dense scans"}
-        return [words for name, words in tables.items() if name in self.tables and self.tables[name].num_rows]
+        return [words for name, words in _UNTARGETED.items() if name in self.tables and self.tables[name].num_rows]
 
     @property
     def of_poses(self) -> str:
@@ -51,13 +53,17 @@ class Found:
 
 @dataclass(frozen=True)
 class Prospect:
-    """What a stage will make of a campaign; why_not: empty where it evaluates something; of_what: what that is."""
+    """What a stage will make of a campaign; why_not: empty where it evaluates something; of_what: what that is;
+    perhaps: what it depends on, where the tables alone do not tell."""
 
     stage: str
     why_not: str
     of_what: str = ""
+    perhaps: str = ""
 
     def __str__(self) -> str:
+        if self.perhaps and not self.why_not:
+            return f"{self.stage:<12} perhaps: {self.perhaps}"
         said = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.of_what and ': '}{self.of_what}"
         return f"{self.stage:<12} {said}"
 
@@ -93,6 +99,18 @@ def why_no_diagnosis_of_mechanism(mechanism: Any, point_mm: float | None, tables
     return "" if point_mm is not None else "needs noise.point_mm"
 
 
+def why_reference_unseen(body: str, most: int) -> str:
+    """Why no body is seen from the reference, which never shows more than so many targets; empty where it is enough."""
+    if most >= LEAST_TARGETS:
+        return ""
+    return f"the reference body {body} shows at most {most} targets in a pose: other bodies are not seen from it"
+
+
+def why_too_few_determined(fitted: int) -> str:
+    """Why so many poses that determine a body, and may be fitted to, are too few; empty where they are enough."""
+    return "" if fitted >= LEAST_POSES else f"needs at least {LEAST_POSES} poses that determine a body, found {fitted}"
+
+
 def why_no_calibration(mechanism: Any, tables: Mapping[str, pa.Table]) -> str:
     """Why no machine can be calibrated; empty where one can be."""
     if not mechanism.is_legged:
@@ -123,7 +141,8 @@ def prospects(settings: Campaign, found: Found) -> Iterator[Prospect]:
         ("diagnose", _diagnosis(settings, found)),
         ("calibrate", why_no_calibration(settings.mechanism, found.tables) or _too_few(found)),
     ):
-        yield Prospect(stage, pose.why_not or why_not)
+        perhaps = _ADJUSTED if stage == "diagnose" and found.is_photographed else ""
+        yield Prospect(stage, pose.why_not or why_not, perhaps=perhaps)
 
 
 def _pose(found: Found) -> Prospect:
@@ -152,9 +171,23 @@ def _diagnosis(settings: Campaign, found: Found) -> str:
     if settings.mechanism.is_legged:
         why_not = why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, found.tables)
         return why_not or _too_few(found)
-    if not found.is_photographed and not any(found.determined(body) >= LEAST_POSES for body in found.targets):
-        return "needs a body with three targets, seen together in three poses"
-    return ""
+    return "" if found.is_photographed else _diagnosis_of_bodies(settings, found)
+
+
+def _diagnosis_of_bodies(settings: Campaign, found: Found) -> str:
+    reference = None if settings.is_frame_fixed else settings.reference_body
+    alone = reference in found.targets and not {"survey", *_UNTARGETED} & found.tables.keys()
+    if alone and (why := why_reference_unseen(str(reference), max(found.targets[str(reference)].values(), default=0))):
+        return why
+    if not any(found.determined(body) >= LEAST_POSES for body in found.targets):
+        return NO_BODY_TO_DIAGNOSE
+    table = found.tables.get("configurations")
+    roles = (
+        () if table is None else zip(table.column("pose").to_pylist(), table.column("role").to_pylist(), strict=True)
+    )
+    held = {str(pose) for pose, role in roles if role == HELD_OUT}
+    determined = {str(pose) for own in found.targets.values() for pose, n in own.items() if n >= LEAST_TARGETS}
+    return why_too_few_determined(len(determined - held))
 
 
 def _too_few(found: Found) -> str:
@@ -172,7 +205,7 @@ def _of_loads(settings: Campaign, found: Found) -> Iterator[Prospect]:
     is_positioned = positions is not None and positions.num_rows > 0
     why_not = "" if is_positioned else why_no_deformation_of_loads(readings)
     yield Prospect("deformation", why_not, "positioning of an axis" if is_positioned else "")
-    yield Prospect("diagnose", _diagnosis_of_loads(readings, signals))
+    yield Prospect("diagnose", _diagnosis_of_loads(settings, found.tables))
     has_signals = signals is not None and signals.num_rows > 0
     if settings.mechanism.type != "6-upur" and not has_signals:
         yield Prospect("calibrate", "the campaign holds no signals")
@@ -180,12 +213,12 @@ def _of_loads(settings: Campaign, found: Found) -> Iterator[Prospect]:
         yield Prospect("calibrate", "", "" if has_signals else "G by [mechanism] alone, for there are no signals")
 
 
-def _diagnosis_of_loads(readings: pa.Table | None, signals: pa.Table | None) -> str:
-    if readings is None or not readings.num_rows:
-        return "" if signals is not None and signals.num_rows else "no readings and no signals"
-    unknown = readings.filter(readings.column("sigma").is_null())
-    channels = ", ".join(dict.fromkeys(unknown.column("channel").to_pylist()))
-    return f"needs the noise of {channels}: noise.linear_um, noise.angular_arcsec" if channels else ""
+def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> str:
+    if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
+        return "no readings and no signals"
+    from stages.diagnosis.reading_points import why_no_diagnosis_of_readings
+
+    return why_no_diagnosis_of_readings(tables, settings)
 
 
 def has_repeats(settings: Campaign, found: Found) -> bool:

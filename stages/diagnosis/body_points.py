@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
 from stages.point_arrays import number_column, pose_ids, positions
 from stages.pose_conditions import approach, order_in_time
+from stages.prospects import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.simulation.body_model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_FEWEST_POSES = 3
 # So many poses are never too many.
 _ALWAYS = 60
 _KNOWN_SHARE = 0.9
@@ -49,15 +50,15 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     covariates, role = known_of_poses(tables.get("configurations"), poses, settings.campaign.drives)
     found, words = targets_of(tables, poses, covariates["order"], settings.noise.point_mm)
     if not found:
-        raise ValueError("needs a body with three targets, seen together in three poses")
+        raise ValueError(_why_none(tables, settings.reference_body))
     stands = [standing(body, settings, covariates) for body in found]
     lead = -1 if any(one.levels for one in stands) else _lead(found, settings.reference_body)
     covariates |= _places(found, lead, covariates["order"]) if not settings.campaign.drives else {}
     model = _model(found, stands, lead, covariates, poses, settings)
     usable = np.any([body.ok for body in found], 0)
     fitted, held = usable & (role != "verification"), usable & (role == "verification")
-    if fitted.sum() < _FEWEST_POSES:
-        raise ValueError(f"needs at least {_FEWEST_POSES} poses that determine a body, found {int(fitted.sum())}")
+    if why := why_too_few_determined(int(fitted.sum())):
+        raise ValueError(why)
     fitted, thinned = _thinned(fitted, model)
     words += [f"{int((~usable).sum())} poses that determine no body"] if not usable.all() else []
     return Gathered(
@@ -68,6 +69,15 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
         _FRAMING,
         tuple(cause for body in found for cause in body.certain),
     )
+
+
+def _why_none(tables: Mapping[str, pa.Table], reference: str | None) -> str:
+    """Why no body can be diagnosed."""
+    bodies, poses = (tables["observations"].column(name).to_pylist() for name in ("body", "pose"))
+    seen = Counter(pose for body, pose in zip(bodies, poses, strict=True) if body == reference)
+    is_seen_from = reference in tables["poses"].column("parent").to_pylist()
+    why = why_reference_unseen(str(reference), max(seen.values())) if seen and is_seen_from else ""
+    return why or NO_BODY_TO_DIAGNOSE
 
 
 def known_of_poses(

@@ -62,11 +62,8 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     # the load of a step that was left out was applied all the same
     told = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
     fitted, held = told & ~steps.held_out, told & steps.held_out
-    if fitted.sum() < _FEWEST_STEPS:
-        raise ValueError(f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}")
-    if not (settings.signals.zero_mv is not None and steps.signal.size) and not _loads_change(steps, fitted):
-        tared = "or signals tared before each run: [signals] zero_mv"
-        raise ValueError(f"needs loads that change within a run, whose zero is free, {tared}")
+    if why := _why_too_little(steps, fitted, settings):
+        raise ValueError(why)
     model = ReadingModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
     return Gathered(
@@ -84,6 +81,37 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     )
 
 
+def why_no_diagnosis_of_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
+    """Why readings and signals cannot be held against a simulation, told without a fit; empty where they can."""
+    steps, out = without_excluded(load_steps(tables), settings)
+    try:
+        simulated_sensor(tables, settings, steps)
+    except ValueError as why:
+        return str(why)
+    if unknown := _without_noise(steps):
+        return unknown
+    moved = np.isfinite(steps.reading)
+    signal = np.isfinite(steps.signal) & (settings.noise.signal_mv is not None or not moved.any())
+    told = (np.concatenate([moved, signal], 1) | out.chosen).any(1) & np.isfinite(steps.time_s)
+    return _why_too_little(steps, told & ~steps.held_out, settings)
+
+
+def _without_noise(steps: RecordedSteps) -> str:
+    declared = np.where(np.isfinite(steps.reading), steps.sigma, 1.0)
+    unknown = [CHANNELS[k] for k in np.flatnonzero(~np.isfinite(declared).all(0))]
+    return f"needs the noise of {', '.join(unknown)}: noise.linear_um, noise.angular_arcsec" if unknown else ""
+
+
+def _why_too_little(steps: RecordedSteps, fitted: NDArray[np.bool_], settings: Campaign) -> str:
+    """Why so many steps, with such loads, tell nothing; empty where they do."""
+    if fitted.sum() < _FEWEST_STEPS:
+        return f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}"
+    if not (settings.signals.zero_mv is not None and steps.signal.size) and not _loads_change(steps, fitted):
+        tared = "or signals tared before each run: [signals] zero_mv"
+        return f"needs loads that change within a run, whose zero is free, {tared}"
+    return ""
+
+
 def _loads_change(steps: RecordedSteps, rows: NDArray[np.bool_]) -> bool:
     """Whether any run has steps of different loads."""
     first = {run: np.flatnonzero(steps.run == run)[0] for run in np.unique(steps.run)}
@@ -96,9 +124,8 @@ def _noise(steps: RecordedSteps, settings: Campaign, exchanged: tuple[RowsExchan
     Where there is nothing but signals, that is taken from their scatter.
     """
     declared = np.where(np.isfinite(steps.reading), steps.sigma, 1.0)
-    unknown = [CHANNELS[k] for k in np.flatnonzero(~np.isfinite(declared).all(0))]
-    if unknown:
-        raise ValueError(f"needs the noise of {', '.join(unknown)}: noise.linear_um, noise.angular_arcsec")
+    if why := _without_noise(steps):
+        raise ValueError(why)
     signal = settings.noise.signal_mv
     own = np.full(steps.signal.shape, np.nan if signal is None else signal * _MILLIVOLT)
     if signal is None and not np.isfinite(steps.reading).any():

@@ -68,6 +68,40 @@ def test_the_prospects_are_what_the_run_then_says(tmp_path: Path) -> None:
             assert why.strip() in said[stage]
 
 
+def test_a_reference_of_two_targets_is_why_nothing_is_diagnosed_in_check_and_run_alike(tmp_path: Path) -> None:
+    poses = ("1", "2", "3", "4")
+    shown = points(*poses) + "".join(points(*poses, body="R", targets=2).splitlines(keepends=True)[1:])
+    folder = written(tmp_path / "c", campaign=TOML + '[bodies]\nreference = "R"\n', points=shown)
+    why = "the reference body R shows at most 2 targets in a pose: other bodies are not seen from it"
+    told = [line for line in check_campaign(open_campaign(folder)).prospects if line.startswith("diagnose")]
+    assert told == [f"diagnose     not evaluated: {why}"]
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
+    assert why in done.output
+
+
+LOADS = "run,step,time_s,load_axis,load,channel,reading,unit\n"
+SIGNALS = "run,step,time_s,fz_n,v1_mv\n"
+
+
+@pytest.mark.parametrize(
+    ("table", "text", "why"),
+    [
+        ("signals", SIGNALS + "".join(f"a,{i},{i},10,{i % 3}\n" for i in range(1, 9)), "needs loads that change"),
+        ("signals", SIGNALS + "".join(f"a,{i},{i},{i},{i}\n" for i in range(1, 4)), "needs at least 6 load steps"),
+        (
+            "interferometer",
+            LOADS + "".join(f"a,{i},{i},fz,{i},dz,{i},um\n" for i in range(1, 9)),
+            "needs a [mechanism] whose compliance can be simulated",
+        ),
+    ],
+)
+def test_a_bench_that_cannot_be_diagnosed_is_told_so(tmp_path: Path, table: str, text: str, why: str) -> None:
+    head = '[campaign]\nname = "b"\nkind = "interferometer"\n[noise]\nlinear_um = 0.5\nsignal_mv = 0.1\n'
+    prospects = check_campaign(open_campaign(written(tmp_path, campaign=head, **{table: text}))).prospects
+    (line,) = [line for line in prospects if line.startswith("diagnose")]
+    assert f"not evaluated: {why}" in line
+
+
 def test_a_bench_without_noise_is_told_that_it_will_not_be_diagnosed(tmp_path: Path) -> None:
     folder = CAMPAIGNS["bench"](tmp_path / "c")
     text = (folder / "campaign.toml").read_text()
