@@ -176,24 +176,27 @@ def report_check(place: Path) -> ExitCode:
     """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
     campaign = open_campaign(place)
     found, voice = check_campaign(campaign), Voice(quiet=False)
-    apart = () if campaign.has_photographs or found.rows > _MOST_ROWS else _apart(place)
+    unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
+    apart, doubtful = ((), ()) if unrelated else _apart(place)
     verdict = "no fault" if found.is_evaluated else "nothing but quality can be evaluated"
     if apart:
         verdict = "the files can be read, but the data do not belong together"
     voice.say(f"{campaign.file}: {verdict}; {found.read}")
     for line in apart or found.prospects:
         voice.say(line)
-    for sentence in found.attention:
+    for sentence in (*found.attention, *doubtful):
         voice.say(f"attention: {sentence}")
     return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
 
 
-def _apart(place: Path) -> tuple[str, ...]:
-    """What the quality checks say of parts of a campaign that do not belong together."""
+def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What the quality checks say of parts of a campaign that do not belong together, and of those in doubt."""
     from pipeline.in_memory import stage_line
     from stages.belonging import failed_relations
 
     made = stage_line(place).call("ingest", "qa").tables
     tables = {name: table for name, table in made.items() if not isinstance(table, str)}
     failed, checks = failed_relations(tables), tables["qa"].to_pylist()
-    return tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
+    doubted = {row["relation"] for row in tables["belonging"].to_pylist() if row["state"] == "attention"}
+    apart = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
+    return apart, tuple(row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn")

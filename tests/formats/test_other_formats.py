@@ -61,6 +61,14 @@ def test_moments_of_parquet_are_seconds(tmp_path, kind, unit):
     assert found.columns["time_s"] == [0.0, 10.0, 25.0]
 
 
+@pytest.mark.parametrize("kind", [pa.timestamp("ns"), pa.timestamp("us", "UTC"), pa.duration("ms")], ids=str)
+def test_a_moment_is_no_length(tmp_path, kind):
+    parquet(tmp_path, **{**good_columns(), "x_mm": pa.array(range(6), kind)})
+    found = read(tmp_path)
+    assert {(fault.row, fault.column) for fault in found.faults} >= {(1, "x_mm")}
+    assert {fault.column for fault in found.faults} == {"x_mm"}
+
+
 def test_parquet_faults_count_rows_from_one(tmp_path):
     columns = good_columns()
     columns["y_mm"] = [1.0, float("nan"), 3.0, None, 5.0, float("inf")]

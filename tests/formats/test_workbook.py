@@ -138,6 +138,15 @@ def test_dates_are_seconds(tmp_path):
     assert [time - found.columns["time_s"][0] for time in found.columns["time_s"]] == [0.0, 90.0, 180.0]
 
 
+def test_lengths_that_a_sheet_took_for_dates_are_faults(tmp_path):
+    rows = [["pose", "x"], *([n, datetime.datetime(2026, 5, n + 1)] for n in range(3))]
+    book(tmp_path, {"Data": rows})
+    entry = {"path": "book.xlsx", "columns": {"x_mm": "x", "y_mm": "x", "z_mm": "x"}}
+    entry["constants"] = {"body": "A", "target": "T"}
+    faults = read(tmp_path, "points", entry).faults
+    assert {fault.column for fault in faults} == {"x"}
+
+
 def test_numbers_typed_as_text_with_a_decimal_comma(tmp_path):
     rows = changed(0, 2, "1,5")
     book(tmp_path, {"Data": rows})

@@ -284,3 +284,17 @@ def test_a_survey_without_a_standard_deviation_is_told_beside_faults_of_other_ta
     )
     assert any("noise.point_mm: expected a standard deviation of surveyed targets" in fault for fault in found)
     assert any("configurations.csv" in fault for fault in found)
+
+
+def test_readings_that_depart_from_poses_are_told(tmp_path: Path) -> None:
+    folder = CAMPAIGNS["telescope"](tmp_path / "c")
+    head, *lines = (folder / "configurations.csv").read_text().splitlines()
+    names, table = head.split(","), [line.split(",") for line in lines]
+    for n, row in enumerate(table):
+        for leg in range(6):
+            place = names.index(f"rho{leg + 1}_mm")
+            row[place] = str(float(row[place]) + 0.3 * (-1) ** ((5 * n + 3 * leg + n * leg) // 2))
+    (folder / "configurations.csv").write_text("\n".join([head, *map(",".join, table)]) + "\n")
+    done = CliRunner().invoke(app, ["check", str(folder)])
+    assert done.exit_code == ExitCode.DONE, done.output
+    assert "attention: Actuator readings and measured poses" in done.output

@@ -129,7 +129,13 @@ class _Parser:
     def _typed(self, text: bytes) -> tuple[RawBatch, int]:
         import pyarrow as pa
 
-        types = {"number": pa.float64(), "identifier": pa.int64(), "text": pa.dictionary(pa.int32(), pa.string())}
+        number = pa.float64()
+        types = {
+            "number": number,
+            "seconds": number,
+            "identifier": pa.int64(),
+            "text": pa.dictionary(pa.int32(), pa.string()),
+        }
         table = self._read(text, types, None)
         if any(table[str(i)].null_count for i, kind in self.kinds.items() if kind != "text"):
             raise pa.ArrowInvalid("an empty cell may be one that means missing, or stand in a blank line")
@@ -148,7 +154,7 @@ class _Parser:
             return "skip"
 
         texts = pa.dictionary(pa.int32(), pa.string())
-        types = {"number": pa.string(), "identifier": texts, "text": texts}
+        types = {"number": pa.string(), "seconds": pa.string(), "identifier": texts, "text": texts}
         table = self._read(text, types, collect)
         return self._batch(table, ragged), table.num_rows + len(ragged)
 

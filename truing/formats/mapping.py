@@ -235,7 +235,9 @@ class Plan:
         if column.kind == "identifier":
             return "text" if self.poses_as_text else "identifier"
         is_time = name == "time_s" and self.entry.time_format is not None
-        return "number" if column.kind == "real" and not is_time else "text"
+        if column.kind != "real" or is_time:
+            return "text"
+        return "seconds" if column.unit == "s" else "number"
 
     def _need(self, name: str, kind: Kind, found: dict[int, Kind], within: tuple[str, ...]) -> None:
         if name in within:

@@ -126,9 +126,9 @@ def _column(block: Block, column: int, rows: slice, kind: Kind) -> pa.Array:
 
     if isinstance(block.values, list):
         texts = strings(block.values[rows])
-        return texts if kind == "number" else as_dictionary(texts)
+        return texts if kind in ("number", "seconds") else as_dictionary(texts)
     values = np.ascontiguousarray(block.values[rows, column])
-    if kind == "number":
+    if kind in ("number", "seconds"):
         return pa.array(values.astype(np.float64))
     plain = values.astype(np.float64)
     whole = bool(np.all(np.isfinite(plain)) and np.all(plain == np.round(plain)) and np.all(np.abs(plain) < _WHOLE))

@@ -70,12 +70,14 @@ def _column(values: pa.Array, kind: Kind, name: str) -> pa.Array:
 def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
     import pyarrow as pa
 
+    is_moment = pa.types.is_timestamp(values.type) or pa.types.is_duration(values.type)
+    if is_moment and kind in ("number", "seconds"):
+        return _seconds(values) if kind == "seconds" else _written(values)
+    kind = "number" if kind == "seconds" else kind
     if pa.types.is_dictionary(values.type):
         values = values.dictionary_decode() if kind == "number" else values
     if kind == "number" and _is_number(values.type):
         return values.cast(pa.float64())
-    if kind == "number" and (pa.types.is_timestamp(values.type) or pa.types.is_duration(values.type)):
-        return _seconds(values)
     if _is_number(values.type) and not values.null_count:
         whole = _whole(values)
         if whole is not None:
@@ -92,6 +94,17 @@ def _seconds(values: pa.Array) -> pa.Array:
 
     ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[values.type.unit]
     return pc.divide(values.cast(pa.int64()).cast(pa.float64(), safe=False), ticks)
+
+
+def _written(values: pa.Array) -> pa.Array:
+    """Moments and durations as text that is no number: they are none but where seconds are asked for."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    unit = values.type.unit
+    if pa.types.is_timestamp(values.type):
+        return values.cast(pa.timestamp(unit)).cast(pa.string())
+    return pc.binary_join_element_wise(values.cast(pa.int64()).cast(pa.string()), unit, " ")
 
 
 def _is_number(kind: pa.DataType) -> bool:

@@ -13,8 +13,9 @@ from truing.formats.faultlog import CellFaults, Records
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Kind = Literal["number", "identifier", "text"]
-"""How a raw column is wanted: float64 if all its cells are plain numbers, int64 if all are integers, or as text."""
+Kind = Literal["number", "seconds", "identifier", "text"]
+"""How a raw column is wanted: float64 if all its cells are plain numbers (``seconds``: or moments), int64 if all are
+integers, or as text."""
 
 Wanted = Callable[[tuple[str, ...], str | None], Mapping[int, Kind] | None]
 """Given the names of a file's columns, and the unit of its coordinates where the file states one: which positions to

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _ROW_PER_POSE = ("poses", "configurations")
-_WIDEST = {"text": 2, "identifier": 1, "number": 0}
+_WIDEST = {"text": 2, "identifier": 1, "seconds": 0, "number": 0}
 
 
 @dataclass(frozen=True)

@@ -285,14 +285,15 @@ def _column(cells: Row, kind: Kind, mark: str) -> pa.Array:
     """A column as it is wanted: numbers where all cells are such, else text as the sheet would show it."""
     import pyarrow as pa
 
-    if kind == "number" and all(_is_number(cell) for cell in cells):
+    wants_numbers = kind in ("number", "seconds")
+    if wants_numbers and all(_is_number(cell) for cell in cells):
         return pa.array([float(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
-    if kind == "number" and all(isinstance(cell, datetime) for cell in cells):
+    if kind == "seconds" and all(isinstance(cell, datetime) for cell in cells):
         return pa.array([_seconds(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
     if kind == "identifier" and all(_is_number(cell) and float(cell) == round(float(cell)) for cell in cells):  # type: ignore[arg-type]
         return pa.array([int(cell) for cell in cells], pa.int64())  # type: ignore[arg-type]
     texts = strings([text_of(cell, mark) for cell in cells])
-    return texts if kind == "number" else as_dictionary(texts)
+    return texts if wants_numbers else as_dictionary(texts)
 
 
 def _is_number(cell: Cell) -> bool:
