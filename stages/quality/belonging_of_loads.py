@@ -74,6 +74,7 @@ def relations_of_loads(view: LoadingView, tables: Mapping[str, pa.Table], settin
         recorded = Recorded(steps.load, steps.run, signal, names, settings.signals.zero_mv is not None)
         response = _of_signals(recorded, signals, settings)
         found[0], response = _reconciled(found[0], response)
+        response = _by_the_same_slip(found[0], response, recorded, signals, settings)
         answers = signals_of_loads.responses_of(recorded, len(signals))
         hiss = np.full(len(signals), (settings.noise.signal_mv or np.nan) * _MILLIVOLT)
         rows = _of_rows(view, recorded, signals, answers, hiss, still, signals_of_loads.RELATION)
@@ -98,6 +99,26 @@ def _reconciled(readings: Tested, signals: Tested) -> tuple[Tested, Tested]:
     if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
         return readings, _put_first(signals, own[0])
     return readings, signals
+
+
+def _by_the_same_slip(
+    readings: Tested, signals: Tested, recorded: Recorded, columns: Sequence[Column], settings: Campaign
+) -> Tested:
+    """The test of signals with the slip of loads that readings tell, where it leaves nothing else to explain."""
+    if readings.state != State.FAILS or not signals.slips or len(readings.slips) != 1:
+        return signals
+    slip = readings.slips[0]
+    if slip == signals.slips[0] or slip.subjects or slip.kind not in (SlipKind.UNIT, SlipKind.SIGN):
+        return signals
+    axes = {"load": slice(0, 6), "force": slice(0, 3), "torque": slice(3, 6)}.get(slip.quantity)
+    if axes is None:
+        return signals
+    load = recorded.load.copy()
+    load[:, axes] *= -1.0 if slip.kind == SlipKind.SIGN else slip.factor
+    right = _of_signals(replace(recorded, load=load), columns, settings)
+    if right.slips or right.misfit is None or right.misfit > (signals.misfit_explained or np.inf):
+        return signals
+    return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
 
 
 def _put_first(tested: Tested, slip: Slip) -> Tested:

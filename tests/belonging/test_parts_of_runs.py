@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.belonging.test_load_slips import CHANNELS, _asymmetric, _loaded
+from tests.belonging.test_load_slips import CHANNELS, SAMPLE, _asymmetric, _loaded
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from truing.belonging.equal_columns import equal_columns
@@ -112,6 +112,28 @@ def test_a_physical_cause_is_no_part(change: Callable[[np.ndarray, np.ndarray], 
     steps = _loaded(change)
     assert not parts(steps.load, steps.run, steps.value, CHANNELS, np.full((6, 6), np.nan))
     assert not list(stood_still(steps.load, steps.run, steps.value))
+
+
+def test_an_answer_to_both_signs_alike_is_a_turned_part_only_of_a_channel_that_should_not() -> None:
+    load = np.zeros((17, 6))
+    load[:, 0] = np.concatenate([np.linspace(0.0, 1.0, 9), np.linspace(-0.1, -1.0, 8)])
+    run, value = np.zeros(17, int), np.full((17, 6), np.nan)
+    value[:, 0] = np.abs(load[:, 0])
+    assert not parts(load, run, value, CHANNELS, np.zeros((6, 6)))
+    assert [one.factor for one in parts(load, run, value, CHANNELS, np.eye(6))] == [-1.0]
+    value[:, 0] **= 2
+    assert not parts(load, run, value, CHANNELS, np.eye(6))
+
+
+def test_signals_name_the_slip_of_loads_that_readings_tell(tmp_path: Path) -> None:
+    readings, signals = (pd.read_csv(SAMPLE / f"{name}.csv") for name in ("interferometer", "signals"))
+    for table in (readings, signals):
+        table["load"] /= np.where(table["load_axis"].str.startswith("f"), 4.4482216152605, 1.0)
+    write_campaign(tmp_path / "c", readings, signals, (SAMPLE / "campaign.toml").read_text(encoding="utf-8"))
+    rows = run_line(tmp_path / "c", "ingest", "qa")[0]["belonging"].to_pylist()
+    told = {row["relation"]: json.loads(row["slips"]) for row in rows if row["state"] == "fails"}
+    assert told[SIGNALS] == told[READINGS]
+    assert (told[SIGNALS][0]["quantity"], round(told[SIGNALS][0]["factor"], 6)) == ("force", 4.448222)
 
 
 def test_a_coarse_converter_may_stand_still_and_agree() -> None:

@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 _FEWEST = 4  # rows on either side
 _MOST = 400  # rows of a run: of longer ones only the signs of the loads are looked at
 _MAIN = 0.3  # of the largest range of a column: where it goes less far, it tells nothing
-_FOLLOWS = 0.1  # scatter of a part about its own line, over its range
+_FOLLOWS = 0.07  # scatter of a part about its own line, over its range
 _BEYOND, _NEAR = 2.0, 1.4  # ratios of two slopes: no physical cause; that of a slip and that of what was recorded
 _FIFTH = 0.2  # of the misfit is left at most
 _TIE, _AS_GOOD = 1.0 + 1e-6, 1.5  # ratios of misfits
@@ -115,6 +115,9 @@ class _Line:
         before = told._left(told.way, told.value)
         for mine, factor, after in told._undone(part, ratio, [columns[k] for k in place], units):
             own = list(mine) if mine else slice(None)
+            known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[own]
+            if factor < 0.0 and not known.any() and (mine or len(known) < 2):
+                continue  # a single column may answer both signs of a load alike
             if np.all(after[own] < _FIFTH * before[own]):
                 left = float(before[own].max()), float(after[own].max())
                 yield _Found(part, first, -sign if first else sign, tuple(place[k] for k in mine), factor, *left)
@@ -180,8 +183,12 @@ def _told(ratio: Array, factor: float) -> Mask:
     return near if large else np.zeros(len(ratio), bool)
 
 
+def _is_known(answers: Array, least: Array) -> Mask:
+    return np.isfinite(answers) & (np.abs(answers) > _MAIN * least)
+
+
 def _off(slope: Array, answers: Array, least: Array) -> Array:
     """How far slopes (K,) are from what is answered, 0 where that is unknown, or no answer beside the least slope."""
-    known = np.isfinite(answers) & (np.abs(answers) > _MAIN * least)
+    known = _is_known(answers, least)
     size = np.where(known, np.abs(answers), 1.0)
     return np.where(known, np.arcsinh(slope / size / 0.1) - np.arcsinh(np.sign(answers) / 0.1), 0.0)
