@@ -153,3 +153,17 @@ def test_a_link_to_another_file_is_not_followed(tmp_path):
         file["xyz"] = h5py.ExternalLink("other.h5", "/secret")
     (fault,) = read(tmp_path, entries={**POINTS, "variable": "xyz", "columns": AXES}).faults
     assert fault.value == "xyz: a link to elsewhere"
+
+
+def test_names_of_all_numbers_of_a_pose_cut_a_vector(tmp_path):
+    older(tmp_path, {"all": XYZ.reshape(-1, 1)})
+    entry = {"path": "data.mat", "rows_per_pose": 3, "constants": {"body": "b"}}
+    found = read(tmp_path, "poses", {**entry, "names": list(AXES)})
+    assert found.faults == ()
+    assert_close([found.columns[name] for name in AXES], XYZ.T, atol=0.0)
+
+
+def test_a_matrix_has_no_first_line_to_speak_of(tmp_path):
+    older(tmp_path, {"xyz": XYZ})
+    (fault, *_) = read(tmp_path, entries=POINTS).faults
+    assert "its 3 columns have no names: give names, or columns by position" in fault.expected

@@ -329,7 +329,10 @@ class Plan:
         hint = f"there are {there if self.is_discreet else ', '.join(known) or 'none'}"
         if close and not self.is_discreet:
             hint = f"did you mean {close[0]}?"
-        if self.entry.header is not False and 2 * sum(map(is_plain_number, known)) > len(known):
+        is_matlab = self.entry.format == "mat" or self.file_name.casefold().endswith(".mat")
+        if is_matlab and known and all(map(is_plain_number, known)):
+            hint = f"but its {len(known)} columns have no names: give names, or columns by position"
+        elif self.entry.header is not False and 2 * sum(map(is_plain_number, known)) > len(known):
             hint = (
                 "but the first line holds numbers: set header = false and give columns by position, or name the format"
             )

@@ -47,6 +47,7 @@ class RowCount:
         groups = [*entry.rows_per_group.values(), *filter(None, [entry.rows_per_pose])]
         self._whole = math.lcm(*groups) if groups else 1
         self._per = side_by_side
+        self._names = entry.names
         self._width = 0
         self._kinds: Mapping[int, Kind] = {}
 
@@ -57,7 +58,10 @@ class RowCount:
 
         def of_rows(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
             self._width = len(names)
-            kinds = asked(side_by_side_names(len(names), self._per), unit)
+            laid = side_by_side_names(len(names), self._per)
+            if len(names) < len(self._names) <= len(laid):  # names of the whole record, not of one row
+                laid = (*self._names, *laid[len(self._names) :])
+            kinds = asked(laid, unit)
             if kinds is None:
                 return None
             self._kinds = kinds
