@@ -22,8 +22,11 @@ _SIGMA = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
 def measured(tables: Tables) -> Section | None:
     """Bodies and targets with what was seen of them, or the loads and displacements of a bench."""
     points = filled(tables, "observations")
+    if points is None and filled(tables, "scans") is not None:
+        return _measured_scans(tables)
     if points is None:
-        return measured_loads(tables) if filled(tables, "scans") is None else _measured_scans(tables)
+        poses = filled(tables, "poses")
+        return measured_loads(tables) if poses is None else _measured_poses(tables, poses[poses["default"]])
     survey, known = filled(tables, "survey"), _known_targets(tables, points)
     listings = [_bodies(points, survey, known)]
     if filled(tables, "configurations") is not None:
@@ -116,6 +119,16 @@ def _target_row(r: Any) -> tuple[str, ...]:
 def _measured_scans(tables: Tables) -> Section:
     sentence = _campaign_sentence(tables)
     return Section("measured", "Measured", sentence, listings=(_scans(tables["scans"]),))
+
+
+def _measured_poses(tables: Tables, given: pd.DataFrame) -> Section:
+    """Poses that an instrument gave as such, with what was recorded beside them."""
+    rows = tuple((str(body), f"{len(part):,}") for body, part in given.groupby("body", sort=False))
+    listings = [Listing(("body", "poses"), rows, caption="Bodies whose poses were measured")]
+    if (conf := filled(tables, "configurations")) is not None and _ranges(conf).rows:
+        listings.append(_ranges(conf))
+    said = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
+    return Section("measured", "Measured", said, listings=tuple(listings))
 
 
 def _scans(scans: pd.DataFrame) -> Listing:

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from schemas.faults import CampaignFaults
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
+from truing.report.measured_section import measured
+from truing.report.poses.section import poses as poses_section
 
 RNG = np.random.default_rng(3)
 COUNT = 6
@@ -267,3 +269,13 @@ def test_euler_angles_of_unknown_order_are_one_fault_with_their_sigmas_or_withou
     values = np.hstack([PLACES, angles, np.full((COUNT, 3), 0.01)])
     (fault,) = faults(table(tmp_path, [*XYZ, *columns, *(f"sigma_{name}" for name in columns)], values))
     assert fault.column == "poses.euler"
+
+
+def test_the_page_says_that_measured_poses_were_taken_as_given(tmp_path):
+    tables, _ = run_line(written(tmp_path, "quaternion"), "ingest", "pose")
+    frames = {name: table.to_pandas() for name, table in tables.items() if name in ("configurations", "poses")}
+    seen, poses = measured(frames), poses_section(frames)
+    assert seen.state != "empty"
+    assert f"Poses were measured as such, without targets: {COUNT} of them." in seen.lead
+    assert "taken as given: nothing was fitted" in poses.lead
+    assert len(poses.figures) == 1

@@ -43,19 +43,24 @@ def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:
     methods = ", ".join(_METHODS.get(m, m) for m in good["method"].unique())
     lead = f"{count(len(good), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
     lost = len(chosen) - len(good)
+    if not lost and (good["method"] == "measured").all():
+        return f"{lead}, taken as given: nothing was fitted."
     return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
 
 
 def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
     if not len(good):
         return ()
+    uncertainty = (pose_figures.pose_uncertainty(good), "Box: the middle half of the poses; points: single poses.")
+    if (good["method"] == "measured").all():
+        return (uncertainty,)  # nothing was fitted
     shown = good.assign(expected_um=_expected(tables, good))
     return (
         (
             pose_figures.pose_residuals(shown),
             "A pose that stands out here deserves a look at its photographs or its log.",
         ),
-        (pose_figures.pose_uncertainty(good), "Box: the middle half of the poses; points: single poses."),
+        uncertainty,
     )
 
 
