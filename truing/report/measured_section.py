@@ -26,7 +26,8 @@ def measured(tables: Tables) -> Section | None:
         return _measured_scans(tables)
     if points is None:
         poses = filled(tables, "poses")
-        return measured_loads(tables) if poses is None else _measured_poses(tables, poses[poses["default"]])
+        given = None if poses is None else poses[poses["default"] & (poses["method"] == "measured")]
+        return measured_loads(tables) if given is None or given.empty else _measured_poses(tables, given)
     survey, known = filled(tables, "survey"), _known_targets(tables, points)
     listings = [_bodies(points, survey, known)]
     if filled(tables, "configurations") is not None:
