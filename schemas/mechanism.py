@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from schemas.elastic import Modulus, Poisson, thin_rod
-from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Temperature, Vector
+from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Share, Temperature, Vector
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
@@ -44,7 +44,7 @@ class Tolerance(Section):
 
     a_mm: NotNegative | None = Field(None, description="each coordinate of the joints on the base")
     b_mm: NotNegative | None = Field(None, description="each coordinate of the joints on the platform")
-    u: Annotated[float, Field(ge=0.0, lt=1.0)] | None = Field(None, description="direction of the actuators, rad")
+    u: Share | None = Field(None, description="direction of the actuators, rad")
     length_mm: NotNegative | None = Field(None, description="leg length")
     rho0_mm: NotNegative | None = Field(None, description="reference reading of the actuators")
 

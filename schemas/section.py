@@ -23,6 +23,8 @@ def _is_of_size(value: float) -> float:
 
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
+# A relative standard deviation, or an angle in rad: none, or one that numbers can be weighed by.
+Share = Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False), AfterValidator(_is_of_size)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 # From absolute zero to where the last metal melts.
 Temperature = Annotated[float, Field(ge=-273.15, le=3500.0, allow_inf_nan=False)]

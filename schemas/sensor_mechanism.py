@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from schemas.elastic import Modulus, Poisson, thin_rod
 from schemas.mechanism import MechanismSection
-from schemas.section import TYPED, Finite, NotNegative, Path, Positive, Section, Vector
+from schemas.section import TYPED, Finite, NotNegative, Path, Positive, Section, Share, Vector
 
 
 class SensorLeg(Section):
@@ -83,7 +83,7 @@ class SensorTolerance(Section):
     lower_clearance_um: NotNegative | None = Field(None, description="clearance of the lower joint")
     middle_clearance_um: NotNegative | None = Field(None, description="clearance of the middle joint")
     sensor_installation_um: NotNegative | None = Field(None, description="installation of the cell in its leg")
-    stiffness: float = Field(0.0, ge=0.0, lt=1.0, description="one sigma, relative, of the elastic parameters")
+    stiffness: Share = Field(0.0, description="one sigma, relative, of the elastic parameters")
 
 
 class SensorMechanism(MechanismSection):
