@@ -196,7 +196,8 @@ def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
     made = stage_line(place).call("ingest", "qa").tables
     tables = {name: table for name, table in made.items() if not isinstance(table, str)}
-    failed, checks = failed_relations(tables), tables["qa"].to_pylist()
-    doubted = {row["relation"] for row in tables["belonging"].to_pylist() if row["state"] == "attention"}
+    checks, relations = (tables[name].to_pylist() if name in tables else [] for name in ("qa", "belonging"))
+    failed = failed_relations(tables)
+    doubted = {row["relation"] for row in relations if row["state"] == "attention"}
     apart = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
     return apart, tuple(row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn")

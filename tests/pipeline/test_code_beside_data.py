@@ -6,6 +6,7 @@ import importlib.metadata
 import json
 import os
 import shutil
+import site
 import subprocess
 import sys
 import sysconfig
@@ -45,7 +46,9 @@ def _names() -> set[str]:
     """Every name that an import can have here: the standard library's, those of all that is installed, the rooms'."""
     installed = importlib.metadata.packages_distributions()
     built = sysconfig._get_sysconfigdata_name()  # type: ignore[attr-defined]
-    return {*sys.stdlib_module_names, *installed, *ROOMS, "sitecustomize", "usercustomize", built}
+    # what an editable installation leaves beside the packages is named in no list of theirs
+    beside = (path.stem for folder in site.getsitepackages() for path in Path(folder).glob("*.py"))
+    return {*sys.stdlib_module_names, *installed, *beside, *ROOMS, "sitecustomize", "usercustomize", built}
 
 
 def _plant(folder: Path, mark: Path) -> None:
