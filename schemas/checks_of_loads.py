@@ -50,18 +50,21 @@ _OF_READINGS: Checks = {
         "The mistake would be given a cause as large as itself; the diagnosis leaves such a campaign alone.",
         Rule(fails="any run and channel"),
         "Mend the unit in the table or in its mapping, of the channel or of the load.",
+        withholds="models",
     ),
     "signs": QualityCheck(
         "Does a run answer with the opposite sign, in its readings or its signals?",
         "A turned sign is a label and no property of the platform; the diagnosis leaves such a campaign alone.",
         Rule(fails="any, beyond chance"),
         "Was the load or the channel turned? Mend the table or its mapping.",
+        withholds="models",
     ),
     "channels-exchanged": QualityCheck(
         "Do channels of a run read what another of them should?",
         "Exchanged labels look like crosstalk; the diagnosis leaves such a campaign alone.",
         Rule(fails="any"),
         "Compare the run's wiring with its table; a load written down for another axis looks the same.",
+        withholds="models",
     ),
     "run-zeros": QualityCheck(
         "Do runs begin at zero without load, but for the noise of two readings, as a run counts from its own start?",
@@ -115,6 +118,7 @@ _OF_SURROUNDINGS: Checks = {
         "Other values are another unit, and would be compensated for as they stand.",
         Rule(fails="any outside"),
         "Mend the unit in the table or in its mapping; read the sensor beside another one.",
+        withholds="models",
     ),
     "temperature-unit": QualityCheck(
         "Are recorded temperatures and [mechanism] reference_temperature_c in degrees Celsius?",
@@ -124,6 +128,7 @@ _OF_SURROUNDINGS: Checks = {
             fails="a column and the reference that contradict each other by a unit",
         ),
         'Say the unit in [files] (`units = { temperature_c = "K" }`), or correct the reference.',
+        withholds="models",
     ),
     "temperature-span": QualityCheck(
         "How far did a temperature walk within a run; is it missing in some steps?",
@@ -204,6 +209,7 @@ _OF_BELONGING: Checks = {
         ),
         "Mend the table or its mapping as the sentence proposes. Not tested: give [mechanism] elements or "
         "compliance_file, or load each axis in three runs.",
+        withholds="models",
     ),
     "signals-against-loads": QualityCheck(
         "Do the signals follow the loads by the legs' geometry, the declared gain, and in every run as in the others?",
@@ -211,12 +217,14 @@ _OF_BELONGING: Checks = {
         Rule(fails="a slip explains more than every physical cause could"),
         "Mend the table or its mapping as the sentence proposes. Not tested: load each axis in three runs, or declare "
         "[mechanism] and [signals] sensitivity_mv_per_n.",
+        withholds="models",
     ),
     "copied-runs": QualityCheck(
         "Does a run hold the very numbers of another one?",
         "Noise makes no two runs equal: one of them was never measured.",
         Rule(fails="any pair, beyond chance"),
         "Find the run's own data in the instrument's log, or exclude it.",
+        withholds="models",
     ),
 }
 OF_LOADS: Checks = {**_OF_BELONGING, **_OF_PROGRAMME, **_OF_READINGS, **_OF_SURROUNDINGS, **_OF_SIGNALS}

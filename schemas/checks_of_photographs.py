@@ -18,6 +18,7 @@ OF_PHOTOGRAPHS: Checks = {
         Rule(fails="any pose without; a length that contradicts the others beyond five sigma and 0.5 mm/m"),
         "Lay a scale bar into every pose, and say in scale_bars.csv how long it is. Where nothing checks the scale: a "
         "second bar would, one that `serves` as check, or the stated size of targets.",
+        withholds="poses",
     ),
     "known-points": QualityCheck(
         "Do known points lie where rays and the other known points have them?",
@@ -33,6 +34,7 @@ OF_PHOTOGRAPHS: Checks = {
         Limits("measured over stated size, or stated over measured", warn=1.25, fail=3.0, unit="times"),
         "Look at the units of the survey and of scale_bars.csv, and at what is stated of targets: the diameter of the "
         "dot, the edge of the dark square.",
+        withholds="poses",
     ),
     "rays-per-point": QualityCheck(
         "Which share of a pose's object points is seen in fewer than three photographs?",

@@ -17,6 +17,7 @@ OF_POINTS: Checks = {
         "A target given to a wrong leg gives that leg the shift of another one.",
         Rule(fails="any that does not"),
         "Correct `leg` in targets.csv, or the order of the legs in [mechanism].",
+        withholds="models",
     ),
     "completeness": QualityCheck(
         "Which share of a body's target readings is missing?",
@@ -97,6 +98,7 @@ OF_POINTS: Checks = {
         "A mirrored body or another unit fits nothing, and every later figure rests on it.",
         Rule(warns="beyond 10 sigma of a point, unexplained", fails="a mirror image or another unit explains it"),
         "Correct the axis, the unit or the names that the message names, in the export or in its mapping.",
+        withholds="poses",
     ),
     "copied-poses": QualityCheck(
         "Is each pose a measurement of its own?",
@@ -104,12 +106,14 @@ OF_POINTS: Checks = {
         "a single pose was measured, or the file's resolution is too coarse to tell.",
         Rule(fails="two poses the same in every digit"),
         "Export the poses that are named again; take out those that were not measured.",
+        withholds="models",
     ),
     "legs-regular": QualityCheck(
         "Do the legs of [mechanism] hold the platform in all six directions?",
         "Parallel or otherwise singular legs leave a motion free: no readings say where the platform is.",
         Rule(fails="a motion that changes no leg"),
         "Compare a_mm, b_mm and u of [mechanism] with the drawing.",
+        withholds="models",
     ),
     "readings-against-poses": QualityCheck(
         "Do actuator readings move as the measured poses and [mechanism] ask for?",
@@ -120,6 +124,7 @@ OF_POINTS: Checks = {
             "a slip explains the data, or the misfit is beyond 0.5 of the movement, of all legs or of one",
         ),
         "Undo the slip that the message names once you know it is true; else compare readings and poses one by one.",
+        withholds="models",
     ),
     "noise": QualityCheck(
         "How large is the scatter per body, and per body and axis, over the declared noise?",
@@ -182,5 +187,6 @@ OF_POINTS: Checks = {
             fails="a column and the reference that contradict each other by a unit",
         ),
         'Say the unit in [files] (`units = { temperature_c = "K" }`), or correct the reference.',
+        withholds="models",
     ),
 }

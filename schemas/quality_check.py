@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,24 @@ class Rule:
 
 @dataclass(frozen=True)
 class QualityCheck:
-    """A check: what it asks, why that matters, how it is judged, and what to do when it trips; one sentence or two."""
+    """A check: what it asks, why that matters, how it is judged, and what to do when it trips; one sentence or two.
+
+    withholds: what is not evaluated while it fails, because the data do not belong together as the campaign describes
+    them: "models" are deformation, diagnosis and calibration, "poses" are these and the poses. Empty: an ordinary
+    failure, beside which later results can still be true.
+    """
 
     asks: str
     why: str
     judged: Limits | Rule
     to_do: str
+    withholds: Literal["", "models", "poses"] = ""
+
+    @property
+    def stages_withheld(self) -> str:
+        """What is not evaluated while it fails, in words; empty of an ordinary check."""
+        models = "deformation, diagnosis and calibration"
+        return {"": "", "models": models, "poses": f"poses, {models}"}[self.withholds]
 
 
 Checks = Mapping[str, QualityCheck]

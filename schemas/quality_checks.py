@@ -18,6 +18,8 @@ CHECKS: Mapping[str, Checks] = {
     "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS},
     "interferometer": {**OF_LOADS, **OF_POSITIONS},
 }
+# Checks by which the data do not belong together as described; a name that two kinds share means the same in both.
+WITHHOLDING: Checks = {name: check for checks in CHECKS.values() for name, check in checks.items() if check.withholds}
 
 
 def settable(kind: str) -> dict[str, Limits]:

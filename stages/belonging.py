@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
 from schemas.checks_of_positions import OF_POSITIONS
-from truing.belonging.relation import Slip, State, Tested
+from schemas.quality_checks import WITHHOLDING
+from truing.belonging.relation import Slip, Tested
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-# What a body's poses rest on.
-OF_POSES = ("points-against-survey",)
-# Older checks of what a table says its numbers are; a finding on such numbers would be as large as the slip.
-_CHECKS = ("units", "signs", "channels-exchanged")
 
 
 def belonging_table(tested: Sequence[Tested], accepted: Sequence[str | None]) -> pa.Table:
@@ -50,24 +46,21 @@ def _json(slips: Sequence[Slip]) -> str:
     return json.dumps([asdict(slip) for slip in slips])
 
 
-def failed_relations(tables: Mapping[str, pa.Table], relations: Container[str] | None = None) -> list[str]:
-    """Return the checks of relations that failed and that nobody accepted, each once, in order.
+def failed_relations(tables: Mapping[str, pa.Table], *, of_poses: bool = False) -> list[str]:
+    """Return the checks that withhold what follows, failed, and that nobody accepted, each once, in order.
 
-    ``tables`` holds ``belonging``, and ``qa`` for the older checks of units, signs and channels. ``relations``: those
-    that matter; absent: every one, and the older checks.
+    ``tables`` holds ``qa``; which checks withhold what is declared with them (``QualityCheck.withholds``).
+    ``of_poses``: only those that withhold poses too.
     """
-    rows = tables["belonging"].to_pylist() if "belonging" in tables else []
-    apart = [row["relation"] for row in rows if row["state"] == State.FAILS and not row["accepted"]]
-    failed = [name for name in apart if relations is None or name in relations]
-    if relations is None and "qa" in tables:
-        older = [row for row in tables["qa"].to_pylist() if row["check"] in _CHECKS and row["verdict"] == "fail"]
-        failed += [row["check"] for row in older if not row["accepted"]]
-    return list(dict.fromkeys(failed))
+    rows = tables["qa"].to_pylist() if "qa" in tables else []
+    failed = (row["check"] for row in rows if row["verdict"] == "fail" and not row.get("accepted"))
+    scopes = ("poses",) if of_poses else ("poses", "models")
+    return [name for name in dict.fromkeys(failed) if name in WITHHOLDING and WITHHOLDING[name].withholds in scopes]
 
 
-def withheld(tables: Mapping[str, pa.Table], relations: Container[str] | None = None) -> str:
+def withheld(tables: Mapping[str, pa.Table], *, of_poses: bool = False) -> str:
     """Return why nothing may rest on these tables, as ``failed_relations`` has it; empty where all may."""
-    failed = failed_relations(tables, relations)
+    failed = failed_relations(tables, of_poses=of_poses)
     return f"the data do not belong together: see {', '.join(failed)} under Quality" if failed else ""
 
 

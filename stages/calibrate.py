@@ -51,7 +51,7 @@ DECLARATION = Stage(
         "reading_errors?",
         *("pose_sensitivities?", "pose_covariances?", "camera_correlations?"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
-        *("qa?", "belonging?"),
+        "qa?",
     ),
     leaves=(
         *(f"{name}?" for name in OF_MECHANISM),

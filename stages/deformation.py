@@ -29,7 +29,7 @@ DECLARATION = Stage(
         "reading_residuals?",
         "run_terms?",
         "positions?",
-        *("qa?", "belonging?"),
+        "qa?",
         *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
     ),
     leaves=(

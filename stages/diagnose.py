@@ -30,7 +30,7 @@ DECLARATION = Stage(
         "readings?",
         "signals?",
         "given_compliance?",
-        *("qa?", "belonging?"),
+        "qa?",
         "ray_statistics?",
         "ray_information?",
         "ray_effects?",

@@ -23,7 +23,7 @@ DECLARATION = Stage(
     reads=(
         *("observations?", "survey?", "scans?", "measured_poses?", "readings?", "given_compliance?"),
         *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
-        "belonging?",
+        "qa?",
     ),
     leaves=(
         *("poses?", "residuals?", "pose_sensitivities?", "pose_covariances?"),
@@ -45,12 +45,12 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
-    from stages.belonging import OF_POSES, withheld
+    from stages.belonging import withheld
 
     names = ("observations", "scans", "measured_poses")
     observations, scans, measured = (tables.get(name, ARTIFACTS[name].empty()) for name in names)
     why = "" if observations.num_rows or scans.num_rows or measured.num_rows else "no object points"
-    if why := why or withheld(tables, OF_POSES):
+    if why := why or withheld(tables, of_poses=True):
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
     from stages.point_arrays import observation_rows, pose_ids

@@ -27,10 +27,11 @@ def overview(checks: Checks) -> str:
             one.judged.warns or "–",
             one.judged.fails or "–",
             _MARK * isinstance(one.judged, Limits),
+            one.withholds,
         ]
         for name, one in checks.items()
     ]
-    return table(["check", "what it asks", "warns", "fails", ""], rows)
+    return table(["check", "what it asks", "warns", "fails", "", "withholds"], rows)
 
 
 def entries(checks: Checks) -> str:
@@ -39,8 +40,10 @@ def entries(checks: Checks) -> str:
 
 
 def _entry(name: str, check: QualityCheck) -> str:
+    held = f" While it fails, {check.stages_withheld} are not evaluated." if check.withholds else ""
     return (
-        f"### `{name}`\n\n**{check.asks}** {check.why}\n\n- *Limit*: {_limit(check)}\n- *When it trips*: {check.to_do}"
+        f"### `{name}`\n\n**{check.asks}** {check.why}\n\n"
+        f"- *Limit*: {_limit(check)}\n- *When it trips*: {check.to_do}{held}"
     )
 
 

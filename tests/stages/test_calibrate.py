@@ -18,9 +18,7 @@ import pytest
 from pipeline.settings_view import SettingsView
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign, read_campaign
-from stages.belonging import belonging_table
 from tests.tolerance import assert_between
-from truing.belonging import relation
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE = PROJECT / "sample_data" / "telescope"
@@ -53,7 +51,7 @@ def rigid() -> dict[str, Any]:
 
 def calibrated(tables: dict[str, pa.Table], campaign: Campaign) -> tuple[dict[str, pd.DataFrame], Any]:
     """Every table of the stage as a frame, held to its schema, and what the stage said."""
-    given = {name: tables[name] for name in (*GIVEN, "belonging") if name in tables}
+    given = {name: tables[name] for name in (*GIVEN, "qa") if name in tables}
     said = STAGE.run(given, SettingsView(campaign, STAGE.DECLARATION.settings), lambda *_: None)
     for name, table in said.artifacts.items():
         assert not ARTIFACTS[name].faults(table), [str(fault) for fault in ARTIFACTS[name].faults(table)]
@@ -330,12 +328,13 @@ def test_a_geometry_that_cannot_close_is_not_evaluated(line):
 
 
 def test_what_does_not_belong_together_is_not_calibrated_unless_a_person_accepts_it(line):
-    failed = [relation.Tested("readings-against-poses", relation.State.FAILS, "no-slip")]
+    failed = {"check": "readings-against-poses", "verdict": "fail"}
     campaign = read_campaign(document(SAMPLE))
-    found, said = calibrated({**line, "belonging": belonging_table(failed, [None])}, campaign)
+    found, said = calibrated({**line, "qa": pa.Table.from_pylist([{**failed, "accepted": None}])}, campaign)
     assert said.figure.startswith("not evaluated: ")
     assert all(frame.empty for frame in found.values())
-    found, _ = calibrated({**line, "belonging": belonging_table(failed, ["M. Keller: known"])}, campaign)
+    accepted = pa.Table.from_pylist([{**failed, "accepted": "M. Keller: known"}])
+    found, _ = calibrated({**line, "qa": accepted}, campaign)
     assert not found["calibration"].empty
 
 

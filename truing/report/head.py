@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from schemas.quality_checks import WITHHOLDING
 from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
 from truing.report.calibration.requirement_section import chosen_requirements, tally
 from truing.report.diagnosis.changes import change_words, has_changed
@@ -11,6 +12,7 @@ from truing.report.diagnosis.words import diagnosis_verdicts, lower
 from truing.report.load_steps import in_channel_order, is_bench, load_steps, signal_names
 from truing.report.numbers import count, handy, plain, printed, quantity
 from truing.report.page import Head
+from truing.report.quality_section import accepted_verdicts
 from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
 from truing.report.sensor.positioning import not_stated
 from truing.report.tables import Tables, filled
@@ -27,12 +29,14 @@ Verdict = tuple[str, str]
 
 def build_head(campaign: str, tables: Tables) -> Head:
     """The sentences that a busy person acts on, and the figures that place them."""
+    withheld = _withheld(tables)
     told = [
+        *withheld,
         *_positioning(tables),
         *diagnosis_verdicts(tables),
         *_changes(tables),
         *_requirements(tables),
-        *_quality(tables),
+        *_quality(tables, len(withheld)),
     ]
     verdicts = sorted(told, key=lambda verdict: verdict[0] == "none")
     return Head(campaign, tuple(verdicts), tuple(_tiles(tables)))
@@ -66,16 +70,35 @@ def _changes(tables: Tables) -> list[Verdict]:
     return [("warn" if has_changed(tables) else "pass", said)] if said else []
 
 
-def _quality(tables: Tables) -> list[Verdict]:
+def _withheld(tables: Tables) -> list[Verdict]:
+    """The failed checks by which the data do not belong together: which, what it found, what to do, what waits."""
+    qa = filled(tables, "qa")
+    if qa is None:
+        return []
+    failed = qa[qa["verdict"].eq("fail") & qa["check"].isin(list(WITHHOLDING)) & ~accepted_verdicts(qa)]
+    told = []
+    for name, own in failed.groupby("check", sort=False):
+        check = WITHHOLDING[str(name)]
+        more = f" ({len(own) - 1} more under Quality.)" if len(own) > 1 else ""
+        first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
+        do = printed(check.to_do.replace("`", ""))
+        told.append(("fail", f"{first} {do} Until then {check.stages_withheld} are not evaluated."))
+    return told
+
+
+def _quality(tables: Tables, told: int) -> list[Verdict]:
+    """All checks in a line; ``told``: how many failed ones stand above it already."""
     if "qa" not in tables:
         return []
     qa = tables["qa"]
     if not len(qa):
         return [("none", f"Quality not evaluated: {lower(why_no_quality(tables))}")]
-    accepted = qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
+    accepted = accepted_verdicts(qa)
     said = f" {count(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
     if len(failed):
+        if told:
+            return [("fail", f"{len(failed)} of {len(qa)} quality checks failed, see Quality.{said}")]
         rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
         return [
             (

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from truing.report.numbers import printed, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, cell
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
 _HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
@@ -22,7 +25,7 @@ def quality(tables: Tables) -> Section | None:
     if not len(tables["qa"]):
         return Section("qa", "Quality", why_no_quality(tables), state="not evaluated")
     qa = tables["qa"].assign(order=tables["qa"]["verdict"].map(_ORDER)).sort_values("order", kind="stable")
-    accepted = qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
+    accepted = accepted_verdicts(qa)
     listings = [
         _checks(qa[(qa["verdict"] == "fail") & ~accepted], "Failed"),
         _checks(qa[accepted], "Accepted by a person", ("accepted by",)),
@@ -36,6 +39,11 @@ def quality(tables: Tables) -> Section | None:
     state = "fail" if listings[0].rows else "not evaluated" if idle else "pass"
     shown = tuple(x for x in listings if x.rows)
     return Section("qa", "Quality", f"{len(qa)} checks: {lead}.", listings=shown, state=state)
+
+
+def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:
+    """Which rows of ``qa`` a person accepted."""
+    return qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
 
 
 def _checks(qa: Any, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:
