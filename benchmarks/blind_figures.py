@@ -93,15 +93,13 @@ def _bins(
     name: str,
     side: float,
 ) -> list[str]:
-    from benchmarks.blind_page import interval
-
     out, colour = [], COLOURS[name]
     for low, high in pairwise(edges):
         own = [one for one in campaigns if low <= one.hidden[0].strength < high]
         if own:
             count = (rates.detected if name == "found" else rates.named)(own)
             x, y = at(np.exp(np.mean([np.log(one.hidden[0].strength) for one in own])), count.share)
-            (_, down), (_, up) = (at(low, bound) for bound in interval(count.good, count.trials))
+            (_, down), (_, up) = (at(low, bound) for bound in rates.interval(count.good, count.trials))
             out.append(f'<path d="M{x + side:.1f},{down:.1f}V{up:.1f}" stroke="{colour}"/>')
             out.append(f'<circle cx="{x + side:.1f}" cy="{y:.1f}" r="4" fill="{colour}"/>')
     return out

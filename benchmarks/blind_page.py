@@ -22,15 +22,6 @@ NAME = "unexplained"
 POINTS = INSTRUMENTS["photogrammetry"]
 
 
-def interval(good: int, trials: int) -> tuple[float, float]:
-    """Return the exact 95 % bounds of a probability (Clopper and Pearson 1934)."""
-    from scipy.stats import beta
-
-    low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
-    high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
-    return float(low), float(high)
-
-
 def write_page(records: Sequence[Record], own: Instrument = POINTS) -> None:
     """Make tables and figures of an instrument's page anew, and keep the results that they were made from."""
     _keep(records, own.kept)
@@ -78,7 +69,7 @@ def _percent(share: float) -> str:
 
 
 def _of(count: Count) -> list[str]:
-    low, high = interval(count.good, count.trials)
+    low, high = rates.interval(count.good, count.trials)
     return [f"{count.good} of {count.trials}", _percent(count.share), f"{_percent(low)} to {_percent(high)}"]
 
 
@@ -190,7 +181,7 @@ def unforeseen(campaigns: Sequence[Judged]) -> str:
 
 
 def _range(count: Count) -> str:
-    low, high = interval(count.good, count.trials)
+    low, high = rates.interval(count.good, count.trials)
     return f"{_percent(low)} to {_percent(high)}"
 
 

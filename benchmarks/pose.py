@@ -47,7 +47,8 @@ def cost(R: np.ndarray, t: np.ndarray, source: np.ndarray, target: np.ndarray) -
 def ours(threads: int) -> dict[str, Fit]:
     """Return our fits: as called by everybody, and the plain and the compiled form behind it."""
     from truing.estimation.rigid_poses.batched_kernel import solve
-    from truing.estimation.rigid_poses.rigid import RigidFit, check_correspondences, solve_weighted, umeyama
+    from truing.estimation.rigid_poses.rigid import RigidFit, check_correspondences, solve_weighted
+    from truing.estimation.rigid_poses.umeyama import umeyama
 
     def weighted(fit: Callable[..., RigidFit]) -> Fit:
         def fits(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,8 +131,8 @@ def verdict(
 
 def robust_fits() -> dict[str, Fit]:
     """Return robust fits of poses: ours with a refit on the consensus, TEASER++ alone and with a refit of ours."""
-    from truing.estimation.rigid_poses.rigid import umeyama
     from truing.estimation.rigid_poses.robust import consensus
+    from truing.estimation.rigid_poses.umeyama import umeyama
 
     def truing(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         fit = umeyama(source, target, consensus(source, target, None, SIGMA)[0], sigma=SIGMA)
@@ -154,7 +155,7 @@ def compare_robust(points: int, wrong: float, repeats: int) -> None:
     """Print how often robust fits succeed, their rotation errors over the oracle's, and their rates; one thread."""
     from scipy.special import chdtri
 
-    from truing.estimation.rigid_poses.rigid import umeyama
+    from truing.estimation.rigid_poses.umeyama import umeyama
 
     trials = 50_000 if points <= 20 else 4_000
     print(

@@ -147,7 +147,8 @@ class CampaignRun:
         self, work: Callable[[Piece], Result], pieces: Sequence[Piece], progress: Callable[[int], None]
     ) -> Iterator[Result]:
         """The result of every piece, in their order, by as many processes as there are for this campaign."""
-        from pipeline.executor import Workforce, results
+        from pipeline.executor import results
+        from pipeline.workforce import Workforce
 
         return results(work, pieces, Workforce(self.workers), _lost, progress)
 

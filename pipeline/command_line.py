@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from pipeline.entry import main as main  # scripts of installations made before pipeline.entry look for it here
 from pipeline.options import (
     Anew,
     Campaigns,

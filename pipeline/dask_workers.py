@@ -9,9 +9,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from pipeline.executor import LOCAL, TRIES, Piece, Result, Workforce
 from pipeline.interruption import children_without_interrupts
 from pipeline.problems import EnvironmentProblem
+from pipeline.workforce import LOCAL, TRIES, Piece, Result, Workforce
 from truing.child_processes import safe_children
 
 if TYPE_CHECKING:

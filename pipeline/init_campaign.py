@@ -24,7 +24,7 @@ from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
 
 if TYPE_CHECKING:
-    from truing.formats.sniff import Guess
+    from truing.formats.guess import Guess
 
     _Entry = tuple["RawGroup", Guess, list[str]]
 
@@ -126,7 +126,8 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _guess(group: RawGroup) -> Guess:
-    from truing.formats.sniff import Guess, sniff_file
+    from truing.formats.guess import Guess
+    from truing.formats.sniff import sniff_file
 
     if not _is_text(group.glob):
         return Guess(notes=("its name is no text in UTF-8, as campaign.toml is: rename it",))

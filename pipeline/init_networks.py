@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from truing.formats.sniff import Guess
+    from truing.formats.guess import Guess
 
 Group = TypeVar("Group")
 

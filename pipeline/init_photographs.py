@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from truing.formats.source import PICTURES
 
 if TYPE_CHECKING:
-    from truing.formats.sniff import Guess
+    from truing.formats.guess import Guess
 
 _NUMBERED = re.compile(r"(?P<pose>.+)[-_ ]\d+")
 _IN_FOLDERS = r"(?P<pose>[^/]+)/[^/]+$"
@@ -31,7 +31,7 @@ def is_picture(path: Path) -> bool:
 
 def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str, Path, int, Guess]]:
     """An entry per folder tree and ending: glob, one of the photographs, how many, and the keys for [files.images]."""
-    from truing.formats.sniff import Guess
+    from truing.formats.guess import Guess
 
     groups: dict[tuple[str, str], list[Path]] = {}
     for path in pictures:

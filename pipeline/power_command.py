@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.bench_tables import bench_tables
 from pipeline.campaign_folder import CampaignFolder, run_folder_of
-from pipeline.executor import Workforce, results
+from pipeline.executor import results
 from pipeline.given_table import ENDINGS, table_bytes
 from pipeline.in_memory import call_stage
 from pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
@@ -20,6 +20,7 @@ from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from pipeline.run_campaign import usable_campaign
 from pipeline.run_owner import folder_beside_run, note_owner
 from pipeline.voice import Voice
+from pipeline.workforce import Workforce
 from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from multiprocessing import connection
 from typing import Any
 
-from pipeline.executor import TRIES, Piece, Result
 from pipeline.interruption import children_without_interrupts, heard, interruptible
 from pipeline.problems import Interrupted
+from pipeline.workforce import TRIES, Piece, Result
 from truing.child_processes import safe_children
 
 _SECONDS_TO_LEAVE = 10.0

@@ -11,11 +11,12 @@ from pathlib import Path
 
 from pipeline.campaign_folder import CampaignFolder, run_folder_of
 from pipeline.endings import KEPT, end, end_all
-from pipeline.executor import Workforce, processors, results
+from pipeline.executor import results
 from pipeline.problems import ExitCode, gravest
 from pipeline.run_campaign import Wish, run_campaign, usable_campaign
 from pipeline.run_owner import refuse_raw_files
 from pipeline.voice import Recorder, Voice
+from pipeline.workforce import Workforce, processors
 from schemas.faults import CampaignFaults, Fault
 
 

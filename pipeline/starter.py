@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from truing.formats.sniff import Guess
+    from truing.formats.guess import Guess
 
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")

@@ -24,9 +24,10 @@ if TYPE_CHECKING:
     from truing.estimation.rigid_poses.likelihood import maximum_likelihood
     from truing.estimation.rigid_poses.line_fit import LineFit, fit_line
     from truing.estimation.rigid_poses.procrustes import ProcrustesFit, generalised_procrustes
-    from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, umeyama
+    from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
     from truing.estimation.rigid_poses.robust import consensus
     from truing.estimation.rigid_poses.robust_pose import robust_pose
+    from truing.estimation.rigid_poses.umeyama import umeyama
     from truing.estimation.rotation import exp_so3, log_so3, skew
     from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
     from truing.estimation.sensor.calibrate import fit_calibration
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from truing.simulation.bench.sensor_text import read_sensor
     from truing.simulation.calibration_problem import CalibrationProblem
     from truing.simulation.cause import Cause, Parameter, Step
-    from truing.simulation.chain import State, simulate
+    from truing.simulation.chain import simulate
     from truing.simulation.extended_model import ExtendedModel, predict_poses
     from truing.simulation.kinematics import forward, inverse
     from truing.simulation.legs import Closure, Legs
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from truing.simulation.six_upur.geometry import JointCentres, joint_centres
     from truing.simulation.six_upur.influence import influence_matrix, merit
     from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
+    from truing.simulation.state import State
     from truing.simulation.structure import Machine, poses_at, readings_at
     from truing.simulation.structures import structures
     from truing.simulation.unknowns import Conditions
@@ -161,9 +163,10 @@ _ROOMS = {
     "truing.estimation.rigid_poses.likelihood": ("maximum_likelihood",),
     "truing.estimation.rigid_poses.line_fit": ("LineFit", "fit_line"),
     "truing.estimation.rigid_poses.procrustes": ("ProcrustesFit", "generalised_procrustes"),
-    "truing.estimation.rigid_poses.rigid": ("FitStatus", "RigidFit", "umeyama"),
+    "truing.estimation.rigid_poses.rigid": ("FitStatus", "RigidFit"),
     "truing.estimation.rigid_poses.robust": ("consensus",),
     "truing.estimation.rigid_poses.robust_pose": ("robust_pose",),
+    "truing.estimation.rigid_poses.umeyama": ("umeyama",),
     "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
     "truing.estimation.scans.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
     "truing.estimation.sensor.calibrate": ("fit_calibration",),
@@ -174,7 +177,8 @@ _ROOMS = {
     "truing.simulation.air": ("ciddor_index", "edlen_index"),
     "truing.simulation.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),
-    "truing.simulation.chain": ("State", "simulate"),
+    "truing.simulation.chain": ("simulate",),
+    "truing.simulation.state": ("State",),
     "truing.simulation.extended_model": ("ExtendedModel", "predict_poses"),
     "truing.simulation.bench.extended_sensor": ("ExtendedSensor", "predict_readings"),
     "truing.simulation.kinematics": ("forward", "inverse"),

@@ -20,8 +20,9 @@ from docs.experiments.chart import Panel, Series, write_chart
 from docs.experiments.marked_tables import renew
 from truing.estimation.rigid_poses.haralick import haralick
 from truing.estimation.rigid_poses.line_fit import fit_line
-from truing.estimation.rigid_poses.rigid import RigidFit, umeyama
+from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.robust_pose import robust_pose
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, log_so3
 
 LENGTH, RADIUS, SIGMA = 50e-3, 1e-3, 5e-6

@@ -16,7 +16,7 @@ from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.image_stability import ImageStability, image_stability
 from truing.estimation.bundle.network import Index
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 if TYPE_CHECKING:
     import pyarrow as pa

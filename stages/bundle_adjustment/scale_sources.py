@@ -11,7 +11,7 @@ from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGT
 from stages.bundle_adjustment.adjusting import AdjustedNetwork
 from stages.bundle_adjustment.survey_distances import SurveyedPoints
 from truing.estimation.bundle.network import State
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,7 +14,7 @@ from stages.diagnosis.mechanism_points import nominal_legs
 from stages.point_arrays import number_column, survey_points
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.identifiable_set import choose_identifiable
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.legs import Change

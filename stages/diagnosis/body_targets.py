@@ -24,7 +24,7 @@ from truing.estimation.diagnosis.whereabouts import (
     median_places,
     stray_places,
 )
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.simulation.causes.markers import markers_of
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.unknowns import FREE_LENGTH_M

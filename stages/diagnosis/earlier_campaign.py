@@ -18,9 +18,10 @@ from truing.estimation.diagnosis.point_fit import fit_points
 from truing.simulation.bench.earlier_sensor import earlier_sensor
 from truing.simulation.bench.sensor_text import is_sensor, read_sensor
 from truing.simulation.cause import Cause
-from truing.simulation.earlier import Earlier, earlier_knowledge
+from truing.simulation.earlier import earlier_knowledge
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.model_text import read_model
+from truing.simulation.prior_campaign import Earlier
 from truing.simulation.told_numbers import alternatives, figures, numbers_of, told_numbers
 
 if TYPE_CHECKING:

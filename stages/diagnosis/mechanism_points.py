@@ -15,7 +15,7 @@ from stages.point_arrays import number_column, pose_ids, pose_points, positions,
 from stages.pose_conditions import chosen, pose_conditions
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.simulation.cause import Cause
 from truing.simulation.causes.following import ORDER

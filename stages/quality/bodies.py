@@ -13,8 +13,9 @@ from schemas.columns import COLUMNS
 from stages.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.response import keep_consistent
-from truing.estimation.rigid_poses.rigid import RigidFit, umeyama
+from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.robust import consensus
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,8 +13,9 @@ from truing.estimation.covariance import survey_frame_covariance
 from truing.estimation.rigid_poses.common_shape import common_shape
 from truing.estimation.rigid_poses.haralick import haralick
 from truing.estimation.rigid_poses.procrustes import generalised_procrustes
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, mask_entries, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, mask_entries
 from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_distances, target_scatter
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

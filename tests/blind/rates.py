@@ -36,6 +36,15 @@ class Count:
         return self.good > most_of(self.trials, allowed) if self.trials else False
 
 
+def interval(good: int, trials: int) -> tuple[float, float]:
+    """Return the exact 95 % bounds of a probability (Clopper and Pearson 1934)."""
+    from scipy.stats import beta
+
+    low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
+    high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
+    return float(low), float(high)
+
+
 def _count(campaigns: Iterable[Judged], is_good: Callable[[Judged], bool], tell: Callable[[Judged], str]) -> Count:
     judged = [(is_good(one), one) for one in campaigns]
     bad = tuple(tell(one) for good, one in judged if not good)

@@ -70,8 +70,8 @@ def test_groups_take_turns_and_clear_effects_are_clear(instrument: str) -> None:
 
 def test_bounds_are_clopper_and_pearson_s() -> None:
     """None of 96: 1 - 0.025^(1/96)."""
-    assert_close(blind_page.interval(0, 96), [0.0, 1 - 0.025 ** (1 / 96)], atol=1e-12)
-    assert_close(blind_page.interval(5, 5), [0.025 ** (1 / 5), 1.0], atol=1e-12)
+    assert_close(rates.interval(0, 96), [0.0, 1 - 0.025 ** (1 / 96)], atol=1e-12)
+    assert_close(rates.interval(5, 5), [0.025 ** (1 / 5), 1.0], atol=1e-12)
 
 
 def test_theory_is_that_of_the_design() -> None:

@@ -9,7 +9,7 @@ import pytest
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from tests.formats.reading import read, written
-from truing.formats.mapping import joined_by
+from truing.formats.origins import joined_by
 from truing.formats.patterns import BoundedPattern, TooSlow
 
 ENDLESS = r"(?P<{}>(?:a|aa)+)"  # every way of making a row of these letters from one and two

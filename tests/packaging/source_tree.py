@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -33,14 +33,26 @@ def module_name(path: Path) -> str:
 
 def imported_names(path: Path) -> set[str]:
     """Dotted names that a file imports anywhere; of `from a import b` both `a` and `a.b`."""
-    names: set[str] = set()
+    found = _imports(path)
+    return {*(origin for origin, _ in found), *(f"{origin}.{name}" for origin, name in found if name)}
+
+
+def imported_modules(path: Path, known: Container[str]) -> set[str]:
+    """Those of the known modules that a file imports anywhere; of `from a import b` only `a.b` where that is one."""
+    named = ((origin, f"{origin}.{name}" if name else origin) for origin, name in _imports(path))
+    found = {whole if whole in known else origin for origin, whole in named}
+    return {name for name in found if name in known} - {module_name(path)}
+
+
+def _imports(path: Path) -> list[tuple[str, str]]:
+    """What a file imports anywhere: modules (with an empty name), and modules with a name taken from them."""
+    found = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path))):
         if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
+            found += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            origin = _origin(node, path)
-            names.update({origin, *(f"{origin}.{alias.name}" for alias in node.names)})
-    return names
+            found += [(_origin(node, path), alias.name) for alias in node.names]
+    return found
 
 
 def _origin(node: ast.ImportFrom, path: Path) -> str:

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.executor import LOCAL, TRIES, Workforce, results
+from pipeline.executor import results
 from pipeline.problems import EnvironmentProblem
+from pipeline.workforce import LOCAL, TRIES, Workforce
 from tests.pipeline import pieces_of_work as work
 
 PROJECT = Path(__file__).resolve().parents[2]

@@ -13,9 +13,10 @@ from typer.testing import CliRunner
 
 from pipeline.campaign_folder import open_campaign
 from pipeline.command_line import app
-from pipeline.executor import LOCAL, Workforce, results
+from pipeline.executor import results
 from pipeline.power_command import PowerWish, _plan, diagnosed_trial
 from pipeline.problems import Interrupted
+from pipeline.workforce import LOCAL, Workforce
 from schemas.campaign import Campaign
 from stages.power import Answer, Trial
 from stages.simulated_campaigns.plan import CampaignPlan

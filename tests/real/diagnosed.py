@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 _SAYS = re.compile(r"The data show that (.*?)(?:: |, and no cause| \(|\. )")
 _MM = ["x_mm", "y_mm", "z_mm"]

@@ -11,7 +11,7 @@ from stages.sensor.reading_arrays import READING_SI
 from tests.real import force_facts
 from tests.real.diagnosed import diagnosed, length, sag, seen_in_between, up_and_down, walked
 from truing.estimation.response import fit_response
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 
 Tables = dict[str, pd.DataFrame]

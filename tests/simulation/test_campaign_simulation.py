@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.telescope import MATRIX, sample_model
 from tests.tolerance import assert_between
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.simulation.campaign_simulation import Drawn, Layout, draw_campaign
 from truing.simulation.cause import Effect
 from truing.simulation.targets import BASE

@@ -14,8 +14,9 @@ from truing.simulation import causes, installed
 from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
 from truing.simulation.causes.bench.channels import ZeroDrift
 from truing.simulation.causes.unexplained import Unexplained
-from truing.simulation.chain import State, simulate
+from truing.simulation.chain import simulate
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 COVARIATES = {
     "time_s": np.array([0.0, 60.0, 120.0]),

@@ -18,9 +18,9 @@ from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.measurement_scale import MeasurementScale
 from truing.simulation.causes.platform_deformation import LinearPlatformDeformation, NonlinearPlatformDeformation
 from truing.simulation.causes.warmth import APART, LegThermal, ThermalExpansion
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
 from truing.simulation.point_model import PointModel
+from truing.simulation.state import State
 
 STEP = 1e-30
 # Cosines of small bends lose digits near 1, some 1e-16 of 1e-5, in value and in derivative.

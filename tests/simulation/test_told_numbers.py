@@ -7,7 +7,7 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.estimation.diagnosis.changes import compare
-from truing.simulation.earlier import Earlier
+from truing.simulation.prior_campaign import Earlier
 from truing.simulation.told_numbers import Number, Told, figures
 
 

@@ -12,7 +12,7 @@ from schemas.campaign import read_campaign
 from stages import pose
 from tests.estimation.scatter import body, move, pose_error, random_motions, squared_pulls
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 
 SIGMA_MM = 0.005

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -24,8 +24,9 @@ from truing.formats.dictionaries import (
     with_values,
 )
 from truing.formats.faultlog import CellFaults, Records
-from truing.formats.mapping import Constant, Group, Joined, Plan, RawColumn, Spread, joined_by
+from truing.formats.mapping import Plan
 from truing.formats.numbers import Notation
+from truing.formats.origins import Constant, Group, Joined, RawColumn, Spread, joined_by
 from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
 from truing.formats.raw_values import as_meant

@@ -5,15 +5,25 @@ from __future__ import annotations
 import difflib
 import re
 import string
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from schemas.column import Column
-from schemas.mapping import FileMapping
-from truing.formats.mapping_checks import Misfit, told_otherwise
+from schemas.mapping import FileMapping, is_uncertainty
+from truing.formats.header_units import expanded, unit_in_brackets
 from truing.formats.numbers import is_plain_number
-from truing.formats.patterns import BoundedPattern, bounded
+from truing.formats.origins import (
+    Constant,
+    Group,
+    Joined,
+    Origin,
+    RawColumn,
+    Spread,
+    made_of,
+    template_fields,
+)
+from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
 from truing.formats.row_groups import RowNumber, is_side_by_side
 from truing.formats.shapes import COORDINATES, Shape
@@ -23,44 +33,12 @@ _TOLD = {"pose", "body", "target", "run", "step", "channel"}  # often said by a 
 
 
 @dataclass(frozen=True)
-class Constant:
-    """The same value in every row."""
+class Misfit:
+    """A mapping that does not fit its file: what was expected, and of which column."""
 
-    value: str | int | float
-
-
-@dataclass(frozen=True)
-class RawColumn:
-    """A column of the file, by position."""
-
-    position: int
-
-
-@dataclass(frozen=True)
-class Group:
-    """A named group of a regular expression that another column's whole value matches."""
-
-    column: str
-    pattern: BoundedPattern[str]
-    name: str
-
-
-@dataclass(frozen=True)
-class Joined:
-    """A template of other columns."""
-
-    template: str
-    columns: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A column that turning wide rows long makes: target (and other names of the template), or a coordinate."""
-
-    name: str
-
-
-Origin = Constant | RawColumn | Group | RowNumber | Joined | Spread
+    expected: str
+    column: str | None = None
+    value: str | None = None
 
 
 @dataclass(frozen=True)
@@ -250,7 +228,7 @@ class Plan:
             position = self._array_position(origin.position)
             as_text = name in self.entry.rename or position != origin.position or found.get(position, kind) != kind
             found[position] = "text" if as_text else kind
-        for column in _made_of(origin):
+        for column in made_of(origin):
             if self.origin(column) is None:
                 self.misfits.append(self._not_there(column))
             self._need(column, "text", found, (*within, name))
@@ -290,7 +268,7 @@ class Plan:
         if not self.shape.partial:
             misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
             misfits += self._unit_of_nothing()
-            misfits += told_otherwise(self)
+            misfits += _told_otherwise(self)
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
         if self.entry.wide is not None and not self.wide:
@@ -383,24 +361,6 @@ class Plan:
         return name
 
 
-def _made_of(origin: Origin | None) -> tuple[str, ...]:
-    if isinstance(origin, Group):
-        return (origin.column,)
-    return origin.columns if isinstance(origin, Joined) else ()
-
-
-def template_fields(template: str) -> tuple[str, ...]:
-    """The names in a template's braces."""
-    return tuple(name for _, name, _, _ in string.Formatter().parse(template) if name)
-
-
-def joined_by(template: str, values: Sequence[str]) -> str:
-    """A template with values, in the order of its names: text is put in, and nothing of a name is looked up."""
-    left = iter(values)
-    parts = string.Formatter().parse(template)
-    return "".join(text if name is None else f"{text}{next(left):{form}}" for text, name, form, _ in parts)
-
-
 def _template_pattern(template: str) -> str:
     """The regular expression of the names that a template of names makes; the axis is one letter."""
     parts = []
@@ -409,3 +369,26 @@ def _template_pattern(template: str) -> str:
         if name is not None:
             parts.append("(?P<axis>[xyzXYZ])" if name == "axis" else f"(?P<{name}>.+)")
     return "".join(parts)
+
+
+def _told_otherwise(plan: Plan) -> Iterator[Misfit]:
+    """Columns whose raw name says another unit than they are read in, or that they are no standard deviation."""
+    for name, column in plan.columns.items():
+        raw = plan.raw_name(name)
+        if name in plan.preset or name in plan.unasked or raw == name:
+            continue
+        unit = unit_in_brackets(raw)
+        if unit is not None and column.unit and not plan.is_given_unit(name) and _differs(unit, column.unit):
+            yield Misfit(f'its unit, as {raw} is not in {column.unit}: units = {{ {name} = "{unit}" }}', column=name)
+        said = expanded(raw) if is_uncertainty(name) else None
+        if said is not None and plan.entry.value(name).coverage is None:
+            cure = f"coverage = {said.coverage:g} where it is U = k sigma, coverage = 1 where it is one sigma"
+            yield Misfit(f"one standard deviation, or the coverage factor of {raw} ({said.why}): {cure}", column=name)
+
+
+def _differs(unit: str, wanted: str) -> bool:
+    """Whether two units of one dimension are not the same."""
+    try:
+        return conversion(unit, wanted) != (1.0, 0.0)
+    except UnknownUnit:
+        return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from schemas.mapping import FileMapping, is_uncertainty
 from schemas.memory import raise_shortage
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
+from truing.formats.guess import Guess
 from truing.formats.header_units import bare_and_unit, expanded, may_be
 from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
 from truing.formats.known_networks import OF_RIGS, KnownNetwork, by_format, by_look, tells_of_rigs
@@ -82,21 +83,6 @@ _KNOWN = {
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
 _DENSE = 1000  # a cloud of more points than this is a scan of a surface, not a set of targets
-
-
-@dataclass(frozen=True)
-class Guess:
-    """What a file seems to hold: keys for [files.<table>], its columns, the table, what to look at again, and the
-    other tables that are read from it with the same keys. known: no table of it is wanted; the first note says why.
-    beside: what other tables it holds, each with keys of its own."""
-
-    mapping: dict[str, Any] = field(default_factory=dict)
-    columns: tuple[str, ...] = ()
-    table: str | None = None
-    notes: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
-    known: bool = False
-    beside: tuple[Guess, ...] = ()
 
 
 def sniff_file(path: Path) -> Guess:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from schemas.mapping import FileMapping
+from truing.formats.guess import Guess
 from truing.formats.raw import Unusable
 
 if TYPE_CHECKING:
     from truing.formats.matlab_variables import Variable
-    from truing.formats.sniff import Guess
 
-Sniff = Callable[[list[list[str]], dict[str, Any]], "Guess"]
+Sniff = Callable[[list[list[str]], dict[str, Any]], Guess]
 
 _LOOK = 60
 _SHOWN = 12
@@ -25,7 +25,6 @@ _AXES = 3
 
 def sniff_workbook(path: Path, sniff: Sniff) -> Guess:
     """A proposal for the sheet that holds most; the others are named in a note."""
-    from truing.formats.sniff import Guess
     from truing.formats.workbook import first_rows, text_of
 
     try:
@@ -52,7 +51,6 @@ def sniff_workbook(path: Path, sniff: Sniff) -> Guess:
 def sniff_matlab(path: Path, sniff: Sniff) -> Guess:
     """A proposal for the one variable that is a table of poses or points; else its variables, to choose from."""
     from truing.formats.matlab_variables import open_variables
-    from truing.formats.sniff import Guess
 
     try:
         with open_variables(path) as variables:
@@ -63,7 +61,6 @@ def sniff_matlab(path: Path, sniff: Sniff) -> Guess:
 
 def _of_variables(variables: Mapping[str, Variable], sniff: Sniff) -> Guess:
     from truing.formats.matlab import blocks_of, shape_of
-    from truing.formats.sniff import Guess
 
     variables = {name: value for name, value in variables.items() if name != "None"}  # objects without a name
     listed = [f"{name} {shape_of(value)}" for name, value in variables.items()]

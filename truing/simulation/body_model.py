@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
-from truing.simulation.chain import Met, Passage, State, moved_by_shape
+from truing.simulation.chain import Met, Passage, moved_by_shape
 from truing.simulation.effects_model import COMMON, RecordedModel
 from truing.simulation.legs import Closure, Legs
 from truing.simulation.point_model import Prediction
 from truing.simulation.recording import Recording, designs
+from truing.simulation.state import State
 from truing.simulation.survey import ShapeUnknowns
-from truing.simulation.targets import LegFrames, Targets
+from truing.simulation.target_motion import LegFrames
+from truing.simulation.targets import Targets
 from truing.simulation.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Conditions
 
 # Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.

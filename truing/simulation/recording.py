@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Effect, Step
-from truing.simulation.chain import Met, Passage, State, carried
+from truing.simulation.chain import Met, Passage, carried
 from truing.simulation.legs import Change
-from truing.simulation.targets import LegFrames, Targets, motion, positions, target_motion, turns
+from truing.simulation.state import State
+from truing.simulation.target_motion import LegFrames, motion, positions, target_motion, turns
+from truing.simulation.targets import Targets
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.diagnosis.changes import LEVEL, Comparison
-from truing.simulation.earlier import Earlier, Part
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.identified import identified_geometry, name_and_leg
+from truing.simulation.prior_campaign import Earlier, Part
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.unknowns import Unknowns
 

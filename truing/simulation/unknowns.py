@@ -23,7 +23,7 @@ from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import LEG, Targets
 
 if TYPE_CHECKING:
-    from truing.simulation.earlier import Earlier
+    from truing.simulation.prior_campaign import Earlier
 
 # What nothing is known of: wide enough not to pull, narrow enough to keep the equations well scaled.
 FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05

@@ -13,7 +13,7 @@ from truing.estimation.diagnosis.whereabouts import (
     spread_in_time,
     stray_places,
 )
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 1e-5
 ORDER = np.arange(20.0)

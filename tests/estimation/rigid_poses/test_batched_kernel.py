@@ -10,8 +10,10 @@ import pytest
 
 from tests.estimation.scatter import body, move, random_motions
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses import batched_kernel, rigid
-from truing.estimation.rigid_poses.rigid import RigidFit, umeyama
+from truing.estimation.rigid_poses import batched_kernel
+from truing.estimation.rigid_poses import umeyama as umeyama_module
+from truing.estimation.rigid_poses.rigid import RigidFit
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6
 NUMBERS = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
@@ -153,9 +155,9 @@ def test_large_batches_take_this_way_and_nobody_notices(monkeypatch):
     x, y = pairs(rng, poses=500)
     w = rng.uniform(0.5, 2.0, (500, 9))
     plain = umeyama(x, y, w, sigma=SIGMA)
-    monkeypatch.setattr(rigid, "_WORTH_COMPILED_CODE", 4500)
+    monkeypatch.setattr(umeyama_module, "_WORTH_COMPILED_CODE", 4500)
     # stands in for the plain form, which a large batch must not reach
-    monkeypatch.setattr(rigid, "solve_weighted", None)
+    monkeypatch.setattr(umeyama_module, "solve_weighted", None)
     assert_same(umeyama(x, y, w, sigma=SIGMA), plain)
 
 
@@ -173,7 +175,7 @@ def test_imports_where_compiled_code_cannot_be_kept():
 
 
 def test_importing_the_package_and_the_plain_form_does_not_import_numba():
-    rooms = "truing.estimation.rigid_poses.rigid, truing.estimation.rigid_poses.robust"
+    rooms = "truing.estimation.rigid_poses.umeyama, truing.estimation.rigid_poses.robust"
     code = f"import sys, truing, {rooms}; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "False", done.stderr

@@ -15,7 +15,7 @@ from truing.estimation.rigid_poses.haralick import (
     residual_scale,
     tukey_biweight,
 )
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6
 

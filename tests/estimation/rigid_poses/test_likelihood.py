@@ -17,7 +17,8 @@ from tests.estimation.scatter import (
 )
 from tests.tolerance import assert_close
 from truing.estimation.rigid_poses.likelihood import _normal_equations, maximum_likelihood
-from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 
 SIGMA = 5e-6

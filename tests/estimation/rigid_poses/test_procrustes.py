@@ -10,7 +10,8 @@ from tests.estimation.scatter import body, move, pose_error, random_motions, see
 from tests.tolerance import assert_close
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.procrustes import generalised_procrustes
-from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6
 

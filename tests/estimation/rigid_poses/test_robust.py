@@ -10,9 +10,10 @@ from scipy.stats import binom, chi2
 
 from tests.estimation.scatter import body, move, pose_error, random_motions, seeds, squared_pulls
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses import robust, robust_kernel
-from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses import consensus_steps, robust, robust_kernel
+from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust import FALSE_ALARM, consensus
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6
 
@@ -82,8 +83,8 @@ def test_studentised_residuals_are_chi_square_for_members_and_for_points_left_ou
     trials = 40_000 // points
     x, y, mask, *_ = spoiled(np.random.default_rng(14), trials, points, 0)
     members = np.broadcast_to(np.arange(points) > 0, mask.shape)
-    clouds = robust.Clouds(np.broadcast_to(x, y.shape), y, mask, np.full(mask.shape, SIGMA), np.ones(trials))
-    studentised, _ = robust.squared_residuals(clouds, members)
+    clouds = consensus_steps.Clouds(np.broadcast_to(x, y.shape), y, mask, np.full(mask.shape, SIGMA), np.ones(trials))
+    studentised, _ = consensus_steps.squared_residuals(clouds, members)
     for share in (0.5, 0.05):
         low, high = binom.ppf([1e-4, 1 - 1e-4], trials, share)
         # three members leave each other less than three degrees of freedom
@@ -156,7 +157,7 @@ def test_compiled_code_finds_the_same(monkeypatch):
     assert len(set(status)) >= 5
     monkeypatch.setattr(robust, "_MANY_POINTS", 0)
     monkeypatch.setattr(robust, "_MANY_PAIRS", 0)
-    monkeypatch.setattr(robust, "same_distances", None)
+    monkeypatch.setattr(consensus_steps, "same_distances", None)
     same_kept, same_status = consensus(x, y, mask, sigma)
     assert np.array_equal(same_kept, kept)
     assert list(same_status) == list(status)
@@ -165,20 +166,20 @@ def test_compiled_code_finds_the_same(monkeypatch):
 def test_each_compiled_step_equals_the_plain_one():
     rng = np.random.default_rng(13)
     x, y, mask, sigma = mixed_batch(rng)
-    clouds = robust.Clouds(x, np.where(mask[..., None], y, 0.0), mask, sigma, np.full(len(x), 20.0))
+    clouds = consensus_steps.Clouds(x, np.where(mask[..., None], y, 0.0), mask, sigma, np.full(len(x), 20.0))
     members = mask & (rng.random(mask.shape) < 0.8)
-    steps = (robust_kernel.squared_residuals(clouds, members), robust.squared_residuals(clouds, members))
+    steps = (robust_kernel.squared_residuals(clouds, members), consensus_steps.squared_residuals(clouds, members))
     for fast, plain in zip(*steps, strict=True):
         assert np.array_equal(np.isfinite(fast), np.isfinite(plain))
         # where a point alone holds the pose, what is left of its residual is rounding over FLOOR
         relevant = mask & np.isfinite(plain) & (plain > 1e-3)
         assert np.count_nonzero(relevant) > 1000
         assert_close(fast[relevant] / plain[relevant], np.ones(np.count_nonzero(relevant)), atol=1e-3)
-    graph, expected = robust_kernel.same_distances(clouds), robust.same_distances(clouds)
+    graph, expected = robust_kernel.same_distances(clouds), consensus_steps.same_distances(clouds)
     assert np.array_equal(graph > 0, expected > 0)
     assert_close(graph, expected, atol=1e-6)
     seed, taken = graph.sum(-1).argmax(-1), rng.random(mask.shape) < 0.2
-    assert np.array_equal(robust_kernel.grow(expected, seed, taken), robust.grow(expected, seed, taken))
+    assert np.array_equal(robust_kernel.grow(expected, seed, taken), consensus_steps.grow(expected, seed, taken))
 
 
 def test_two_motions_with_equally_many_points_are_ambiguous_and_the_larger_group_wins():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.estimation.scatter import body, move, pose_error, random_motions, seeds, squared_pulls
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust_pose import (
     robust_pose,
     robust_poses,
@@ -17,6 +17,7 @@ from truing.estimation.rigid_poses.robust_pose import (
     squared_residuals,
     target_scatter,
 )
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6
 

@@ -17,7 +17,8 @@ from tests.estimation.scatter import (
     squared_pulls,
 )
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6
 

@@ -11,10 +11,10 @@ import pytest
 
 from pipeline.artifacts import Stamp, write_table
 from pipeline.campaign_folder import open_campaign
-from pipeline.executor import Workforce
 from pipeline.power_command import PowerWish, power_campaign
 from pipeline.power_of_rays import plan_of_rays, wants_rays
 from pipeline.problems import ExitCode
+from pipeline.workforce import Workforce
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults
 from stages.diagnosis.ray_points import gather_rays

@@ -16,7 +16,7 @@ from schemas.quality_checks import CHECKS, settable
 from schemas.sections import SetLimits
 from stages.quality.limits import CampaignLimits
 from tests.conftest import PROJECT
-from truing.formats.sniff import Guess
+from truing.formats.guess import Guess
 from truing.report.belonging import RELATIONS
 
 # What others may rely on: names are added here, never taken out or renamed.

@@ -13,7 +13,7 @@ import numpy as np
 
 from truing.estimation.bundle.intersection import Mask
 from truing.estimation.bundle.network import Array
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
 
 LEVEL = 1e-3  # probability that a good pose has any point that is called wrong

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from truing.estimation.bundle.network import Array, Index, Network, State
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 KNOWN, BARS, MARKERS, FREE, NOTHING = "known points", "scale bars", "markers", "none", "not oriented"
 _ROUNDS = 20

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.labels.constellation import GATE, Constellation
-from truing.estimation.rigid_poses.rigid import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

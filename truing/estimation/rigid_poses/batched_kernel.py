@@ -1,6 +1,6 @@
 """The closed-form rigid motion compiled: sixteen poses abreast, one point after the other.
 
-Same answer as `truing.estimation.rigid_poses.rigid.umeyama` without scale. Rows of points are turned into lanes, one
+Same answer as `truing.estimation.rigid_poses.umeyama.umeyama` without scale. Rows of points are turned into lanes, one
 pose each, so that every step is the same arithmetic on all lanes: weighted moments, the largest eigenvalue of
 Davenport's matrix by Newton's method, the rotation from it in closed form, two Newton steps on the rotation
 group and one on orthogonality. A stationary rotation with a positive definite Hessian is the global optimum, so

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rigid_poses.robust import consensus
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 # Noise ratios at which poses are taken in: bodies may flex by more than their noise.
 _RATIOS = (1.0, 3.0, 10.0, 30.0)

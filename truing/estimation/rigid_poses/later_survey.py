@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.rigid_poses.rigid import FitStatus, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust import consensus
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

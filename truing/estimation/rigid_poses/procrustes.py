@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.covariance import apply_rotation, symmetric
 from truing.estimation.rigid_poses.common_shape import common_shape
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, masked_fit, umeyama
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, masked_fit
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, skew
 
 MAX_ITERATIONS = 50

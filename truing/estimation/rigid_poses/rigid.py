@@ -19,8 +19,6 @@ from truing.estimation.covariance import weighted_fit_covariance
 _ROUNDING = 1e-13
 # Spread across a line below 1e-6 of that along it counts as none; singular values go with its square.
 _SINGULAR = 1e-12
-# From so many points on, compiled code wins although it has to be loaded first (0.4 s).
-_WORTH_COMPILED_CODE = 1_000_000
 
 
 class FitStatus(StrEnum):
@@ -87,33 +85,6 @@ class RigidFit:
 def join_fits(fits: Sequence[RigidFit]) -> RigidFit:
     """Return the entries of several fits as one batch, in their order; one fit or more."""
     return RigidFit(*(np.concatenate([getattr(fit, f.name) for fit in fits]) for f in fields(RigidFit)))
-
-
-def umeyama(
-    source: ArrayLike,
-    target: ArrayLike,
-    weight: ArrayLike | None = None,
-    *,
-    with_scale: bool = False,
-    sigma: ArrayLike | None = None,
-) -> RigidFit:
-    """Return the weighted least-squares rigid motion, never a reflection.
-
-    source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a
-    missing point. ``sigma``, in m, is the standard deviation per coordinate of target - R source (scalar,
-    (B, 1) or (B, N)): that of the measured cloud, or ``hypot(sigma_source, sigma_target)`` where both have noise.
-    Weights need not be 1/sigma^2; the covariance is that of the estimator as weighted. Without sigma the
-    residuals' scatter takes its place, the weights being read as relative 1/variance.
-    Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
-    Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
-    """
-    points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
-    if points >= _WORTH_COMPILED_CODE and not with_scale:
-        from truing.estimation.rigid_poses.batched_kernel import solve
-
-        return solve(source, target, weight, sigma=sigma)
-    x, y, w = check_correspondences(source, target, weight)
-    return solve_weighted(x, y, w, with_scale=with_scale, sigma=sigma)
 
 
 def solve_weighted(

@@ -1,4 +1,4 @@
-"""The three costly steps of `truing.estimation.rigid_poses.robust`, compiled: same answers, for large batches.
+"""The costly steps of `truing.estimation.rigid_poses.consensus_steps`, compiled: same answers, for large batches.
 
 Residuals come from the lanes of `truing.estimation.rigid_poses.batched_kernel`; poses that those cannot prove go to the
 plain form. Importing this module imports numba; compiled code is kept in numba's cache on disk.
@@ -29,7 +29,7 @@ from truing.estimation.lane_arithmetic import (
     times,
     transpose,
 )
-from truing.estimation.rigid_poses import batched_kernel, robust
+from truing.estimation.rigid_poses import batched_kernel, consensus_steps
 from truing.estimation.rigid_poses.batched_kernel import (
     CLEAR,
     FIELDS,
@@ -44,35 +44,35 @@ from truing.estimation.rigid_poses.batched_kernel import (
     solve_rotations,
 )
 
-_SOURCES = (lane_arithmetic.__file__, batched_kernel.__file__, robust.__file__, __file__)
+_SOURCES = (lane_arithmetic.__file__, batched_kernel.__file__, consensus_steps.__file__, __file__)
 
 
-def statuses(clouds: robust.Clouds) -> NDArray:
-    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+def statuses(clouds: consensus_steps.Clouds) -> NDArray:
+    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
     return batched_kernel.solve(clouds.x, clouds.y, clouds.seen / clouds.sigma**2, threads=1).status
 
 
-def squared_residuals(clouds: robust.Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
-    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
+    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
     student, plain, clear = np.empty(members.shape), np.empty(members.shape), np.empty(len(members), bool)
     residuals_of_poses(clouds.x, clouds.y, clouds.seen, clouds.sigma, members, student, plain, clear)
     rest = np.flatnonzero(~clear)
     if len(rest):
-        student[rest], plain[rest] = robust.squared_residuals(clouds[rest], members[rest])
+        student[rest], plain[rest] = consensus_steps.squared_residuals(clouds[rest], members[rest])
     return student, plain
 
 
-def same_distances(clouds: robust.Clouds) -> NDArray:
-    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+def same_distances(clouds: consensus_steps.Clouds) -> NDArray:
+    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
     graph = np.empty((*clouds.seen.shape, clouds.seen.shape[1]), np.float32)
-    edges_of_poses(clouds.x, clouds.y, clouds.seen, np.square(robust.PAIR_LIMIT * clouds.sigma), graph)
+    edges_of_poses(clouds.x, clouds.y, clouds.seen, np.square(consensus_steps.PAIR_LIMIT * clouds.sigma), graph)
     return graph
 
 
 def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
-    """Return what the function of this name in `truing.estimation.rigid_poses.robust` returns."""
+    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
     members = np.zeros(graph.shape[:2], bool)
-    sets_of_poses(graph, seed, taken, robust.ANCHORS, members)
+    sets_of_poses(graph, seed, taken, consensus_steps.ANCHORS, members)
     return members
 
 
@@ -96,7 +96,7 @@ def measure(points: NDArray, n: int, lane: NDArray) -> None:
         r = mix(1.0, apply(transpose(get9(lane, ROTATION, j)), c), -1.0, q)
         variance, sign = points[n, 7 * LANES + j], -1.0 if points[n, 6 * LANES + j] > 0.0 else 1.0
         turn = rows_times(times(skew(q), get6(lane, TURN_INVERSE, j)), skew(q))
-        own = variance * (1.0 + robust.FLOOR) + sign / lane[WEIGHT * LANES + j]
+        own = variance * (1.0 + consensus_steps.FLOOR) + sign / lane[WEIGHT * LANES + j]
         M = combine(sign, turn, own, IDENTITY)
         K = cofactors(M)
         points[n, j] = dot(r, apply(K, r)) / dot(M[0], K[0])

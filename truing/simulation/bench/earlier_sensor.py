@@ -16,8 +16,8 @@ from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Cause
-from truing.simulation.earlier import Earlier, Part, centred, clipped
 from truing.simulation.effects_model import EffectsModel
+from truing.simulation.prior_campaign import Earlier, Part, centred, clipped
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _ENTRIES = 36

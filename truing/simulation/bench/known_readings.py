@@ -13,7 +13,7 @@ from truing.simulation.bench.optics import Optics
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
-    from truing.simulation.earlier import Earlier
+    from truing.simulation.prior_campaign import Earlier
 
 # What nothing is known of: so many times a plausible size.
 _FREE = 1e4

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step, Told
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 TEMPERATURE = "temperature"
 _COLUMN = "temperature_c"

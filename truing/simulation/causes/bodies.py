@@ -26,8 +26,8 @@ from truing.simulation.causes.body_terms import (
     runs_with_time,
     told_term,
 )
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 _MM = 1e-3
 # A plausible shift of a target over its distance from the middle of the body.

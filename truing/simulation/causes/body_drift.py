@@ -13,8 +13,8 @@ from truing.simulation.cause import Cause, Kind, Parameter, Scene, Told
 from truing.simulation.causes.bodies import OfBody, bodies_of, is_large, wholes
 from truing.simulation.causes.body_terms import ORDER, TIME, runs_with_time
 from truing.simulation.causes.targets import FEWEST
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 # Time constants that are tried, over the length of the campaign.
 _TAUS = (0.03, 0.1, 0.3, 1.0)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
 from truing.simulation.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.causes.pitches import MOST_PITCHES, distinct_pitches, grid_size, pitch_spacing
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 APPROACH = "approach"
 _PLAUSIBLE_GAIN = 0.01

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.covariates import own_name
-from truing.simulation.chain import State
+from truing.simulation.state import State
 
 OWN_DRIVE, APPROACH, ORDER, TIME = "own drive", "approach", "order", "time_s"
 LAST_STEP, MEMORY = "last step", "memory"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
 from truing.simulation.causes.per_leg import PerLeg, choice_share, choices
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 TIME = "time_s"
 _PLAUSIBLE_M = 7e-6

@@ -24,8 +24,8 @@ from truing.simulation.causes.unexplained_candidates import (
     patterns,
     target_followings,
 )
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 __all__ = ["APPROACH", "LAST_STEP", "OWN_DRIVE", "Quantity", "Unexplained", "unexplained"]
 

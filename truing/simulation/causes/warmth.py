@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
+from truing.simulation.state import State
 
 if TYPE_CHECKING:
     from truing.simulation.targets import Targets

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
 from truing.simulation.photographs.ray_poses import AIR, WINDOW, RayPoses
+from truing.simulation.state import State
 
 ID = "refraction"
 # Air that is warmer by a kelvin per metre of height: its index falls by 0.93e-6; the same per metre again.

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
-from truing.simulation.chain import State
 from truing.simulation.legs import Change
 from truing.simulation.photographs.ray_poses import BAR, TEMPERATURE, RayPoses
+from truing.simulation.state import State
 
 # Steel grows by 12e-6 of its length per kelvin, carbon fibre by next to nothing.
 _PLAUSIBLE = 1e-5

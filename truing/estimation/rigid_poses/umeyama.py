@@ -1,0 +1,38 @@
+"""The rigid motion between corresponding points: in closed form, or by compiled code where there are very many."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truing.estimation.rigid_poses.rigid import RigidFit, check_correspondences, solve_weighted
+
+# From so many points on, compiled code wins although it has to be loaded first (0.4 s).
+_WORTH_COMPILED_CODE = 1_000_000
+
+
+def umeyama(
+    source: ArrayLike,
+    target: ArrayLike,
+    weight: ArrayLike | None = None,
+    *,
+    with_scale: bool = False,
+    sigma: ArrayLike | None = None,
+) -> RigidFit:
+    """Return the weighted least-squares rigid motion, never a reflection.
+
+    source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a
+    missing point. ``sigma``, in m, is the standard deviation per coordinate of target - R source (scalar,
+    (B, 1) or (B, N)): that of the measured cloud, or ``hypot(sigma_source, sigma_target)`` where both have noise.
+    Weights need not be 1/sigma^2; the covariance is that of the estimator as weighted. Without sigma the
+    residuals' scatter takes its place, the weights being read as relative 1/variance.
+    Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
+    Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
+    """
+    points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
+    if points >= _WORTH_COMPILED_CODE and not with_scale:
+        from truing.estimation.rigid_poses.batched_kernel import solve
+
+        return solve(source, target, weight, sigma=sigma)
+    x, y, w = check_correspondences(source, target, weight)
+    return solve_weighted(x, y, w, with_scale=with_scale, sigma=sigma)
