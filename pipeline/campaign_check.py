@@ -11,6 +11,7 @@ from typing import Any
 
 from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
 from pipeline.campaign_run import CampaignRun, detached_run
+from pipeline.init_guesses import unconfirmed
 from pipeline.problems import ExitCode
 from pipeline.settings_view import SettingsView
 from pipeline.stage_order import RAW_READERS, is_optional, stage_module
@@ -35,7 +36,9 @@ class Checked:
 def check_campaign(campaign: CampaignFolder) -> Checked:
     """Read and check everything, write nothing. Raises CampaignFaults with every fault."""
     from stages.attention import attention
+    from stages.ingestion.loading_tables import TABLES
     from stages.prospects import Found, has_repeats, nothing_evaluated, prospects
+    from truing.formats.source import OF_IMAGES, CampaignFiles
 
     faults = settings_faults(campaign)
     if faults:
@@ -44,10 +47,13 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
         raise CampaignFaults([*faults, *further])
     run = detached_run(campaign)
     raw = _read_raw(run)
-    found = Found(raw.tables, raw.targets, campaign.has_photographs)
+    source = CampaignFiles(campaign.folder, run.settings)
+    given = frozenset(table for table in (*TABLES, *OF_IMAGES) if source.entries(table))
+    found = Found(raw.tables, raw.targets, campaign.has_photographs, given)
     expected = tuple(prospects(run.settings, found))
     rows = sum(sum(seen.values()) for seen in raw.targets.values())
-    said = tuple(map(str, expected)), tuple(attention(run.settings, found))
+    doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, found))
+    said = tuple(map(str, expected)), doubts
     is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, found)
     return Checked(raw.read, *said, rows, is_evaluated)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.campaign_folder import FILE, is_safe_name
 from pipeline.file_names import bodies_and_targets, common_glob, scanned_body, told_apart, without_others
+from pipeline.init_guesses import guess_lines
 from pipeline.init_networks import network_tables
 from pipeline.init_photographs import is_picture, photograph_entries
 from pipeline.problems import ExitCode, environment
@@ -36,7 +37,7 @@ _MOST_FILES = 5000
 _SHOWN_COLUMNS = 40
 _FEW = 6
 _LONGEST_NOTE = 240
-_MOST_LINES = 28  # of entries in a starter file
+_MOST_LINES = 32  # of entries in a starter file
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 
 
@@ -313,8 +314,10 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
     if not alone and group.count == 1 and guess.table in _LOADING_TABLES and "run" in mapping.get("constants", {}):
         mapping["constants"] = {**mapping["constants"], "run": Path(group.example).stem}  # each entry has its own
-    notes = [_shown(note) for note in (*guess.notes, *_of_names(mapping))]
+    notes = [_shown(note) for note in guess.notes]
     yield from (f"# {note}" if most or len(note) < _LONGEST_NOTE else f"# {note[:_LONGEST_NOTE]}..." for note in notes)
+    if guess.table:
+        yield from map(_shown, guess_lines(mapping, guess))
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
     if guess.table == "images" and not mapping:
@@ -357,12 +360,6 @@ def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[
             mapping = {key: value for key, value in mapping.items() if key != "constants"}
         return {**mapping, **found, **({} if style else {"number_rows": {"pose": 1}})}
     return mapping if "pose" in named else {**mapping, **told_apart(group.names, "pose")}
-
-
-def _of_names(mapping: dict[str, Any]) -> Iterator[str]:
-    """What is taken from the files' names, to be looked at again."""
-    if told := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
-        yield f"taken from the files' names: {' and '.join(told)}"
 
 
 def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:

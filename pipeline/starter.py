@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from pipeline.init_guesses import MARK
+
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
 
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
+_GUESSED = f"# A remark that begins with {MARK} tells a guess, which no file says: take it out once it is right."
 _KINDS = {
     "photogrammetry": "points and poses of bodies; interferometer: motion of a platform under load",
     "interferometer": "motion of a platform under load; photogrammetry: points and poses of bodies",
@@ -20,7 +23,6 @@ _OF_READINGS = {
         ("linear_um = 0.5", f"{_NEEDED} a linear channel"),
         ("angular_arcsec = 0.2", f"{_NEEDED} an angular channel, where there is one"),
     ),
-    "quadrature": (("linear_um = 0.5", f"{_NEEDED} a linear channel"),),
     "displacement": (
         ("displacement_mm = 0.001", f"{_NEEDED} a translation"),
         ("rotation_rad = 1e-6", f"{_NEEDED} a rotation"),
@@ -45,6 +47,7 @@ def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence
     lines = [
         "# What was measured, and how precisely. Complete the lines that say needed, then ask:  truing check .",
         "# A line behind a # is switched off. Raw files are never changed. All keys, explained:  truing init --all",
+        *([_GUESSED] if any(line.startswith(MARK) for line in files) else []),
         "",
         "format = 1",
         "",
@@ -52,9 +55,7 @@ def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence
         f"name = {name}",
         _remark(f'kind = "{kind}"', _KINDS[kind]),
         *_drives(guesses, tables),
-        "",
-        "[noise]",
-        *(_off(line, remark) for line, remark in _noise(guesses, tables, kind)),
+        *_with_head("[noise]", [_off(line, remark) for line, remark in _noise(guesses, tables, kind)]),
         *_sections(guesses, tables),
         *files,
     ]
@@ -63,6 +64,10 @@ def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence
 
 def _remark(line: str, remark: str) -> str:
     return f"{line:<{_AT}}# {remark}" if remark else line
+
+
+def _with_head(head: str, lines: list[str]) -> list[str]:
+    return ["", head, *lines] if lines else []
 
 
 def _off(line: str, remark: str) -> str:

@@ -11,9 +11,15 @@ from stages.ingestion.serving_roles import FITTED
 from stages.prospects import Found
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from schemas.campaign import Campaign
 
 _SHOWN = 8
+_GIVE_SCALE = {"scale_bars", "known_points", "image_targets"}
+_KEYS_OF_READINGS = {"d": "linear_um", "r": "angular_arcsec"}
+_KEYS_OF_MOTION = {"d": "displacement_mm", "r": "rotation_rad"}
+_COSTS = "their own scatter stands in for it and is not tested"
 _READING = re.compile(r"rho\d+_mm")
 
 
@@ -23,6 +29,9 @@ def attention(settings: Campaign, found: Found) -> Iterator[str]:
         yield from _of_poses(found)
         yield from _of_bodies(found)
         yield from _of_machine(settings, found)
+        yield from _of_scale(settings, found)
+    else:
+        yield from _of_undeclared_noise(settings, found)
     yield from _of_names(found)
 
 
@@ -60,6 +69,42 @@ def _of_machine(settings: Campaign, found: Found) -> Iterator[str]:
             f"configurations has the actuators' readings {readings[0]} to {readings[-1]}, and no [mechanism] says of "
             "which machine: nothing is calibrated"
         )
+
+
+def _of_scale(settings: Campaign, found: Found) -> Iterator[str]:
+    """Photographs that nothing gives a scale: every length that comes out of them stays open."""
+    known = settings.photographs
+    is_scaled = known.boards or known.marker_mm or found.given & _GIVE_SCALE or "survey" in found.tables
+    if found.is_photographed and not is_scaled:
+        yield (
+            "nothing gives the photographs a scale, and the quality check fails by it: scale_bars.csv "
+            "(bar,first,second,length_mm,sigma_mm), known_points.csv, targets.csv or [photographs] marker_mm"
+        )
+
+
+def _of_undeclared_noise(settings: Campaign, found: Found) -> Iterator[str]:
+    """Channels without a standard deviation: their own scatter stands in for it, and nothing tests it."""
+    keys = _KEYS_OF_MOTION if "displacement" in found.given else _KEYS_OF_READINGS
+    readings, signals = (table if table is not None and table.num_rows else None for table in _measured(found))
+    channels = [] if readings is None else _without_sigma(readings)
+    own = {key: [channel for channel in channels if channel.startswith(kind)] for kind, key in keys.items()}
+    unknown = [f"{' '.join(names)} (noise.{key})" for key, names in own.items() if names]
+    lost = "nothing is diagnosed"
+    if signals is not None and settings.noise.signal_mv is None:
+        lost = lost if unknown else "signals are left out of the diagnosis" if readings is not None else ""
+        unknown.append("the signals (noise.signal_mv)")
+    if unknown:
+        yield f"no standard deviation of {' and '.join(unknown)} is declared: {'; '.join(filter(None, (_COSTS, lost)))}"
+
+
+def _measured(found: Found) -> tuple[pa.Table | None, pa.Table | None]:
+    return found.tables.get("readings"), found.tables.get("signals")
+
+
+def _without_sigma(readings: pa.Table) -> list[str]:
+    """The channels of readings of which some have no standard deviation."""
+    pairs = zip(readings.column("channel").to_pylist(), readings.column("sigma").to_pylist(), strict=True)
+    return sorted({channel for channel, sigma in pairs if sigma is None or sigma != sigma})
 
 
 def _of_names(found: Found) -> Iterator[str]:

@@ -43,15 +43,14 @@ def load_columns(names: Sequence[str]) -> Loads | None:
     steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
     told = {"units": units} if units else {}
     if any(column[0] in "dr" for column in plain):
-        note = 'displacements under load, taken to be in mm, rad, N and N m; else say under units: { dx_mm = "in" }'
-        return "displacement", {"columns": plain, **told, **steps}, note
+        return "displacement", {"columns": plain, **told, **steps}, "displacements under load"
     if applied:
         signals = {f"v{_CHANNELS.index(column) + 1}_mv": name for column, name in plain.items()}
-        note = "known loads, taken to be in N and N m (else: units), beside the channels of a sensor"
+        note = "known loads, beside the channels of a sensor"
         return "signals", {"columns": {**signals, **applied}, **steps}, note
     if (channels := _channels(names)) or not any(_TIME.fullmatch(name.strip()) for name in names):
         signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
-        note = "loads, taken to be applied, in N and N m (else: units)"
+        note = "loads, taken to be applied"
         note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
         return "signals", {"columns": {**signals, **plain}, **told, **steps}, note
     shown = {f"shown_{column}": name for column, name in plain.items()}

@@ -222,7 +222,7 @@ def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: st
     table = _table({*names, *found.get("columns", {})})
     if table == "quadrature" and "phase_deg" in found.get("columns", {}):
         steps = {"constants": {"run": "1", "channel": "dz", "load_axis": "fz", "load": 0}, "number_rows": {"step": 1}}
-        notes = [*notes, "phases of one channel, a step per row, taken to be without a load: say which channel it is"]
+        notes = [*notes, "phases of one channel, a step per row"]
         return Guess(mapping | found | steps, names, table, tuple(notes))
     if has_header and table in (None, "configurations") and (loads := load_columns(names)) is not None:
         table, keys, note = loads
@@ -299,6 +299,8 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     taken: list[str] = []
     for name in names:
         bare, unit = bare_and_unit(name)
+        if unit is not None and find_column(name) is not None:
+            continue  # it is called as the contract has it: target_mm is no target
         known = _meant(bare) or _meant(name)
         if known is None or name == known or known in columns or known in names or not may_be(unit, find_column(known)):
             continue
