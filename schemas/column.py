@@ -12,6 +12,16 @@ LARGEST = 1e30
 SMALLEST = 1e-30
 # Standard deviations of a coordinate, mm: a picometre is a hundredth of an atom, a kilometre no measurement.
 LEAST_SIGMA_MM, MOST_SIGMA_MM = 1e-9, 1e6
+# Standard deviations by unit: from what no instrument resolves to what is no measurement.
+SIGMA_BOUNDS = {
+    "mm": (LEAST_SIGMA_MM, MOST_SIGMA_MM),
+    "m": (1e-12, 1e3),
+    "um": (1e-6, 1e6),
+    "arcsec": (1e-6, 1e6),
+    "rad": (1e-12, 3.2),
+    "deg": (1e-10, 180.0),
+    "px": (1e-6, 1e4),
+}
 
 Kind = Literal["identifier", "text", "integer", "real", "flag"]
 

@@ -161,8 +161,9 @@ class Measurement(Section):
 
     frame: Literal["pose", "series", "campaign"] = Field(
         "pose",
-        description="pose: every pose is measured in a frame of its own; series: one frame per series, today taken as "
-        "pose; campaign: the instrument stood still, and its frame is that of `base` where this body is not measured",
+        description="pose: every pose is measured in a frame of its own; series: one frame per series, taken as "
+        "pose, which `truing check` says; campaign: the instrument stood still, and its frame is that of `base` where "
+        "this body is not measured",
     )
 
 

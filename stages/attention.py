@@ -26,6 +26,7 @@ _READING = re.compile(r"rho\d+_mm")
 def attention(settings: Campaign, found: Found) -> Iterator[str]:
     """Yield a sentence for everything that a person should look at before the campaign is run."""
     if settings.campaign.kind == "photogrammetry":
+        yield from _of_frame(settings)
         yield from _of_poses(found)
         yield from _of_bodies(found)
         yield from _of_machine(settings, found)
@@ -33,6 +34,14 @@ def attention(settings: Campaign, found: Found) -> Iterator[str]:
     else:
         yield from _of_undeclared_noise(settings, found)
     yield from _of_names(found)
+
+
+def _of_frame(settings: Campaign) -> Iterator[str]:
+    if settings.measurement.frame == "series":
+        yield (
+            '[measurement] frame = "series": frames of series are not estimated. It is taken as "pose": every pose in '
+            "a frame of its own, in which the base has to be seen. That the frame stays in a series is not used"
+        )
 
 
 def _of_poses(found: Found) -> Iterator[str]:

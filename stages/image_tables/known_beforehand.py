@@ -11,6 +11,7 @@ from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.image_tables.point_names import own_names
 from stages.image_tables.target_codes import check_codes
+from stages.ingestion.sigma_bounds import check_sigma
 from stages.ingestion.tables import SmallTable, once
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -42,8 +43,10 @@ def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultL
     if found is None or lacks(found, SCALE_BARS.required):
         return None
     once(found, log, ("pose", "bar") if "pose" in found.table.column_names else ("bar",))
-    for name in ("length_mm", "sigma_mm"):
-        found.fault(log, _numbers(found.table, name) <= 0.0, name, "a number above 0")
+    found.fault(log, _numbers(found.table, "length_mm") <= 0.0, "length_mm", "a number above 0")
+    check_sigma(found, _numbers(found.table, "sigma_mm"), "sigma_mm", "mm", log)
+    if "repeat_sigma_mm" in found.table.column_names:
+        check_sigma(found, _numbers(found.table, "repeat_sigma_mm"), "repeat_sigma_mm", "mm", log, or_zero=True)
     table = found.table
     ends = [_named(table, name, targets) for name in ("first", "second")]
     found.fault(log, ends[0] == ends[1], "second", "another point than the first")
@@ -75,7 +78,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
         if name not in table.column_names or table.column(name).null_count:
             log.add(Fault(found.first_file, "a standard deviation in every row", column=name))
             return None
-        found.fault(log, _numbers(table, name) <= 0.0, name, "a standard deviation above 0")
+        check_sigma(found, _numbers(table, name), name, "mm", log)
     table = table.drop_columns([name for name in ("body", "target") if name in table.column_names])
     return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.image_tables.point_names import Names, kind_of, own_names
+from stages.ingestion.sigma_bounds import check_sigma, check_variance
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import IMAGE_POINTS
@@ -26,7 +27,7 @@ ONE_CAMERA = "camera"
 """What the camera is called where nothing names it."""
 
 _MARGIN = 0.01
-_ABOVE_ZERO = "a standard deviation above 0, or an empty cell where none is known: [noise] image_px holds there"
+_UNKNOWN = ", or an empty cell where none is known: [noise] image_px holds there"
 _COVARIANCE = ("cov_xx_px2", "cov_xy_px2", "cov_yy_px2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
@@ -139,12 +140,14 @@ def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
     for k, name in ((0, "sigma_x_px"), (2, "sigma_y_px")):
         if name in names:
             sigma = _numbers(found, name)
-            found.fault(log, sigma == 0.0, name, _ABOVE_ZERO)
+            check_sigma(found, sigma, name, "px", log, cure=_UNKNOWN)
             out[:, k] = np.where(np.isfinite(sigma), sigma**2, out[:, k])
             out[:, 1] = 0.0
     for k, name in enumerate(_COVARIANCE):
         if name in names:
             out[:, k] = _numbers(found, name)
+            if k != 1:
+                check_variance(found, out[:, k], name, "px", log)
     if not np.isfinite(out).all():
         log.lacks("noise.image_px", "a standard deviation of image coordinates", found.first_file)
         return np.ones_like(out)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
-from schemas.column import LEAST_SIGMA_MM
 from schemas.faults import Fault
 from stages.ingestion.gathered_columns import numbers, texts
 from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, meant, window
+from stages.ingestion.sigma_bounds import check_sigma
 from stages.ingestion.tables import SmallTable, check_legs, legs_of, once
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
@@ -156,11 +156,10 @@ def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Arra
     for k, name in enumerate(_SIGMAS):
         if name in found.table.column_names:
             given = numbers(found, name)
+            check_sigma(found, given, name, "mm", log)
             sigma[:, k] = np.where(np.isnan(given), sigma[:, k], given)
     if np.isnan(sigma).any():
         log.lacks("noise.point_mm", "a standard deviation of the points", found.first_file)
-    absurd: NDArray[np.bool_] = np.any(sigma < LEAST_SIGMA_MM, axis=1)
-    found.fault(log, absurd, "sigma_x_mm", "a standard deviation above 0")
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 

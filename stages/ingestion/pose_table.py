@@ -20,6 +20,7 @@ from stages.ingestion.pose_rotations import (
     rotations,
     vector_slopes,
 )
+from stages.ingestion.sigma_bounds import check_sigma, check_variance
 from stages.ingestion.tables import once
 from truing.estimation.rotation import log_so3
 from truing.formats.faultlog import FaultLog
@@ -177,7 +178,7 @@ def _sigmas(found: Gathered, columns: tuple[str, ...], declared: float | None, k
     for number, name in enumerate(columns):
         if name in found.table.column_names:
             values[:, number] = numbers(found, name)
-            found.fault(log, values[:, number] == 0.0, name, "a standard deviation above 0")
+            check_sigma(found, values[:, number], name, name.rpartition("_")[2], log)
     if np.isnan(values).any() and declared is None:
         log.lacks(key, "a standard deviation of the poses", found.first_file)
     return np.where(np.isnan(values), np.nan if declared is None else declared, values)
@@ -200,7 +201,7 @@ def _given_covariance(found: Gathered, log: FaultLog) -> Array:
         covariance[:, i, j] = covariance[:, j, i] = np.nan_to_num(values)
     diagonal = covariance[:, range(6), range(6)]
     for i in range(6):
-        found.fault(log, diagonal[:, i] <= 0.0, f"cov_{i}_{i}", "a variance above 0")
+        check_variance(found, diagonal[:, i], f"cov_{i}_{i}", "m" if i < 3 else "rad", log)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     least = np.linalg.eigvalsh(covariance / scale[:, :, None] / scale[:, None, :])[:, 0]
     wrong = (least < _LEAST_EIGENVALUE) & (diagonal > 0.0).all(axis=1)

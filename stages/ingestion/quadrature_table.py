@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.column import SIGMA_BOUNDS
 from schemas.faults import Fault
 from stages.ingestion.gathered_columns import numbered, numbers, texts
 from stages.ingestion.load_steps import times_from_order
@@ -146,7 +147,7 @@ def _by_step(found: Gathered, value: Array, sigma: Array, log: FaultLog) -> Gath
 
     table = found.table.append_column("reading", pa.array(value))
     if "sigma" not in table.column_names:
-        table = table.append_column("sigma", pa.array(sigma))
+        table = table.append_column("sigma", pa.array(np.maximum(sigma, SIGMA_BOUNDS["um"][0])))
     made = averaged(replace(found, table=table), log)
     reading = numbers(made, "reading")
     place = made.table.column_names.index("reading")

@@ -14,6 +14,7 @@ from stages.ingestion.gathered_columns import declared_missing, numbered, number
 from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
 from stages.ingestion.quadrature_table import lengths
+from stages.ingestion.sigma_bounds import check_sigma
 from stages.ingestion.step_samples import averaged, without_transit
 from stages.ingestion.tables import SmallTable, as_artifact, since_first
 from truing.formats.faultlog import FaultLog
@@ -128,6 +129,8 @@ def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readin
     sigma = np.array([declared[UNITS.get(name, "um")] for name in channel], dtype=float)
     if "sigma" in found.table.column_names:
         own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS, log)
+        for name, unit in UNITS.items():
+            check_sigma(found, np.where(channel == name, own, np.nan), "sigma", unit, log)
         sigma = np.where(np.isnan(own), sigma, own)
     return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there], corrections)
 

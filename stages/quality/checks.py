@@ -63,7 +63,7 @@ def all_checks(
         yield from moved_targets(body, around, 10.0 * share / len(bodies))
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
-    yield from base_drift(reference, 10.0 * share, frame_stays=settings.measurement.frame != "pose")
+    yield from base_drift(reference, 10.0 * share, frame_stays=settings.is_frame_fixed)
     stood = settings.is_frame_fixed and reference is None
     yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
     yield time_gaps(around, limits)

@@ -130,6 +130,13 @@ def test_metashapes_projections(tmp_path):
     assert_close(np.divide(values, expected), np.ones(7), atol=1e-12)
 
 
+def test_metashapes_xml_is_not_nested_without_end(tmp_path):
+    written(tmp_path, "markers.xml", "<document>\n" + "<a>" * 100_000 + "</a>" * 100_000 + "\n</document>")
+    (fault,) = read(tmp_path, "image_points", {"path": "markers.xml", **POSE}).faults
+    assert fault.row == 2
+    assert "nested" in fault.expected
+
+
 def test_coordinates_that_somebody_gave_are_not_measured_points(tmp_path):
     written(tmp_path, "markers.xml", XML)
     (fault,) = read(tmp_path, "points", {"path": "markers.xml", **POSE}).faults

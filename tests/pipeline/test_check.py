@@ -188,6 +188,17 @@ def test_what_looks_like_a_mistake_is_said(tmp_path: Path, files: dict[str, str]
     assert (done.exit_code, f"attention: {told}" in done.output or told in done.output) == (ExitCode.DONE, True)
 
 
+def test_a_frame_per_series_is_said_to_be_taken_as_one_per_pose(tmp_path: Path) -> None:
+    said = {}
+    for frame in ("pose", "series", "campaign"):
+        toml = f'{TOML}[measurement]\nframe = "{frame}"\n'
+        folder = written(tmp_path / frame, campaign=toml, points=points("1", "2", "3"))
+        said[frame] = check_campaign(open_campaign(folder)).attention
+    assert said["pose"] == said["campaign"] == ()
+    (sentence,) = said["series"]
+    assert 'taken as "pose"' in sentence
+
+
 def test_poses_that_are_counted_are_no_names_that_look_alike(tmp_path: Path) -> None:
     folder = written(tmp_path, points=points(*(str(n) for n in (1, 2, 3, 10, 11, 100, 101))))
     assert check_campaign(open_campaign(folder)).attention == ()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +38,10 @@ def campaigns(fake: FakeProject) -> list[str]:
     return places
 
 
+_TAKES_4_GB = """def run(tables, settings, progress):
+    bytearray(4 << 30)"""
+
+
 def timeless(text: str) -> str:
     """What is said, without seconds and without the lines that a long wait is passed with."""
     return re.sub(r"\d+\.\d\d s$|^run: \d of \d campaigns\n", "", text, flags=re.MULTILINE)
@@ -55,6 +61,31 @@ def test_many_at_a_time_are_as_one_after_the_other(way: str, fresh: FakeProject,
     assert many.stderr == one.stderr
     assert bytes_of(fresh.cwd / "many") == bytes_of(fresh.cwd / "one")
     assert {path.parts[0] for path in map(Path, bytes_of(fresh.cwd / "many"))} == {"first", "checked", "last"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="ulimit -v is a limit of POSIX systems")
+def test_workers_that_meet_a_limit_of_memory_end_and_say_so(fresh: FakeProject, campaigns: list[str]) -> None:
+    """Each process has the limit of its parent; a stage that needs more ends with the cause, and nothing hangs."""
+    fresh.edit(fresh.root / "stages/pose.py", "def run(tables, settings, progress):", _TAKES_4_GB)
+    limited = (
+        "import resource, sys;"
+        f"resource.setrlimit(resource.RLIMIT_AS, ({2500 << 20}, resource.RLIM_INFINITY));"
+        "sys.argv = ['truing', *sys.argv[1:]];"
+        "from pipeline.entry import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", limited, "run", campaigns[0], campaigns[-1], "--out", "several", "--workers", "2"],
+        cwd=fresh.cwd,
+        env=fresh.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 4, done.stderr
+    said = [line for line in done.stderr.splitlines() if "not enough memory" in line]
+    assert len(said) == 2
+    assert all("stage pose" in line and "ulimit -v" in line for line in said)
 
 
 def test_what_another_run_holds_is_left_alone_and_the_others_are_run(fresh: FakeProject, campaigns: list[str]) -> None:

@@ -129,6 +129,8 @@ def test_a_base_that_stands_still_in_a_fixed_frame_is_not_said_to_drift(tmp_path
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "not evaluated"  # the frame may change by pose
     qa, _ = _qa(tmp_path, FIXED, seed=2, extra='\n[measurement]\nframe = "campaign"\n')
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "pass"
+    qa, _ = _qa(tmp_path, FIXED, seed=3, extra='\n[measurement]\nframe = "series"\n')
+    assert _rows(qa, "base-drift").loc["base", "verdict"] == "not evaluated"  # taken as one frame per pose
 
 
 def test_a_body_that_nobody_said_to_stand_still_does_not_drift(tmp_path):

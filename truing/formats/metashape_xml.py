@@ -18,6 +18,7 @@ from truing.formats.whole_file import one_batch, whole_numbers
 Lines = dict[ElementTree.Element, int]
 
 _LARGEST = 1 << 27
+_DEEPEST = 100  # levels of elements; a project has about ten
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 _PLACES = ("location", "projection")
 _FREE = "c x0 y0 A1 A2 A3 B1 B2 C1 C2"
@@ -59,12 +60,22 @@ def _parsed(content: bytes) -> tuple[ElementTree.Element, Lines]:
     """A document, and the line of every element, from 1; raises ExpatError where it is no whole one."""
     parser, builder = expat.ParserCreate(), ElementTree.TreeBuilder()
     lines: Lines = {}
+    depth = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:  # what walks through such a tree, or frees it, would run out of stack
+            raise Unusable(f"XML nested at most {_DEEPEST} deep", row=parser.CurrentLineNumber, value=f"<{tag}>"[:80])
         lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
 
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
     parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
+    parser.EndElementHandler = end
     parser.CharacterDataHandler = builder.data
     parser.Parse(content, True)
     return builder.close(), lines
