@@ -24,8 +24,6 @@ SHARES = (0.95, 0.97, 0.99)
 _ITERATIONS = 200
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "telescope" / "campaign.toml"
 
-Objective = Callable[[np.ndarray], float]
-
 
 class Telescope:
     """The problem as both sides see it."""

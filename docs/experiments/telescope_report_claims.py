@@ -94,7 +94,6 @@ class Excursion:
     angle: NDArray  # (3,) rotation vector
     leg: float
     upper_flexure: float
-    lower_flexure_change: float  # per metre of flexure length
     inside: int
     tilt_inside: int
 
@@ -108,10 +107,9 @@ def excursion(p: NDArray, R: NDArray, rho: NDArray) -> Excursion:
     leg = _between(z, home.z)
     upper = _between(z, home.z @ np.swapaxes(R, -1, -2))
     within = np.concatenate([moved, angle[:, :2]], 1) <= published().workspace * (1 + 1e-9)
-    change = circle_distance(np.array(1.0), np.cos(upper.max())).value - 0.5
     tilt = int(np.sum(within[:, 3:].all(1)))
     counts = int(np.sum(within.all(1))), tilt
-    return Excursion(moved.max(0), angle.max(0), float(leg.max()), float(upper.max()), float(change), *counts)
+    return Excursion(moved.max(0), angle.max(0), float(leg.max()), float(upper.max()), *counts)
 
 
 def _between(one: NDArray, other: NDArray) -> NDArray:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.photograph_artifacts import BENT, SHARED
@@ -21,7 +20,6 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Array = NDArray[np.float64]
 
 _OF_GROUP = ("c", "x0", "y0")
 _FRAMING = 3  # points of a body

@@ -21,7 +21,6 @@ from truing.simulation.reached_poses import reached_poses
 from truing.simulation.structure import Machine, Structure
 
 ARCSEC = np.pi / 180 / 3600
-LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
 
 
 @dataclass(frozen=True)

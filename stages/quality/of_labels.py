@@ -12,7 +12,6 @@ from stages.quality.loading_view import ChannelView, ExpectedReadings, LoadingVi
 from stages.quality.of_readings import FEWEST, slope_of
 from stages.sensor.reading_arrays import CHANNELS
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _ITS_OWN = 0.3  # of how far apart two channels' answers are: readings that near to one of them are its own

@@ -15,8 +15,6 @@ from truing.estimation.quality import (
 )
 from truing.estimation.rigid_poses.frame import redundancy
 
-Array = NDArray[np.float64]
-
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
 _NOISE_NOTED = 1.1

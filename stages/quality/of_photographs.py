@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.point_arrays import number_column, text_column
 from stages.quality.bundle_figures import Figures, rows_of
@@ -19,7 +18,6 @@ from stages.quality.of_scale import bar_lengths, scale, target_sizes
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Array = NDArray[np.float64]
 
 _FEWEST_RAYS = 3
 _WORST = 0.1

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
@@ -25,7 +24,6 @@ from truing.simulation.air import ciddor_index, vapour_pressure_pa
 if TYPE_CHECKING:
     from schemas.interferometer import Interferometer
 
-Array = NDArray[np.float64]
 
 _HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index
 _HUMIDITY = "relative_humidity_pct"

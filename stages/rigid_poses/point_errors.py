@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,11 +66,6 @@ class PointErrors:
         values, vectors = np.linalg.eigh(whole - self.effect @ correlation @ np.swapaxes(self.effect, 1, 2))
         least = _ROUNDING * np.trace(whole, axis1=1, axis2=2)
         return np.asarray(vectors * np.maximum(values, least[:, None])[:, None, :] @ np.swapaxes(vectors, 1, 2))
-
-    @cached_property
-    def is_correlated(self) -> bool:
-        """Whether any two points have an error in common."""
-        return len(self.first) > 0
 
 
 def point_errors(

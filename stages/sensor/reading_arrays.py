@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
-SURROUNDINGS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct", "material_temperature_c")
 ARCSECOND = np.pi / 180.0 / 3600.0
 # What one unit of a channel's readings is in SI.
 READING_SI = np.array([1e-6] * 3 + [ARCSECOND] * 3)

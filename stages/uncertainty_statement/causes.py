@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.uncertainty_budget import Budget, Source
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 Parts = dict[tuple[str, str, str], dict[Source, float]]  # by cause, subject and parameter
 
 _BEYOND = Source("shape of the likelihood, and what else may be concerned", "A")

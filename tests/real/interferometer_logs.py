@@ -16,8 +16,8 @@ from truing.estimation.interferometry.iso230 import FORWARD, Positioning, positi
 from truing.estimation.interferometry.log_quality import saturated, surroundings
 from truing.estimation.interferometry.quadrature import (
     EllipseFit,
+    corrected,
     fit_ellipse,
-    radius_waves,
     residual_radius,
     uncorrected_error,
 )
@@ -85,10 +85,26 @@ def quadrature_facts(signals: NDArray[np.float64]) -> QuadratureFacts:
         clipped_share=1.0 - kept.mean(1),
         flagged=left > _ROUND * radius.mean(1),
         periodic_nm=np.abs(uncorrected_error(kept_fit.values, turn)).max(1) / (2 * np.pi) * LENGTH_PER_TURN_NM,
-        fourth_wave=radius_waves(signals, kept_fit.values, 4, kept)[:, 3],
+        fourth_wave=_radius_waves(signals, kept_fit.values, 4, kept)[:, 3],
         fit=fit,
         kept_fit=kept_fit,
     )
+
+
+def _radius_waves(signals: NDArray, values: NDArray, orders: int, used: NDArray | None = None) -> NDArray:
+    """Return the amplitudes (B, orders) of the waves 1, 2, ... per fringe that the corrected radius keeps, relative.
+
+    A true ellipse leaves none; waves of order 4 are those of signals that are not sines, such as clipped ones.
+    """
+    circle = corrected(signals, values)
+    radius = np.linalg.norm(circle, axis=-1)
+    p = np.arctan2(circle[..., 1], circle[..., 0])
+    weight = np.ones_like(p) if used is None else np.broadcast_to(used, p.shape).astype(float)
+    angle = p[..., None] * np.arange(1, orders + 1)
+    design = np.concatenate([np.ones_like(p)[..., None], np.cos(angle), np.sin(angle)], -1)
+    weighted = np.swapaxes(design * weight[..., None], 1, 2)
+    found = np.linalg.pinv(weighted @ design, hermitian=True) @ (weighted @ radius[..., None])
+    return np.hypot(found[:, 1 : orders + 1, 0], found[:, orders + 1 :, 0])
 
 
 def surroundings_facts(folder: Path) -> dict[str, float]:

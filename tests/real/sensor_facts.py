@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
-from truing.estimation.sensor.eccentric_load import CommonPoint, LineOfAction, common_point, line_of_action
+from truing.estimation.sensor.eccentric_load import LineOfAction, line_of_action
 from truing.estimation.sensor.error_classes import creep
 from truing.estimation.sensor.exchanged_loads import RowExchange, exchanged_loads
 from truing.estimation.sensor.held_out_loads import HeldOut, covariance_by_case, hold_out
@@ -221,7 +221,6 @@ def stewart(data: Path) -> dict[str, Any]:
     # readings of a run wander together, and so does their mean: its error is taken as large as their scatter
     cov = np.array([np.cov(run.T) for run in runs.values()])
     lines: LineOfAction = line_of_action(mean, cov)
-    point: CommonPoint = common_point(mean[:3], cov[:3])
     return {
         "table": table,
         "legs": {axis: np.linalg.solve(G, one) for axis, one in zip(runs, mean, strict=True)},
@@ -230,6 +229,5 @@ def stewart(data: Path) -> dict[str, Any]:
         "sigma_mm": dict(zip(runs, 1e3 * np.sqrt(np.einsum("bii->bi", lines.covariance)), strict=True)),
         "along_nmm": dict(zip(runs, 1e3 * lines.along, strict=True)),
         "along_sigma_nmm": dict(zip(runs, 1e3 * lines.along_sigma, strict=True)),
-        "common": (1e3 * point.point, point.chi_square, point.freedom),
         "fz_of_moments": {axis: float(runs[axis][:, 2].mean()) for axis in ("Mx", "My", "Mz")},
     }

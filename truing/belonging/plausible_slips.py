@@ -13,8 +13,6 @@ from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind
 from truing.belonging.responses import Responses
 from truing.belonging.slip_search import CLEARLY, Candidate, Expected, Reading, as_recorded, misses_read
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")

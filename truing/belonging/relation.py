@@ -82,9 +82,6 @@ class Tested:
 
 # What numbers of one unit are in another, by which a slip multiplies; each may also be divided by.
 LENGTH_FACTORS = (1e3, 10.0, 25.4, 1e6)
-ANGLE_FACTORS = (57.29577951308232, 60.0, 3600.0)
-FORCE_FACTORS = (1e3, 9.80665, 4.4482216152605, 1e6)
-TORQUE_FACTORS = (1e3, 9.80665, 1.3558179483314, 0.1129848290276, 100.0)
 
 
 def both_ways(factors: tuple[float, ...]) -> tuple[float, ...]:

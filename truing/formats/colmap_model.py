@@ -35,7 +35,6 @@ MODELS = {
 }
 _PARAMETERS = dict(MODELS.values())
 _LONGEST_NAME = 4096
-_NO_POINT = -1
 _RAY = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 _LARGEST = 1 << 30
 

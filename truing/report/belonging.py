@@ -85,7 +85,6 @@ _FACTORS = {
 # What columns are, by the units that their names end with.
 _ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "signal"))
 _SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # what is seen in the numbers themselves, and no guess
-_STATED = (SlipKind.STRAY, SlipKind.ROUNDED)
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",

@@ -39,12 +39,11 @@ class Step(StrEnum):
 
 
 class Kind(StrEnum):
-    """How a cause is searched for: by amplitudes alone, over a grid of shapes, by enumeration, or as noise."""
+    """How a cause is searched for: by amplitudes alone, over a grid of shapes, or by enumeration."""
 
     LINEAR = "linear"
     SHAPED = "shaped"
     DISCRETE = "discrete"
-    VARIANCE = "variance"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, S
 from truing.estimation.bundle.network_statistics import (
     camera_coverage,
     holm,
-    image_coverage,
     intersections,
     residual_regions,
 )
@@ -48,12 +47,14 @@ def directions_to(centres, point):
 def test_coverage_of_the_format():
     corners = [[0, 0], [99, 0], [99, 99], [0, 99]]
     made = network([0, 0, 0, 0, 1, 1], [0, 1, 2, 3, 0, 1], [*corners, [10, 10], [12, 10]], 2, 4)
-    per_image = image_coverage(made, per_side=2)
-    assert per_image.rays.tolist() == [4, 2]
-    assert per_image.cells.tolist() == [1.0, 0.25]
-    assert per_image.hull == pytest.approx([0.99**2, 0.0])
-    assert camera_coverage(made, per_side=2).rays.tolist() == [6]
-    dropped = image_coverage(made, np.array([1, 1, 1, 0, 1, 1]), per_side=2)
+    whole = camera_coverage(made, per_side=2)
+    assert whole.rays.tolist() == [6]
+    assert whole.cells.tolist() == [1.0]
+    assert whole.hull == pytest.approx([0.99**2])
+    alone = camera_coverage(made, np.array([0, 0, 0, 0, 1, 1]), per_side=2)
+    assert alone.cells.tolist() == [0.25]
+    assert alone.hull.tolist() == [0.0]
+    dropped = camera_coverage(made, np.array([1, 1, 1, 0, 0, 0]), per_side=2)
     assert dropped.hull[0] == pytest.approx(0.99**2 / 2)
 
 

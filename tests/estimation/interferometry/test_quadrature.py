@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.quadrature import (
     EllipseStatus,
-    corrected,
     corrected_phase,
     fit_ellipse,
     phase_sigma,
-    radius_waves,
     residual_radius,
     traced_arc,
     uncorrected_error,
@@ -159,16 +157,6 @@ def test_the_arctangent_alone_errs_as_heydemann_says() -> None:
     for values, size in (((5.0, 0, 500, 500, 0), 0.01), ((0, 0, 500.0, 490.0, 0), 0.0101), ((0, 0, 1, 1, 0.02), 0.01)):
         found = np.abs(uncorrected_error(np.array([values], float), phase)).max()
         assert_between(found, 0.97 * size, 1.03 * size)
-
-
-def test_waves_of_the_radius_show_what_is_no_ellipse() -> None:
-    phase = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, (1, 4000))
-    clean = signals(phase)
-    clipped = np.clip(clean, -455.0, 500.0)
-    fit = fit_ellipse(clean)
-    assert_close(radius_waves(clean, fit.values, 4), np.zeros((1, 4)), atol=1e-9)
-    assert radius_waves(clipped, fit_ellipse(clipped).values, 4).max() > 2e-3
-    assert_close(np.linalg.norm(corrected(clean, fit.values), axis=-1), np.ones((1, 4000)), atol=1e-9)
 
 
 def test_arc_is_a_turn_less_the_widest_gap() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.sensor.eccentric_load import common_point, line_of_action
+from truing.estimation.sensor.eccentric_load import line_of_action
 
 COV = np.diag([2.0, 3.0, 2.5, 0.1, 0.2, 0.15]) ** 2
 
@@ -38,25 +38,9 @@ def test_arms_scatter_as_they_say():
     assert_between(float(found.along.std() / true.along_sigma[0]), 0.95, 1.05, what="moment along the force")
 
 
-def test_the_common_point_is_recovered_within_its_covariance():
-    total, chi_square, draws = 0.0, 0.0, 60
-    point = np.array([0.02, -0.05, 0.01])
-    for seed in range(draws):
-        rng = np.random.default_rng(seed)
-        wrench = _wrenches(rng, 4, point) + rng.multivariate_normal(np.zeros(6), COV, 4)
-        found = common_point(wrench, np.broadcast_to(COV, (4, 6, 6)))
-        error = found.point - point
-        total += float(error @ np.linalg.solve(found.covariance, error))
-        chi_square += found.chi_square / found.freedom
-    assert_between(total / draws, 3 - 4 * np.sqrt(6 / draws), 3 + 4 * np.sqrt(6 / draws), what="squared error")
-    assert_between(chi_square / draws, 1 - 4 * np.sqrt(2 / 9 / draws), 1 + 4 * np.sqrt(2 / 9 / draws), what="misfit")
-
-
-def test_parallel_forces_and_pure_moments_are_refused():
+def test_pure_moments_are_refused():
     wrench = np.zeros((2, 6))
     wrench[:, 2], wrench[:, 4] = [100.0, 200.0], [5.0, 10.0]
     cov = np.broadcast_to(COV, (2, 6, 6))
-    with pytest.raises(ValueError, match="parallel forces alone"):
-        common_point(wrench, cov)
     with pytest.raises(ValueError, match="without a force"):
         line_of_action(wrench * (np.arange(6) > 2), cov)

@@ -72,11 +72,6 @@ class Coverage:
     hull: Array
 
 
-def image_coverage(network: Network, weight: Array | None = None, per_side: int = 5) -> Coverage:
-    """Return how the rays of each image (I) fill its format; weight (N,) 0 leaves a ray out."""
-    return _coverage(network, network.rays.image, len(network.image_camera), weight, per_side)
-
-
 def camera_coverage(network: Network, weight: Array | None = None, per_side: int = 5) -> Coverage:
     """Return how the rays of all images of each camera (C) fill its format; weight (N,) 0 leaves a ray out."""
     camera = network.image_camera[network.rays.image]

@@ -192,19 +192,3 @@ def traced_arc(phase: Array, used: Mask) -> Array:
     inner = np.max(np.diff(turned, axis=-1), axis=-1, initial=0.0)
     around = 2.0 * np.pi - (turned[:, -1] - turned[:, 0])
     return np.where(used.any(-1), 2.0 * np.pi - np.maximum(inner, around), 0.0)
-
-
-def radius_waves(signals: Array, values: Array, orders: int, used: Mask | None = None) -> Array:
-    """Return the amplitudes (B, orders) of the waves 1, 2, ... per fringe that the corrected radius keeps, relative.
-
-    A true ellipse leaves none; waves of order 4 are those of signals that are not sines, such as clipped ones.
-    """
-    circle = corrected(signals, values)
-    radius = np.linalg.norm(circle, axis=-1)
-    p = np.arctan2(circle[..., 1], circle[..., 0])
-    weight = np.ones_like(p) if used is None else np.broadcast_to(used, p.shape).astype(float)
-    angle = p[..., None] * np.arange(1, orders + 1)
-    design = np.concatenate([np.ones_like(p)[..., None], np.cos(angle), np.sin(angle)], -1)
-    weighted = np.swapaxes(design * weight[..., None], 1, 2)
-    found = np.linalg.pinv(weighted @ design, hermitian=True) @ (weighted @ radius[..., None])
-    return np.hypot(found[:, 1 : orders + 1, 0], found[:, orders + 1 :, 0])

@@ -1,7 +1,6 @@
 """Where a force passes: its line of action from the wrench that it makes, and what moment no line explains.
 
-A force f along a line through r has the moment r x f. From one wrench r follows but for a shift along f; wrenches of
-several directions through one point give the point.
+A force f along a line through r has the moment r x f. From one wrench r follows but for a shift along f.
 """
 
 from __future__ import annotations
@@ -13,8 +12,6 @@ from numpy.typing import NDArray
 
 from truing.estimation.covariance import symmetric
 from truing.estimation.rotation import skew
-
-_ROUNDS = 10  # of weighing anew at the point found
 
 
 @dataclass(frozen=True)
@@ -51,36 +48,3 @@ def line_of_action(wrench: NDArray, covariance: NDArray) -> LineOfAction:
     turn = np.concatenate([(m - (along / size)[:, None] * f), f], axis=1) / size[:, None]
     spread = np.einsum("bi,bij,bj->b", turn, covariance, turn)
     return LineOfAction(arm, symmetric(by @ covariance @ np.swapaxes(by, 1, 2)), along, np.sqrt(spread))
-
-
-@dataclass(frozen=True)
-class CommonPoint:
-    """The point (3,), m, that all lines pass, covariance (3, 3), and how well they do: chi_square of freedom."""
-
-    point: NDArray
-    covariance: NDArray
-    chi_square: float
-    freedom: int
-
-
-def common_point(wrench: NDArray, covariance: NDArray) -> CommonPoint:
-    """Return the point through which B forces of different directions pass, from their wrenches (B, 6).
-
-    Least squares of ``m = r x f`` under the covariance that wrenches (B, 6, 6) give ``m + [f]x r``, iterated once the
-    point is known. Raises ValueError where all forces are parallel, so that the point may lie anywhere along them.
-    """
-    f, m = wrench[:, :3], wrench[:, 3:]
-    values = np.linalg.svd(f, compute_uv=False)
-    if len(values) < 2 or values[1] <= 1e-6 * values[0]:
-        raise ValueError("found parallel forces alone, expected at least two directions")
-    point, cross = np.zeros(3), skew(f)
-    by = np.zeros((3, 6))
-    by[:, 3:] = np.eye(3)
-    for _ in range(_ROUNDS):
-        by[:, :3] = -skew(point)
-        weight = np.linalg.inv(by @ covariance @ by.T)
-        information = np.einsum("bki,bkl,blj->ij", cross, weight, cross)
-        point = -np.linalg.solve(information, np.einsum("bki,bkl,bl->i", cross, weight, m))
-    rest = m + np.einsum("bij,j->bi", cross, point)
-    square = float(np.einsum("bi,bij,bj->", rest, weight, rest))
-    return CommonPoint(point, np.linalg.inv(information), square, 3 * len(f) - 3)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, RED, label, style
 from truing.report.scene.view import round_gain
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
-Array = NDArray[np.float64]
 
 MOST_IMAGES = 40
 _CELLS = 12  # of the longer side of the format, whose mean residuals are drawn

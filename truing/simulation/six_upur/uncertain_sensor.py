@@ -22,7 +22,6 @@ from truing.simulation.six_upur.stiffness import ElasticSensor, end_transport
 _LEGS = 6
 _MIDDLE, _INSTALLED = SOURCES.index("middle_clearance"), SOURCES.index("sensor_installation")
 _TINY = 1e-30
-_RIGID = 1e-9  # of its diagonal: a compliance that gives less in some direction has no inverse
 
 
 @dataclass(frozen=True)
