@@ -52,6 +52,7 @@ class Stamp:
     left: tuple[str, ...]
     failed_checks: tuple[str, ...] = ()
     said: str = ""
+    why_not: str = ""
 
     def metadata(self, artifact: Artifact, columns: list[str]) -> dict[str, str]:
         """The file metadata: keys without their ``truing.`` prefix, values as text."""
@@ -66,6 +67,7 @@ class Stamp:
             "left": json.dumps(self.left),
             "failed_checks": json.dumps(self.failed_checks),
             "said": self.said,
+            "why_not": self.why_not,
         }
 
 

@@ -174,7 +174,7 @@ class CampaignRun:
 
         left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
         said = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past
-        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, said)
+        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, said, outcome.why_not)
         files = {ARTIFACTS[name].file for name in left}  # two artifacts may have the same file, of which one is left
         obsolete = [file for name in map(bare, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
         digests = write_artifacts(

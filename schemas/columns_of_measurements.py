@@ -17,6 +17,13 @@ IDENTITY = (
     Column("subject", "text", "what a row concerns; empty for the whole", nullable=True),
     Column("stage", "text", "the stage that speaks"),
     Column("reason", "text", "why it was left out; empty where it was not", nullable=True),
+    Column(
+        "decision",
+        "text",
+        "what a person decided, whatever a rule says; empty where nobody did",
+        nullable=True,
+        choices=("excluded", "kept"),
+    ),
     Column("message", "text", "one sentence for the engineer"),
     Column("status", "text", "how the fit ended; ok, or what prevented it"),
     Column("unit", "text", "the unit of the numbers in this row", nullable=True),

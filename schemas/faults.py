@@ -14,6 +14,14 @@ _LONGEST = {
 _FILES_SHOWN = 3  # with the same fault; more of them are counted
 
 
+class Unfit(ValueError):
+    """A quantity that cannot be what it is given as: ``what`` it is, what was found, what was expected."""
+
+    def __init__(self, what: str, found: str, expected: str) -> None:
+        super().__init__(f"{what}: found {found}, expected {expected}")
+        self.what, self.found, self.expected = what, found, expected
+
+
 @dataclass(frozen=True)
 class Fault:
     """One thing wrong with an input: where it stands, what stands there, and what was expected.

@@ -134,7 +134,7 @@ MEASUREMENT = (
         "reading_residuals",
         "readings less their run's own smooth curve of load and time, and what was kept out",
         ("run", "step", "channel", "branch", "residual", "sigma", "unit", "weight", "rejected", "reason"),
-        optional=("geometry", "geometry_sigma"),
+        optional=("decision", "geometry", "geometry_sigma"),
         key=("run", "step", "channel"),
     ),
     parquet(
@@ -219,6 +219,7 @@ MEASUREMENT = (
         "residuals",
         "measured minus fitted, in the body frame, by the default estimator",
         ("pose", "body", "target", "dx_mm", "dy_mm", "dz_mm", "weight", "rejected", "reason"),
+        optional=("decision",),
         key=("pose", "body", "target"),
     ),
 )

@@ -205,4 +205,4 @@ def _of_nothing(why: str, settings: Campaign) -> Outcome:
 def not_evaluated(why: str) -> Outcome:
     """The outcome of a campaign that does not hold what this stage needs."""
     empty = {name: ARTIFACTS[name].empty() for name in OF_MECHANISM}
-    return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
+    return Outcome.not_evaluated(empty, why)

@@ -36,3 +36,9 @@ class Outcome:
     left_out: str
     figure: str
     failed_checks: tuple[str, ...] = ()
+    why_not: str = ""  # why it evaluated nothing; empty where it did
+
+    @classmethod
+    def not_evaluated(cls, left: Mapping[str, pa.Table], why: str) -> Outcome:
+        """The outcome of a campaign that does not hold what a stage needs; ``left``: its tables without rows."""
+        return cls(left, "nothing", "nothing", f"not evaluated: {why}", why_not=why)

@@ -137,10 +137,10 @@ def _of_nothing(why: str, settings: Campaign) -> Outcome:
         return not_evaluated(why)
     from stages.responses.load_deformation import without_loads
 
-    return Outcome(without_loads(), read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
+    return Outcome.not_evaluated(without_loads(), why)
 
 
 def not_evaluated(why: str) -> Outcome:
     """The outcome of a campaign that does not hold what this stage needs."""
     empty = {name: ARTIFACTS[name].empty() for name in ("deformation", "deformation_models", "deformation_errors")}
-    return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
+    return Outcome.not_evaluated(empty, why)

@@ -272,9 +272,4 @@ def _found(table: pa.Table) -> str:
 
 
 def _not_evaluated(why: str) -> Outcome:
-    return Outcome(
-        {"diagnosis": ARTIFACTS["diagnosis"].empty()},
-        read="nothing",
-        left_out="nothing",
-        figure=f"not evaluated: {why}",
-    )
+    return Outcome.not_evaluated({"diagnosis": ARTIFACTS["diagnosis"].empty()}, why)

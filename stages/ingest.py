@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -286,7 +286,7 @@ def _all_left_out(points: Points, small: Sequence[_Small]) -> Counter[tuple[str,
 
 
 def _exclusions_of(points: Points, small: Sequence[_Small]) -> pa.RecordBatchReader:
-    return _at_last("exclusions", lambda: _exclusions(_all_left_out(points, small)))
+    return _at_last("exclusions", lambda: _exclusions(_all_left_out(points, small), points.unlabelled.left_out))
 
 
 def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
@@ -299,18 +299,15 @@ def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchRead
     return pa.RecordBatchReader.from_batches(ARTIFACTS[artifact].arrow_schema(), batches())
 
 
-def _exclusions(left_out: Mapping[tuple[str, str], int]) -> pa.Table:
+def _exclusions(left_out: Mapping[tuple[str, str], int], by_geometry: Container[tuple[str, str]] = ()) -> pa.Table:
     import pyarrow as pa
 
+    by = ("[files] of campaign.toml", "the geometry of the survey")
     rows = [
-        {"stage": "ingest", "subject": subject, "reason": reason, "rows": count, "by": _by(subject)}
-        for (subject, reason), count in left_out.items()
+        {"stage": "ingest", "subject": key[0], "reason": key[1], "rows": count, "by": by[key in by_geometry]}
+        for key, count in left_out.items()
     ]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["exclusions"].arrow_schema())
-
-
-def _by(subject: str) -> str:
-    return "the geometry of the survey" if subject.startswith("pose ") else "[files] of campaign.toml"
 
 
 def _read_words(points: Points) -> str:

@@ -45,6 +45,13 @@ def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
     return np.asarray(table.column(name).to_pylist(), dtype=object)
 
 
+def decisions(excluded: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.object_]:
+    """What a person decided, as the column of that name: excluded, kept, or None."""
+    found = np.full(excluded.shape, None, dtype=object)
+    found[kept], found[excluded] = "kept", "excluded"
+    return found
+
+
 def number_column(table: pa.Table, name: str) -> Array:
     """A column of numbers as float64, NaN where empty."""
     return np.asarray(table.column(name).to_numpy(zero_copy_only=False), dtype=float)

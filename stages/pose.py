@@ -52,7 +52,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     why = "" if observations.num_rows or scans.num_rows or measured.num_rows else "no object points"
     if why := why or withheld(tables, of_poses=True):
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
-        return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
+        return Outcome.not_evaluated(empty, why)
     from stages.point_arrays import observation_rows, pose_ids
     from stages.rigid_poses.correlated_poses import with_correlations
     from stages.rigid_poses.measured_poses import with_measured
@@ -112,7 +112,7 @@ def _frame_words(frame: str) -> str:
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     if "readings" not in tables or not tables["readings"].num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in ("displacement", "reading_residuals", "run_terms")}
-        return Outcome(empty, read="nothing", left_out="nothing", figure="not evaluated: no readings of displacement")
+        return Outcome.not_evaluated(empty, "no readings of displacement")
     from stages.sensor.platform_poses import platform_poses
 
     return platform_poses(tables["readings"], _geometry(tables, settings), settings)

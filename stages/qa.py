@@ -72,7 +72,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings, progress)
     if not tables["observations"].num_rows:
-        return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no object points")
+        return Outcome.not_evaluated({"qa": _table([], [])}, "no object points")
     from stages.quality.belonging_of_points import relations_of_points
     from stages.quality.bodies import body_views, surroundings
     from stages.quality.bundle_figures import Figures
@@ -118,7 +118,7 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
         if approaches:
             return _judged(of_axis, approaches, settings, progress)
-        return Outcome({"qa": _table([], [])}, "nothing", "nothing", "not evaluated: no readings and no signals")
+        return Outcome.not_evaluated({"qa": _table([], [])}, "no readings and no signals")
     from stages.quality.belonging_of_loads import relations_of_loads
     from stages.quality.limits import CampaignLimits
     from stages.quality.loading_checks import loading_checks

@@ -27,7 +27,7 @@ from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.head import build_head
 from truing.report.load_steps import CHANNELS, LOADS
 from truing.report.numbers import plain, printed, with_uncertainty
-from truing.report.tables import SAID
+from truing.report.tables import WHY_NOT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,7 +57,7 @@ def frames_of(tables: Mapping[str, Any], said: Mapping[str, Any] | None = None) 
     """Return the tables as the page reads them, the diagnosis with what its stage ``said``."""
     frames = {name: one.to_pandas() for name, one in tables.items() if hasattr(one, "to_pandas")}
     if said is not None:
-        frames["diagnosis"].attrs[SAID] = said["diagnose"].figure
+        frames["diagnosis"].attrs[WHY_NOT] = said["diagnose"].why_not
     return frames
 
 

@@ -75,7 +75,7 @@ def _residuals(table: pa.Table, body: str, found: PosePoints) -> tuple[NDArray, 
     rejected, excluded = np.zeros(found.seen.shape, bool), np.zeros(found.seen.shape, bool)
     values[place] = np.column_stack([number_column(rows, f"d{a}_mm") for a in "xyz"])[known] * 1e-3
     rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
-    by_person = np.array([str(reason).startswith("excluded by") for reason in text_column(rows, "reason")], bool)
+    by_person = text_column(rows, "decision") == "excluded"
     excluded[place] = by_person[known]
     return values, rejected, excluded
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
+from schemas.faults import Fault, Unfit
 from stages.ingestion.compliance_file import read_compliance
 from stages.ingestion.position_table import PositionTable, read_positions
 from stages.ingestion.reading_table import ReadingTable, read_readings
@@ -131,32 +131,33 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
     from truing.simulation.six_upur.elements import passive
     from truing.simulation.six_upur.influence import influence_matrix
 
+    key = "elements" if section.elements else "legs"
     try:
         if np.linalg.cond(influence_matrix(sensor_joints(section))) > _SINGULAR:
-            raise ValueError("legs: found legs that leave the platform free to move, expected six that hold it")
+            raise Unfit("legs", "legs that leave the platform free to move", "six that hold it")
         elastic_parts(section)
         if compliance is not None:
             _check_gives(passive(given_matrix(compliance), "compliance_file"), loaded)
+    except Unfit as error:
+        key = error.what if error.what in ("compliance_file", "legs") else key
+        log.add(Fault("campaign.toml", error.expected, column=f"mechanism.{key}", value=error.found))
     except (ValueError, np.linalg.LinAlgError) as error:
-        what, _, said = str(error).partition(": ")
-        found, _, expected = said.removeprefix("found ").rpartition(", expected ")
-        key = what if what in ("compliance_file", "legs") else "elements" if section.elements else "legs"
-        log.add(Fault("campaign.toml", expected or str(error), column=f"mechanism.{key}", value=found or None))
+        log.add(Fault("campaign.toml", str(error), column=f"mechanism.{key}"))
 
 
 def _check_gives(compliance: Array, loaded: Sequence[pa.Table]) -> None:
     """Raise ValueError where a load moves nothing, or where applied loads would move the platform by metres."""
     own = np.diag(compliance)
     if still := [WRENCH[k] for k in np.flatnonzero(own <= 0.0)]:
-        raise ValueError(f"compliance_file: found no motion under {', '.join(still)}, expected an elastic sensor")
+        raise Unfit("compliance_file", f"no motion under {', '.join(still)}", "an elastic sensor")
     size = np.sqrt(own)
     lowest = float(np.linalg.eigvalsh(compliance / np.outer(size, size))[0])
     if abs(lowest) < _RIGID:
-        raise ValueError("compliance_file: found a load that moves nothing (singular), expected an elastic sensor")
+        raise Unfit("compliance_file", "a load that moves nothing (singular)", "an elastic sensor")
     for k, name in enumerate(WRENCH):
         columns = [table.column(name).to_pylist() for table in loaded if name in table.column_names]
         largest = max((abs(load) for column in columns for load in column if load), default=0.0)
         if own[k] * largest > _FURTHEST:
             moved = f"{own[k] * largest:.3g} {'m' if k < 3 else 'rad'} under {name} = {largest:g}"
             units = "m/N, m/(N m), rad/N and rad/(N m); is it the stiffness, or in mm?"
-            raise ValueError(f"compliance_file: found {moved}, expected a compliance in {units}")
+            raise Unfit("compliance_file", f"{moved}", f"a compliance in {units}")

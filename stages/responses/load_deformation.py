@@ -251,8 +251,8 @@ def _r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
 
 
 def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
-    rows = tables["reading_residuals"].select(["rejected", "reason"]).to_pylist()
-    by_person = sum(row["rejected"] and str(row["reason"]).startswith("excluded by") for row in rows)
+    rows = tables["reading_residuals"].select(["rejected", "decision"]).to_pylist()
+    by_person = sum(row["decision"] == "excluded" for row in rows)
     gross = sum(row["rejected"] for row in rows) - by_person
     said = [f"{gross} readings as gross errors"] if gross else []
     said += [f"{by_person} reading{'s' * (by_person > 1)} excluded by a person"] if by_person else []

@@ -30,9 +30,10 @@ class BodyPoses:
     residual (B, T, 3) in m, body frame, NaN where there is none; used, rejected and seen (B, T); reason (B, T) of str,
     empty where a point was used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in
     m, zero where not known, and cov_source (T, 3, 3): what the fits are relative to; frame (T,): makes the body's
-    frame; kept (B, T): by a person. Where points have errors in common: cross (B, 6, 6) by method and other body,
-    covariance with that body's pose by the same method (by its default, where it lacks this one); effects (B, 6, K) of
-    one standard deviation of each parameter common to all poses on the default pose; weights as those of `BodyFit`.
+    frame; kept and excluded (B, T): by a person. Where points have errors in common: cross (B, 6, 6) by method and
+    other body, covariance with that body's pose by the same method (by its default, where it lacks this one); effects
+    (B, 6, K) of one standard deviation of each parameter common to all poses on the default pose; weights as those of
+    `BodyFit`.
     """
 
     name: str
@@ -49,6 +50,7 @@ class BodyPoses:
     cov_source: Array
     frame: Mask
     kept: Mask
+    excluded: Mask
     cross: Mapping[tuple[str, str], Array] = field(default_factory=dict)
     effects: Array | None = None
     weights: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
@@ -85,13 +87,14 @@ def fit_body(
     there = (points.seen & fitted.known)[..., None]
     residual = np.where(there, fit.residuals(np.nan_to_num(fitted.source), points.points), np.nan)
     why = _reasons(points, fit, residual, fitted, used, rejected)
-    why = np.where(used & kept, kept_why, np.where(excluded & points.seen, excluded_why, why))
-    by_person = (points.seen & excluded).sum(axis=1)
+    kept, excluded = used & kept, excluded & points.seen
+    why = np.where(kept, kept_why, np.where(excluded, excluded_why, why))
+    by_person = excluded.sum(axis=1)
     left = {method: usable.sum(axis=1) - f.n_used + by_person for method, f in fitted.fits.items()}
     left[fitted.default] = rejected.sum(axis=1)
     return BodyPoses(
         *(body, points, fitted.fits, fitted.default, residual, used, rejected, left, why, fitted.noise_ratio),
-        *(np.nan_to_num(fitted.source), fitted.cov_source, fitted.frame, kept),
+        *(np.nan_to_num(fitted.source), fitted.cov_source, fitted.frame, kept, excluded),
         weights=fitted.weights,
     )
 

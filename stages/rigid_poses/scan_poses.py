@@ -64,5 +64,5 @@ def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> Bo
     points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), none)
     residual, reason = np.zeros((count, 0, 3)), np.zeros((count, 0), dtype=object)
     nothing = np.zeros((none.shape[1], 3))
-    known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none)
+    known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none, none)
     return BodyPoses(name, points, {}, default, residual, none, none, {}, reason, 1.0, *known)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from stages.point_arrays import decisions
 from stages.rigid_poses.body_pose import BodyPoses
 from truing.estimation.covariance import relative, relative_of_pair, relative_slope
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
@@ -159,6 +160,7 @@ def _residual_columns(body: BodyPoses) -> dict[str, Any]:
         "weight": body.used[at_pose, at_target].astype(np.float64),
         "rejected": body.rejected[at_pose, at_target],
         "reason": np.array([r or None for r in body.reason[at_pose, at_target]], dtype=object),
+        "decision": decisions(body.excluded, body.kept)[at_pose, at_target],
     }
 
 
@@ -166,7 +168,7 @@ def _table(name: str, parts: list[dict[str, Any]], identifier: str) -> pa.Table:
     """The parts one after the other, NaN as empty."""
     import pyarrow as pa
 
-    schema = ARTIFACTS[name].arrow_schema(identifier)
+    schema = ARTIFACTS[name].arrow_schema(identifier, ARTIFACTS[name].optional)
     if not parts:
         return schema.empty_table()
     columns = {key: np.concatenate([part[key] for part in parts]) for key in schema.names}

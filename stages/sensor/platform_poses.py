@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.declaration import Outcome
+from stages.point_arrays import decisions
 from stages.responses.tables import Rows
 from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
 from stages.sensor.overruled import Decided, decided, excluded_words, matched, without_excluded
@@ -183,10 +184,10 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided) -> 
     at, k = np.nonzero(np.isfinite(whole.reading))
     rejected, residual = (curves.rejected | out.readings)[at, k], curves.residual[at, k] / READING_SI[k]
     sigma = curves.sigma[at, k] / READING_SI[k]
-    decisions = out.words + found.kept.words
+    spoken = out.words + found.kept.words
     reasons = [
         said or (f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if gross else None)
-        for said, gross, r, s in zip(decisions[at, k], rejected, residual, sigma, strict=True)
+        for said, gross, r, s in zip(spoken[at, k], rejected, residual, sigma, strict=True)
     ]
     rows.add(
         run=[steps.runs[r] for r in steps.run[at]],
@@ -199,6 +200,7 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided) -> 
         weight=np.where(rejected, 0.0, 1.0),
         rejected=rejected,
         reason=reasons,
+        decision=decisions(out.readings, found.kept.readings)[at, k],
         **_geometry_columns(found, at, k),
     )
     return rows

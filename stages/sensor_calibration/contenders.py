@@ -29,9 +29,9 @@ _RIDGE = 1.0
 _MOST_CASES = 48  # more runs are left out some at a time
 _OVER_NOISE = 2.0  # strength of a combination of signals over that of its noise, below which it is no signal
 _SIGNS = {-1: "negative", 0: "unloaded", 1: "positive"}
-WHOLE_RUNS = "whole runs"
-ONE_LOADS = "one load after the other, for without a run, or either sign of its load, a direction of loading is missing"
-HALF_RUNS = "either sign of the load in a run, for without a whole run a direction of loading is missing"
+# What is left out as a whole: the first of these without which no direction of loading is missing.
+WHOLE_RUNS, HALF_RUNS = "whole runs", "either sign of the load in a run"
+ONE_LOADS = "one load after the other"
 
 
 @dataclass(frozen=True)

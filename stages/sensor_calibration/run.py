@@ -40,7 +40,8 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     }
     if found is None or fitted is None:
         empty = {name: ARTIFACTS[name].empty() for name in ("sensor_choice", "error_classes")}
-        return Outcome(artifacts | empty, "the drawing", "nothing", f"G by [mechanism]; G_B not evaluated: {why}")
+        figure = f"G by [mechanism]; G_B not evaluated: {why}"
+        return Outcome(artifacts | empty, "the drawing", "nothing", figure, why_not=why)
     ranges = ranges_of(settings, found)
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
@@ -79,7 +80,7 @@ def _figure(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
     held = 100.0 * fitted.choice.chosen.rms / ranges
     worst = int(np.nanargmax(held))
     return (
-        f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out.partition(',')[0]}: "
+        f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out}: "
         f"at most {held[worst]:.2g} % of the range rms ({LOADS[worst]})"
     )
 
@@ -87,4 +88,4 @@ def _figure(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
 def nothing(why: str) -> Outcome:
     """Return the outcome of a campaign without anything to calibrate, or whose data cannot be used."""
     empty = {name: ARTIFACTS[name].empty() for name in LEAVES}
-    return Outcome(empty, read="nothing", left_out="nothing", figure=f"not evaluated: {why}")
+    return Outcome.not_evaluated(empty, why)

@@ -102,8 +102,12 @@ def _residuals(points, rng) -> pd.DataFrame:
     table = table.assign(**dict(zip(["dx_mm", "dy_mm", "dz_mm"], shift.T, strict=True)))
     table = table.assign(weight=1.0, rejected=False, reason=None)
     table.loc[0, ["rejected", "reason"]] = [True, "gross error: 0.300 mm off"]
-    table.loc[1, ["rejected", "reason"]] = [True, "excluded by A. Kern: mirror image in the window"]
-    table.loc[2, "reason"] = "kept by B. Roth: checked by hand"
+    table.loc[1, ["rejected", "reason", "decision"]] = [
+        True,
+        "excluded by A. Kern: mirror image in the window",
+        "excluded",
+    ]
+    table.loc[2, ["reason", "decision"]] = ["kept by B. Roth: checked by hand", "kept"]
     table.loc[3, ["reason", "weight"]] = ["attachment: not part of the frame", 0.0]
     return table
 

@@ -253,7 +253,7 @@ def _campaign(**mechanism: Any) -> Any:
 def test_without_any_body_it_is_not_evaluated() -> None:
     nothing = {name: ARTIFACTS[name].empty() for name in ("observations", "poses", "residuals")}
     outcome = diagnose.run(nothing, _campaign(), lambda *_: None)
-    assert outcome.figure.startswith("not evaluated: no points: causes are told apart by targets")
+    assert outcome.why_not.startswith("no points: causes are told apart by targets")
     assert "the campaign has" not in outcome.figure  # it has neither poses nor scans
     assert outcome.artifacts["diagnosis"].num_rows == 0
     assert "model" not in outcome.artifacts
@@ -262,7 +262,7 @@ def test_without_any_body_it_is_not_evaluated() -> None:
 def test_without_survey_or_readings_it_is_not_evaluated() -> None:
     document = tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8"))
     outcome = diagnose.run({}, read_campaign(document), lambda *_: None)
-    assert outcome.figure == "not evaluated: needs the survey of the targets and the actuator readings"
+    assert outcome.why_not == "needs the survey of the targets and the actuator readings"
 
 
 def test_a_prediction_needs_readings_of_every_leg(linear: Diagnosed) -> None:
@@ -289,4 +289,4 @@ def test_legs_that_cannot_reach_are_said_and_no_crash(tmp_path: Path) -> None:
     document = (folder / "campaign.toml").read_text(encoding="utf-8")
     (folder / "campaign.toml").write_text(document.replace("length_mm = 500.0", "length_mm = 100.0"), encoding="utf-8")
     _, said = run_line(folder, *LINE)
-    assert "not evaluated: the legs of [mechanism] cannot meet" in said["diagnose"].figure
+    assert said["diagnose"].why_not.startswith("the legs of [mechanism] cannot meet")

@@ -187,7 +187,7 @@ def test_numbers_in_another_unit_are_given_no_cause_unless_a_person_says_so(tmp_
     readings.loc[readings["channel"] == "dz", "reading"] *= 1e-3
     write_campaign(tmp_path / "c", readings, signals, campaign_toml())
     made, said = run_line(tmp_path / "c", "ingest", "qa", "diagnose")
-    assert said["diagnose"].figure.startswith("not evaluated: ")
+    assert said["diagnose"].why_not
     assert any(row["check"] == "units" and row["subject"] == "run 3 dz" for row in made["qa"].to_pylist())
     assert not made["diagnosis"].num_rows
     rows = [{**row, "accepted": "M. Keller: known"} for row in made["qa"].to_pylist()]

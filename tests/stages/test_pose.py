@@ -154,8 +154,10 @@ def test_a_person_excludes_and_keeps_by_name_and_reason(campaign):
     loose = rows.xs("P0", level="target")
     assert loose["rejected"].all()
     assert set(loose["reason"]) == {"excluded by A. Nyman: target loose"}
+    assert set(loose["decision"]) == {"excluded"}
     assert loose["dx_mm"].notna().all()
     kept = rows.loc[(4, "base", "B2")]
+    assert kept["decision"] == "kept"
     assert kept["weight"] == 1
     assert kept["reason"] == "kept by A. Nyman: really moved"
 
@@ -292,5 +294,5 @@ def test_poses_named_by_text_and_targets_outside_the_survey(campaign):
 
 def test_no_points_is_not_evaluated():
     outcome = pose.run({}, settings(), lambda *_: None)
-    assert outcome.figure.startswith("not evaluated")
+    assert outcome.why_not
     assert outcome.artifacts["poses"].num_rows == 0

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _SHIFT = ["dx_mm", "dy_mm", "dz_mm"]
-_BY_A_PERSON = r"^(?:excluded|kept) by "
 # Longer listings are folded away.
 _OPEN = 40
 
@@ -58,7 +57,7 @@ def _lead(tables: Tables) -> str:
 
 def _by_person(table: pd.DataFrame) -> pd.Series:
     """Which rows a person decided on; the others a rule of the software left out, and nobody has confirmed that."""
-    return table["reason"].astype("string").str.contains(_BY_A_PERSON, na=False).astype(bool)
+    return table["decision"].notna() if "decision" in table else table["rejected"] & False
 
 
 def _effects(tables: Tables) -> Listing | None:
@@ -89,29 +88,24 @@ def _decisions(tables: Tables) -> Listing | None:
     rows: list[tuple[str, ...]] = []
     residuals, qa = filled(tables, "residuals"), filled(tables, "qa")
     if residuals is not None:
-        decided = residuals[residuals["reason"].astype("string").str.contains(_BY_A_PERSON, na=False)]
+        decided = residuals[_by_person(residuals)]
         for (reason, body, target), part in decided.groupby(["reason", "body", "target"], sort=False):
-            rows.append((*_who(reason), f"{body} {target}", f"{count(len(part), 'pose')}: {_named(part['pose'])}"))
+            rows.append((reason, f"{body} {target}", f"{count(len(part), 'pose')}: {_named(part['pose'])}"))
     readings = filled(tables, "reading_residuals")
     if readings is not None:
-        decided = readings[readings["reason"].astype("string").str.contains(_BY_A_PERSON, na=False)]
+        decided = readings[_by_person(readings)]
         for (reason, run, channel), part in decided.groupby(["reason", "run", "channel"], sort=False):
             steps = f"{count(len(part), 'step')}: {_named(part['step'])}"
-            rows.append((*_who(reason), f"run {run} {channel}", steps))
+            rows.append((reason, f"run {run} {channel}", steps))
     if qa is not None and "accepted" in qa:
         for r in qa[qa["accepted"].notna()].itertuples():
             rows.append(
-                ("accepted", str(r.accepted), f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}")
+                (f"accepted by {r.accepted}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}")
             )
     if not rows:
         return None
-    heads = ("decision", "by whom, and why", "of what", "where")
+    heads = ("decision, by whom, and why", "of what", "where")
     return Listing(heads, tuple(rows), caption="Decided by a person", folded=len(rows) > _OPEN)
-
-
-def _who(reason: str) -> tuple[str, str]:
-    verb, _, rest = reason.partition(" by ")
-    return verb, rest
 
 
 def _named(poses: pd.Series) -> str:
@@ -192,8 +186,7 @@ def _no_part(tables: Tables) -> Listing | None:
     residuals = filled(tables, "residuals")
     if residuals is None:
         return None
-    reason = residuals["reason"].astype("string").fillna("")
-    idle = residuals[~residuals["rejected"] & (reason != "") & ~reason.str.contains(_BY_A_PERSON)]
+    idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
     if not len(idle):
         return None
     number = idle.groupby(["body", "reason"], sort=False).size()

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-SAID = "said"  # attribute of a table: what its stage said when it left it
-_NOT_EVALUATED = "not evaluated: "
+WHY_NOT = "why_not"  # attribute of a table: why its stage evaluated nothing; empty where it did
 Tables = Mapping[str, "pd.DataFrame"]
 
 
@@ -21,8 +20,7 @@ def filled(tables: Tables, name: str) -> pd.DataFrame | None:
 
 def reason(tables: Tables, name: str) -> str:
     """Why the stage that left a table did not evaluate it, as it said itself; empty where it said no such thing."""
-    said = str(tables[name].attrs.get(SAID, "")) if name in tables else ""
-    why = said.removeprefix(_NOT_EVALUATED) if said.startswith(_NOT_EVALUATED) else ""
+    why = str(tables[name].attrs.get(WHY_NOT, "")) if name in tables else ""
     end = "" if why.endswith("?") else "."
     return f"{why[:1].upper()}{why[1:]}{end}" if why else ""
 

@@ -32,12 +32,12 @@ def page_parts(
     """
     from truing.report.head import build_head
     from truing.report.sections import build_sections
-    from truing.report.tables import SAID
+    from truing.report.tables import WHY_NOT
 
     provenance = {name: provenance_of(table) for name, table in tables.items()}
     frames = {name: table.to_pandas() for name, table in tables.items()}
     for name, frame in frames.items():  # nothing else: pandas copies attributes with every step
-        frame.attrs[SAID] = provenance[name].get("said", "")
+        frame.attrs[WHY_NOT] = provenance[name].get(WHY_NOT, "")
     places = target_places(frames)
     if places is not None:
         frames["shape"] = places

@@ -197,7 +197,7 @@ def test_a_sensors_pulls_are_named_by_its_elements():
 def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
     whole = bench_tables(signals=8)
     whole["diagnosis"] = whole["diagnosis"].iloc[:0]
-    whole["diagnosis"].attrs["said"] = "not evaluated: needs the elements of a leg, or a compliance_file"
+    whole["diagnosis"].attrs["why_not"] = "needs the elements of a leg, or a compliance_file"
     tables = {name: whole[name] for name in ("signals", "diagnosis")}
     head = build_head("c", tables)
     assert head.verdicts[0] == (

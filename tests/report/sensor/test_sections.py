@@ -14,7 +14,7 @@ from truing.report.sections import build_sections
 from truing.report.sensor.calibration import sensor_calibration
 from truing.report.sensor.deformation import load_deformation
 from truing.report.sensor.displacement import displacement
-from truing.report.tables import SAID
+from truing.report.tables import WHY_NOT
 
 STAGES = ("ingest", "pose", "deformation", "calibrate")
 
@@ -27,7 +27,7 @@ def tables(tmp_path_factory) -> dict[str, pd.DataFrame]:
     off = LoadEccentricity(2, (0.012, -0.008, 0.0))
     made = bench(tmp_path_factory.mktemp("page") / "c", made, 8, [off], stages=STAGES)
     frames = {name: made.frame(name) for name in made.tables}
-    frames["sensor_matrix"].attrs[SAID] = made.said["calibrate"].figure
+    frames["sensor_matrix"].attrs[WHY_NOT] = made.said["calibrate"].why_not
     return frames
 
 
@@ -91,7 +91,7 @@ def test_gross_readings_stand_among_what_was_left_out(tables):
 
 def test_theory_alone_says_why_there_is_no_matrix(tables):
     matrices = tables["sensor_matrix"].query("matrix in ['G', \"G'\"]").copy()
-    matrices.attrs[SAID] = "G by [mechanism]; G_B not evaluated: V V^T is singular, the channels are not independent"
+    matrices.attrs[WHY_NOT] = "V V^T is singular, the channels are not independent"
     empty = {name: tables[name].iloc[:0] for name in ("sensor_choice", "error_classes")}
     section = sensor_calibration({**tables, **empty, "sensor_matrix": matrices})
     assert section.state == "not evaluated"
@@ -105,7 +105,7 @@ def test_theory_alone_says_why_there_is_no_matrix(tables):
 )
 def test_what_was_not_evaluated_says_so(tables, section, name):
     nothing = tables[name].iloc[:0].copy()
-    nothing.attrs[SAID] = "not evaluated: the instrument was away"
+    nothing.attrs[WHY_NOT] = "the instrument was away"
     found = section({**tables, name: nothing})
     assert (found.state, found.lead) == ("not evaluated", "The instrument was away.")
     assert section({}) is None

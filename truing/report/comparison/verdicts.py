@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _NONE = "–"
+_MISSING = (_NONE, _NONE)
+_LOOKED_AT = {"fail", "warn", "accepted"}
+_REQUIRED = {"fails": "fail", "undecided": "warn"}
 _ORDER = ("fail", "warn", "not evaluated", "pass")
 _ACCURACY = {
     "position_mean_verification": ("position error, mean of held-out poses", "um"),
@@ -52,16 +55,14 @@ def quality(found: Comparison) -> Section:
     """How many checks of each verdict, and every check that was not passed in each of the runs."""
     counts = [_counts(run.tables) for run in found.runs]
     totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
-    told: dict[tuple[str, str], dict[int, str]] = {}
+    told: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
     for place, run in enumerate(found.runs):
         qa = filled(run.tables, "qa")
         for r in () if qa is None else qa.itertuples():
             told.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
-    differing = {
-        key: own for key, own in told.items() if any(w.startswith(("fail", "warn", "accepted")) for w in own.values())
-    }
-    rows = [(*key, *(own.get(k, _NONE) for k in range(len(found.runs)))) for key, own in differing.items()]
-    marks = [_mark(row[2:]) for row in rows]
+    differing = {key: own for key, own in told.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
+    rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(found.runs)))) for key, own in differing.items()]
+    marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]
     labels = tuple(run.label for run in found.runs)
     listings = (
         Listing(("verdict", *labels), tuple(totals), _ORDER, "Checks of each verdict"),
@@ -71,15 +72,17 @@ def quality(found: Comparison) -> Section:
     return Section("quality", "Quality side by side", lead, listings=tuple(x for x in listings if x.rows))
 
 
-def _check(r: Any) -> str:
+def _check(r: Any) -> tuple[str, str]:
+    """The verdict on a check, accepted where a person did that; and the same with its value."""
     accepted = getattr(r, "accepted", None)
-    verdict = "accepted" if isinstance(accepted, str) else r.verdict
+    verdict = "accepted" if isinstance(accepted, str) else str(r.verdict)
     value = quantity(r.value, r.unit)
-    return verdict if value == _NONE else f"{verdict} ({value})"
+    return verdict, verdict if value == _NONE else f"{verdict} ({value})"
 
 
-def _mark(cells: tuple[str, ...]) -> str:
-    return next((mark for mark in ("fail", "warn") if any(told.startswith(mark) for told in cells)), "none")
+def _mark(verdicts: set[str], *ranked: str) -> str:
+    """The first of ``ranked`` that occurs; the last where none does."""
+    return next((mark for mark in ranked if mark in verdicts), ranked[-1])
 
 
 def requirement_words(found: Comparison) -> list[tuple[str, str]]:
@@ -106,10 +109,12 @@ def accuracy(found: Comparison) -> Section | None:
             rows.append((words, *(f"{plain(value)} {sign(unit)}" if value == value else _NONE for value in values)))
     tables = [chosen_requirements(run.tables) for run in found.runs]
     components = dict.fromkeys(c for table in tables if table is not None for c in table["component"])
-    judged = [(f"requirement {c}", *(_requirement(table, c) for table in tables)) for c in components]
-    marks = ["none"] * len(rows) + [_required(row[1:]) for row in judged]
+    judged = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
+    required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in judged.values()]
+    marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
     heads = ("", *(run.label for run in found.runs))
-    listing = Listing(heads, (*rows, *judged), tuple(marks))
+    told = [(name, *(words for _, words in own)) for name, own in judged.items()]
+    listing = Listing(heads, (*rows, *told), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
     return Section("accuracy", "Accuracy and requirements side by side", lead, listings=(listing,))
 
@@ -123,18 +128,14 @@ def _figure(tables: Tables, figure: str) -> float:
     return float("nan")
 
 
-def _requirement(table: pd.DataFrame | None, component: str) -> str:
+def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
+    """The verdict on a requirement, and the same with what was reached and what was asked for."""
     own = table[table["component"] == component] if table is not None else None
     if own is None or not len(own):
-        return _NONE
+        return _MISSING
     r = own.iloc[0]
-    return f"{r['verdict']}: {quantity(r['error'], r['unit'])} of {quantity(r['requirement'], r['unit'])}"
-
-
-def _required(cells: tuple[str, ...]) -> str:
-    if any(told.startswith("fails") for told in cells):
-        return "fail"
-    return "warn" if any(told.startswith("undecided") for told in cells) else "pass"
+    reached = f"{quantity(r['error'], r['unit'])} of {quantity(r['requirement'], r['unit'])}"
+    return r["verdict"], f"{r['verdict']}: {reached}"
 
 
 def error_classes(found: Comparison) -> Section | None:

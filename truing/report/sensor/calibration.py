@@ -11,7 +11,7 @@ from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.sensor.axes import LOADS, load_unit
 from truing.report.sensor.calibration_figures import error_classes, held_out_errors, merit_figure
-from truing.report.tables import SAID, Tables, cell, filled, reason
+from truing.report.tables import WHY_NOT, Tables, cell, filled, reason
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -90,7 +90,7 @@ def _largest(tables: Tables) -> dict[str, float]:
 
 def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, largest: dict[str, float]) -> str:
     if choice is None:
-        why = str(tables["sensor_matrix"].attrs.get(SAID, "")).partition("G_B not evaluated: ")[2] or "no signals"
+        why = tables["sensor_matrix"].attrs.get(WHY_NOT) or "no signals"
         return f"G by the drawing alone. G_B is not evaluated: {why}."
     chosen = _chosen(choice)
     own = choice[choice["model"] == chosen]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from schemas.faults import Unfit
 from truing.simulation.six_upur import flexible_parts as parts
 from truing.simulation.six_upur.flexible_parts import moved_along
 
@@ -73,16 +74,16 @@ def passive(matrix: ArrayLike, what: str) -> NDArray:
     """
     given = np.asarray(matrix, float)
     if given.shape != (6, 6):
-        raise ValueError(f"{what}: found shape {given.shape}, expected (6, 6)")
+        raise Unfit(what, f"shape {given.shape}", "(6, 6)")
     size = np.sqrt(np.abs(np.diag(given)))
     size = np.where(size > 0.0, size, 1.0)
     scaled = given / np.outer(size, size)
     asymmetry = float(np.abs(scaled - scaled.T).max())
     if not asymmetry <= _TYPED:
-        raise ValueError(f"{what}: found an asymmetry of {asymmetry:.2g} of its diagonal, expected a symmetric matrix")
+        raise Unfit(what, f"an asymmetry of {asymmetry:.2g} of its diagonal", "a symmetric matrix")
     lowest = float(np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0])
     if lowest < -_TYPED:
-        raise ValueError(f"{what}: found a direction that moves against its load ({lowest:.2g}), expected none")
+        raise Unfit(what, f"a direction that moves against its load ({lowest:.2g})", "none")
     return 0.5 * (given + given.T)
 
 
@@ -118,7 +119,7 @@ def leg_parts(elements: Sequence[Element], length: NDArray) -> LegParts:
             installed.append(slope if j < seat else np.zeros_like(slope))
             middle.append(-slope)
     if not names:
-        raise ValueError("elements: found none that gives, expected a flexible leg")
+        raise Unfit("elements", "none that gives", "a flexible leg")
     return LegParts(tuple(names), *(np.stack(each, -3) for each in (compliances, installed, middle)))
 
 
@@ -128,11 +129,11 @@ def _beyond(elements: Sequence[Element], length: NDArray) -> list[NDArray]:
     given = sum(value for value in lengths if value is not None)
     rest = length - given
     if lengths.count(None) > 1:
-        raise ValueError(f"elements: found {lengths.count(None)} without length, expected one at most to take the rest")
+        raise Unfit("elements", f"{lengths.count(None)} without length", "one at most to take the rest")
     if None in lengths and rest.real.min() < 0.0:
-        raise ValueError(f"elements: found {given} m in all, expected no more than the shortest leg, {length.min()} m")
+        raise Unfit("elements", f"{given} m in all", f"no more than the shortest leg, {length.min()} m")
     if None not in lengths and np.abs(rest).max() > _TYPED * length.max():
-        raise ValueError(f"elements: found {given} m in all, expected each leg's length, {length.ravel().tolist()} m")
+        raise Unfit("elements", f"{given} m in all", f"each leg's length, {length.ravel().tolist()} m")
     filled = [rest if value is None else np.full_like(length, value) for value in lengths]
     outer = [np.zeros_like(length)]
     for value in filled[:0:-1]:

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.faults import Unfit
 from truing.estimation.rotation import skew
 from truing.simulation.beam_element import section
 
@@ -73,7 +74,7 @@ def leaf(length: float, width: float, thickness: float, youngs_pa: float, poisso
     than wide.
     """
     if thickness > width:
-        raise ValueError(f"leaf: found thickness {thickness} m and width {width} m, expected it no thicker than wide")
+        raise Unfit("leaf", f"thickness {thickness} m and width {width} m", "it no thicker than wide")
     shear_pa = youngs_pa / (2.0 * (1.0 + poisson))
     thin, wide = (_uniform(length, youngs_pa * width * thickness * size**2 / 12.0) for size in (thickness, width))
     twist = length / (shear_pa * float(rectangle_torsion(np.array(width), np.array(thickness))))
@@ -134,7 +135,7 @@ def _soft_first(
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Return bending about x and about y."""
     if soft not in ("s1", "s2"):
-        raise ValueError(f"soft: found {soft!r}, expected s1 or s2")
+        raise Unfit("soft", f"{soft!r}", "s1 or s2")
     return (thin, wide) if soft == "s1" else (wide, thin)
 
 

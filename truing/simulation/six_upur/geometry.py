@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.faults import Unfit
+
 _UP = np.array([0.0, 0.0, 1.0])
 # A leg that leans less than this has no horizontal normal of its own, rad.
 _VERTICAL = 1e-9
@@ -54,10 +56,10 @@ def joint_centres(lower: NDArray, upper: NDArray, height: float) -> JointCentres
     """
     lower, upper = np.asarray(lower, float), np.asarray(upper, float)
     if lower.shape != (6, 3) or upper.shape != (6, 3):
-        raise ValueError(f"joint centres: found shapes {lower.shape} and {upper.shape}, expected (6, 3) of each")
+        raise Unfit("joint centres", f"shapes {lower.shape} and {upper.shape}", "(6, 3) of each")
     found = JointCentres(lower, upper, height * _UP)
     if np.any(found.length == 0.0):
-        raise ValueError(f"legs: found lengths {found.length.tolist()} m, expected B and b apart")
+        raise Unfit("legs", f"lengths {found.length.tolist()} m", "B and b apart")
     return found
 
 
