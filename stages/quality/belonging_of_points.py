@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_ROWS_OF_A_GROUP = 3  # at least, on average: numbers that vary from row to row make no groups
+
 
 def relations_of_points(
     bodies: Sequence[BodyView], around: Surroundings, tables: Mapping[str, pa.Table], settings: Campaign
@@ -97,21 +99,38 @@ def _readings(
         float(np.hypot(noise, 1e-3 * settings.noise.actuator_mm)),
         _drivers(around, at),
     )
-    return relate_readings(motion, Names(columns, tuple(str(around.poses[pose]) for pose in at)))
+    poses = tuple(str(around.poses[pose]) for pose in at)
+    return relate_readings(motion, Names(columns, poses, _groups(configurations, found.row[usable], columns)))
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of the configurations whose pose was measured, in the order of the file: readings (N, L) m, pose (N,)."""
+    """Rows of the configurations whose pose was measured, in the order of the file: readings (N, L) m, pose (N,), and
+    row (N,) of the table."""
 
     readings: Array
     pose: NDArray[np.int64]
+    row: NDArray[np.int64]
 
 
 def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: Surroundings) -> _Rows:
     pose = positions(configurations.column("pose"), around.poses)
     readings = 1e-3 * np.column_stack([number_column(configurations, name) for name in columns])
-    return _Rows(readings[pose >= 0], pose[pose >= 0])
+    return _Rows(readings[pose >= 0], pose[pose >= 0], np.flatnonzero(pose >= 0))
+
+
+def _groups(
+    configurations: pa.Table, rows: NDArray[np.int64], readings: Sequence[str]
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Columns that sort the rows (N,) into a few groups, as a role, a day or a run does, with their values."""
+    found = []
+    for name in configurations.column_names:
+        if name not in ("pose", "time_s", *readings):
+            column = configurations.column(name).to_pylist()
+            values = tuple(f"{column[row]:g}" if isinstance(column[row], float) else str(column[row]) for row in rows)
+            if 1 < len(set(values)) <= len(rows) // _ROWS_OF_A_GROUP:
+                found.append((name, values))
+    return tuple(found)
 
 
 def _legs(section: LeggedMechanism, p: Array) -> Legs:

@@ -219,6 +219,49 @@ def _half_exchanged(files: Files, rows: np.ndarray) -> None:
     files.configurations.loc[rows, [one, two]] = files.configurations.loc[rows, [two, one]].to_numpy()
 
 
+Rows = Callable[[np.ndarray], np.ndarray]
+Change = Callable[[Files, np.ndarray], None]
+
+
+def _stretch(rows: np.ndarray) -> np.ndarray:
+    """The second third of the rows."""
+    return (rows >= len(rows) // 4) & (rows < len(rows) * 3 // 5)
+
+
+def _two_stretches(rows: np.ndarray) -> np.ndarray:
+    """Two days out of five."""
+    day = 5 * rows // len(rows)
+    return (day == 1) | (day == 3)
+
+
+def _in_rows(chosen: Rows, change: Change) -> Callable[[Files], None]:
+    """A change in some rows of configurations."""
+    return lambda files: change(files, chosen(np.arange(len(files.configurations))))
+
+
+def _on_a_day(change: Change) -> Callable[[Files], None]:
+    """A change in all rows of one day; the days are written down in a column, and alternate."""
+
+    def make(files: Files) -> None:
+        day = 1 + np.arange(len(files.configurations)) // 3 % 3
+        files.configurations["day"] = day
+        change(files, day == 2)
+
+    return make
+
+
+def _some_sign(files: Files, rows: np.ndarray) -> None:
+    files.configurations.loc[rows, files.rho[1]] *= -1.0
+
+
+def _some_shifted(files: Files, rows: np.ndarray) -> None:
+    """The readings of some rows stand in the row after theirs, the last of them in the first."""
+    at = np.flatnonzero(rows)
+    values = files.configurations[files.rho].to_numpy().copy()
+    values[at] = values[np.roll(at, 1)]
+    files.configurations[files.rho] = values
+
+
 def _copied_column(files: Files) -> None:
     files.configurations[files.rho[2]] = files.configurations[files.rho[1]]
 
@@ -265,6 +308,22 @@ READING_SLIPS = (
     PointSlip("a column frozen", "frozen", _frozen_column),
     PointSlip("a column frozen halfway", "frozen", _freeze),
 )
+PART_SLIPS = (
+    PointSlip("sign in a stretch", "sign", _in_rows(_stretch, _half_sign)),
+    PointSlip("sign of one reading in a stretch", "sign", _in_rows(_stretch, _some_sign)),
+    PointSlip("inches in a stretch", "unit", _in_rows(_stretch, _half_inch)),
+    PointSlip("columns exchanged in a stretch", "columns-exchanged", _in_rows(_stretch, _half_exchanged)),
+    PointSlip("rows shifted in a stretch", "rows-shifted", _in_rows(_stretch, _some_shifted)),
+    PointSlip("inches in every second row", "unit", _in_rows(lambda rows: rows % 2 == 1, _half_inch)),
+    PointSlip("sign in every second row", "sign", _in_rows(lambda rows: rows % 2 == 1, _half_sign)),
+    PointSlip(
+        "columns exchanged in every third row", "columns-exchanged", _in_rows(lambda r: r % 3 == 0, _half_exchanged)
+    ),
+    PointSlip("sign in two stretches", "sign", _in_rows(_two_stretches, _half_sign)),
+    PointSlip("columns exchanged in two stretches", "columns-exchanged", _in_rows(_two_stretches, _half_exchanged)),
+    PointSlip("inches on a day", "unit", _on_a_day(_half_inch)),
+    PointSlip("columns exchanged on a day", "columns-exchanged", _on_a_day(_half_exchanged)),
+)
 DESCRIPTION_SLIPS = (
     PointSlip("a and b exchanged", "parts-exchanged", _swap_ab),
     PointSlip("u downwards", "direction-reversed", lambda files: _scaled_leg("u", -1.0)(files)),
@@ -288,4 +347,4 @@ POINT_SLIPS = (
     PointSlip("a pose copied", "copied", _copy_pose, "copied-poses"),
     PointSlip("instrument frozen halfway", "copied", _frozen_instrument, "copied-poses"),
 )
-ALL_SLIPS = (*READING_SLIPS, *DESCRIPTION_SLIPS, *POINT_SLIPS)
+ALL_SLIPS = (*READING_SLIPS, *PART_SLIPS, *DESCRIPTION_SLIPS, *POINT_SLIPS)

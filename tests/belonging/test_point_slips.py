@@ -6,6 +6,7 @@ import copy
 import json
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -110,3 +111,37 @@ def test_the_command_line_tells_a_slip_before_and_in_a_run(files: Files, tmp_pat
     entry = '\n[[accept]]\ncheck = "readings-against-poses"\nreason = "a trial"\nby = "M. Keller"\non = 2026-03-01\n'
     (folder / "campaign.toml").write_text((folder / "campaign.toml").read_text() + entry)
     assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == ExitCode.DONE
+
+
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        pytest.param("inches in a stretch", ["from pose {0} to pose {1}"], id="a stretch"),
+        pytest.param("inches in every second row", ["every second pose from {2} to {3}"], id="every second pose"),
+        pytest.param("inches on a day", ["day 2"], id="a day"),
+    ],
+)
+def test_a_slip_in_some_rows_is_named_with_these_rows(
+    files: Files, name: str, where: list[str], tmp_path: Path
+) -> None:
+    slipped = copy.deepcopy(files)
+    next(slip for slip in ALL_SLIPS if slip.name == name).make(slipped)
+    made, _ = _checked(slipped, tmp_path / "c")
+    (slip,) = _slips([row for row in made["belonging"].to_pylist() if row["state"] == "fails"])
+    pose, count = files.configurations["pose"].tolist(), len(files.configurations)
+    odd = pose[1::2]
+    first, last = pose[count // 4], pose[count * 3 // 5 - 1]
+    assert slip["factor"] == pytest.approx(25.4)
+    assert slip["subjects"] == [one.format(first, last, odd[0], odd[-1]) for one in where]
+
+
+def test_what_no_slip_explains_in_some_rows_has_no_name(files: Files, tmp_path: Path) -> None:
+    slipped = copy.deepcopy(files)
+    count = len(slipped.configurations)
+    rows = slice(count // 4, count // 2)
+    spread = np.ptp(slipped.configurations[slipped.rho].to_numpy(), axis=0)
+    drawn = np.random.default_rng(7).normal(0.0, 0.5, (count // 2 - count // 4, 6))
+    slipped.configurations.loc[slipped.configurations.index[rows], slipped.rho] += drawn * spread
+    made, _ = _checked(slipped, tmp_path / "c")
+    (row,) = [row for row in made["belonging"].to_pylist() if row["state"] == "fails"]
+    assert (row["reason_code"], _slips([row])) == ("no-slip", [])

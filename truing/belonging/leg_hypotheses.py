@@ -42,9 +42,9 @@ class Motion:
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **thin)
 
-    def between(self, first: int, last: int) -> Motion:
-        """Return the same of the poses from ``first`` to before ``last``."""
-        part = {name: getattr(self, name)[first:last] for name in ("p", "R", "readings", "drivers")}
+    def chosen(self, rows: NDArray[np.int64]) -> Motion:
+        """Return the same of some poses."""
+        part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **part)
 
     def chosen_columns(self, legs: NDArray[np.int64]) -> Motion:

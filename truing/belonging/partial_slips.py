@@ -1,4 +1,4 @@
-"""Slips in a part of a table: single readings, copied columns, rounded numbers, and the first row of a wrong part."""
+"""Slips in a part of a table: single readings, copied columns, rounded numbers."""
 
 from __future__ import annotations
 
@@ -44,20 +44,3 @@ def rounded_to(readings: Array, misfit: float, noise: float) -> float | None:
     error = step / np.sqrt(12.0)
     low, high = _ROUNDED
     return step if error > 10.0 * noise and low * error < misfit < high * error else None
-
-
-def wrong_parts(readings: Array, asked: Array, share: float) -> list[tuple[int, int]]:
-    """Return first and last row (exclusive) of a part that misfits while the rest of the table agrees.
-
-    The rest, a beginning or an end of the table, agrees where its rms misfit about the mean of each leg stays below a
-    share of its movement.
-    """
-    count = len(readings)
-    ends = [k for k in range(4, count - 3) if _agrees(readings[:k], asked[:k], share)]
-    begins = [k for k in range(4, count - 3) if _agrees(readings[k:], asked[k:], share)]
-    return [*([(max(ends), count)] if ends else []), *([(0, min(begins))] if begins else [])]
-
-
-def _agrees(readings: Array, asked: Array, share: float) -> bool:
-    wanted, read = (values - values.mean(axis=0) for values in (asked, readings))
-    return bool(np.mean((read - wanted) ** 2) <= share**2 * np.mean(wanted**2))

@@ -53,10 +53,13 @@ class Written:
 
     def readings(self, recorded: Array, asked: Array) -> Array:
         """Return readings (B, L) as they were meant."""
-        factor = np.array([change.factor for change in self.changes])
-        meant = recorded[:, self.columns] * factor
+        meant = self.undone(recorded)
         zero = np.array([change.zero for change in self.changes])
         return meant + np.where(zero, np.nanmedian(asked - meant, axis=0), 0.0)
+
+    def undone(self, recorded: Array) -> Array:
+        """Return readings (B, L) in their columns, unit and sign, counted from the zero that was recorded."""
+        return np.asarray(recorded[:, self.columns] * np.array([change.factor for change in self.changes]))
 
     def slips(self, names: tuple[str, ...], recorded: Array) -> tuple[Slip, ...]:
         """Return what was done to the recorded readings and the description; nothing where all is as recorded."""

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.leg_hypotheses import Description, Motion, descriptions
-from truing.belonging.partial_slips import copied_columns, rounded_to, stray_readings, wrong_parts
+from truing.belonging.partial_slips import copied_columns, rounded_to, stray_readings
 from truing.belonging.reading_hypotheses import PENALTY, Written, best_written, reached
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.belonging.row_hypotheses import RowOrder, best_order
+from truing.belonging.slips_in_rows import agreement, places, slipped_rows
 from truing.simulation.kinematics import closure_rows, upper_joints
 
 Array = NDArray[np.float64]
@@ -38,10 +39,12 @@ _FROZEN = 4  # readings in a row that are the same number
 
 @dataclass(frozen=True)
 class Names:
-    """What the campaign calls its columns of readings (L) and its poses (B)."""
+    """What the campaign calls its columns of readings (L), its poses (B), and groups of these: a column's name and its
+    value in each pose."""
 
     columns: tuple[str, ...]
     poses: tuple[str, ...]
+    groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def relate_readings(motion: Motion, names: Names) -> tuple[Tested, ...]:
@@ -116,7 +119,8 @@ def _test(motion: Motion, names: Names) -> Tested:
         return (_of_a_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
         return _of_a_part(motion, asked, names, base) or _without_name(motion, asked, names, base, legs)
-    return _agreeing(motion, search, names, base)
+    departs = misfit > _NOTED * moved
+    return (_of_a_part(motion, asked, names, base) if departs else None) or _agreeing(motion, search, names, base)
 
 
 def _explained(search: _Found, motion: Motion, names: Names, base: Tested) -> Tested | None:
@@ -130,15 +134,40 @@ def _explained(search: _Found, motion: Motion, names: Names, base: Tested) -> Te
 
 
 def _of_a_part(motion: Motion, asked: Array, names: Names, base: Tested) -> Tested | None:
-    """The result where slips explain a beginning or an end of the table, and the rest agrees."""
-    for first, last in wrong_parts(motion.readings, asked, _NOTED):
-        part = Names(names.columns, names.poses[first:last])
-        found = _explained(_search(motion.between(first, last)), motion.between(first, last), part, base)
-        if found is not None:
-            where = f"from pose {names.poses[first]} on" if first else f"up to pose {names.poses[last - 1]}"
-            slips = tuple(replace(slip, subjects=(*slip.subjects, where)) for slip in found.slips)
-            return replace(found, slips=slips, rivals=())
+    """The result where slips explain some rows of the table, and the rest agrees."""
+    told = np.flatnonzero(np.isfinite(asked).all(axis=1))
+    whole, wanted = motion.chosen(told), asked[told]
+    agreed = agreement(whole.readings, wanted, motion.noise)
+    if agreed is None:
+        return None
+    part = whole.chosen(agreed.apart)
+    for meant in _likely(_search(part)):
+        slips = [slip for slip in meant.slips(names.columns, part.readings) if slip.kind is not SlipKind.ZERO]
+        undone = meant.undone(whole.readings)
+        rows = slipped_rows(undone, wanted, agreed)
+        if rows is not None and 0 < len(slips) <= _MOST_SLIPS:
+            groups = [(name, [values[row] for row in told.tolist()]) for name, values in names.groups]
+            where = places(*rows, [names.poses[row] for row in told.tolist()], groups)
+            left = np.where(rows[0][:, None], undone, whole.readings) - wanted
+            found = tuple(_there(slip, tuple(where)) for slip in slips)
+            after = 1e3 * _rms(left - left.mean(axis=0))
+            return replace(base, state=State.FAILS, reason="slip", unit="mm", misfit_explained=after, slips=found)
     return None
+
+
+def _there(slip: Slip, where: tuple[str, ...]) -> Slip:
+    """A slip with the rows that it concerns, ahead of a long list of columns: sentences cut these short."""
+    return replace(slip, subjects=(*where, *slip.subjects) if len(slip.subjects) > 2 else (*slip.subjects, *where))
+
+
+def _likely(search: _Found) -> list[Written]:
+    """Readings as they may be meant in some rows, the likeliest first.
+
+    The rest of the table decides which of them holds: it knows the geometry far better than its tolerances do.
+    """
+    least = search.plain.evidence + _AS_LIKELY
+    found = [one for one in (search.meant, *search.rivals) if one.evidence > least and not one.description.slips]
+    return sorted(found, key=lambda one: -one.evidence)
 
 
 def _without_name(motion: Motion, asked: Array, names: Names, base: Tested, legs: Index) -> Tested:
@@ -280,9 +309,11 @@ def _row_slips(order: RowOrder, names: Names) -> tuple[Slip, ...]:
     by = order.rows[moved] - moved
     steps, counts = np.unique(by, return_counts=True)
     if counts.max() >= _MOSTLY * len(moved) and len(moved) > 2:
-        first = moved[by == steps[counts.argmax()]][0]
-        where = (f"from pose {names.poses[first]} on",)
-        return (Slip(SlipKind.ROWS_SHIFTED, "readings", where, shift=int(steps[counts.argmax()])),)
+        shift = int(steps[counts.argmax()])
+        first, last = moved[by == shift][[0, -1]]
+        ends = last + abs(shift) < len(order.rows) - 1
+        where = f"from pose {names.poses[first]} {f'to pose {names.poses[last]}' if ends else 'on'}"
+        return (Slip(SlipKind.ROWS_SHIFTED, "readings", (where,), shift=shift),)
     if len(moved) > 2 and np.mean(order.rows[moved] + moved == len(order.rows) - 1) >= _MOSTLY:
         return (Slip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
     places = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
