@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stages.belonging import withheld
 from tests.belonging.load_slips import SLIPS, Tables
@@ -17,8 +21,9 @@ from tests.belonging.load_slips_told import RIGHT, judge
 from tests.conftest import PROJECT
 from tests.sensor_campaign import LARGEST, UP_AND_DOWN, campaign_toml, measured, sensor, write_campaign
 from tests.stages.line import run_line
+from truing.belonging.chance_equality import noise_of_neighbours, resolution
 from truing.belonging.copied_rows import Values, copied_runs
-from truing.belonging.frozen_values import frozen
+from truing.belonging.frozen_values import frozen, stood_still
 from truing.belonging.loads_of_readings import against_range, against_simulation
 from truing.belonging.plausible_slips import Column
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, SlipKind, State
@@ -201,3 +206,61 @@ def test_a_copied_part_is_told_with_its_rows_wherever_it_stands_and_coarse_numbe
     for written, rows in ((tail, range(11, 49)), (moved, range(4, 24))):
         assert told(written) == [(State.FAILS, "run 1, run 2", pytest.approx(100.0 * len(rows) / 48), tuple(rows))]
     assert told(value.round(1)) in ([(State.OK, "", None, ())], [(State.NOT_TESTED, "", None, ())])
+
+
+@pytest.mark.parametrize(
+    ("micrometre", "arcsecond", "millivolt", "declared"),
+    [(10.0, 3.0, 0.01, 0.5), (20.0, 1.0, 0.05, 10.0), (50.0, 10.0, 0.5, 1.0), (5.0, 3.0, 0.1, 3.0)],
+)
+def test_a_good_bench_of_coarse_instruments_holds_no_copies(
+    tmp_path: Path, micrometre: float, arcsecond: float, millivolt: float, declared: float
+) -> None:
+    shutil.copytree(SAMPLE, tmp_path / "c")
+    tables = Tables(tmp_path / "c")
+    step = np.where(tables.readings["channel"].str.startswith("d"), micrometre, arcsecond)
+    tables.readings["reading"] = np.round(tables.readings["reading"] / step) * step
+    assert tables.signals is not None
+    tables.signals[tables.voltages] = np.round(tables.signals[tables.voltages] / millivolt) * millivolt
+    for key, size in (("linear_um", micrometre), ("angular_arcsec", arcsecond), ("signal_mv", millivolt)):
+        tables.toml = re.sub(rf"{key} = .*", f"{key} = {declared * size}", tables.toml)
+    tables.write()
+    rows = run_line(tmp_path / "c", "ingest", "qa")[0]["belonging"].to_pylist()
+    assert {row["state"] for row in rows} <= {"ok", "not tested"}
+
+
+def test_equal_numbers_are_no_copy_where_a_symmetric_machine_answers_two_axes_alike() -> None:
+    rng = np.random.default_rng(4)
+    load = np.zeros((42, 6))
+    load[:21, 0] = load[21:, 1] = np.concatenate([np.linspace(0.0, 1.0, 11), np.linspace(0.9, 0.0, 10)])
+    value = (1000.0 * load.sum(axis=1)[:, None] + 0.5 * rng.standard_normal((42, 1))).round(-1)
+    told = copied_runs(np.repeat([0, 1], 21), ["run 1", "run 2"], load, [Values("readings", value, np.array([5.0]))])
+    assert not any(one.slips for one in told)
+
+
+@given(st.integers(0, 2**31), st.sampled_from([1e-4, 0.02, 0.5, 20.0, 3.0518e-4]))
+def test_the_resolution_of_numbers_on_a_grid_is_its_step(seed: int, step: float) -> None:
+    whole = np.random.default_rng(seed).integers(-500, 500, 40)
+    assert resolution(step * whole) in (pytest.approx(step), pytest.approx(step * np.gcd.reduce(np.diff(whole))))
+
+
+def test_the_noise_of_neighbours_is_that_of_the_readings_whatever_curve_they_follow() -> None:
+    rng = np.random.default_rng(8)
+    load = np.zeros((400, 6))
+    load[:, 2] = np.tile(np.r_[np.linspace(-1.0, 1.0, 20), np.linspace(0.9, -0.9, 20)], 10)
+    branch = 0.3 * np.sign(np.gradient(load[:, 2])) * (1.0 - load[:, 2] ** 2)
+    value = (5.0 * load[:, 2] + load[:, 2] ** 2 + branch)[:, None] + [0.002, 0.01] * rng.standard_normal((400, 2))
+    assert noise_of_neighbours(load, value) == pytest.approx([0.002, 0.01], rel=0.15)
+
+
+def test_a_coarse_column_that_stands_still_under_another_load_is_not_frozen() -> None:
+    rng = np.random.default_rng(6)
+    load, run = np.zeros((63, 6)), np.repeat([0, 1, 2], 21)
+    way = np.concatenate([np.linspace(0.0, 1.0, 11), np.linspace(0.9, 0.0, 10)])
+    load[:21, 0] = load[21:42, 1] = load[42:, 2] = way
+    value = np.concatenate([400.0 * way, 60.0 * way, 0.0 * way])[:, None]
+    noise = rng.standard_normal((63, 1))
+    coarse = 3.0 * np.round((value + 0.3 * noise) / 3.0) * (1.0 + 1e-6 * noise)  # a correction for air
+    assert not list(stood_still(load, run, coarse))
+    still = (value + 0.3 * noise).round(2)
+    still[42:] = 0.05
+    assert [one.run for one in stood_still(load, run, still)] == [2]

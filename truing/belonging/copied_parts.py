@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.belonging.chance_equality import ChanceEquality
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 FEWEST, SHARE = 8, 0.2  # rows, and part of the shorter run, from which a copy is told
 _CHANCE = 1e-9  # of so many equal rows
 _VALUES = 4  # that are compared at once: rows with fewer are taken with those that follow
-_REPEATS = 20  # pairs of rows at equal loads from which their own equality is known
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,11 @@ class CopiedPart:
 
 
 def copied_parts(
-    value: Array, rows: Sequence[Index], load: Array, alike: Array, other: Array
+    value: Array, rows: Sequence[Index], load: Array, chance: ChanceEquality
 ) -> tuple[list[CopiedPart], bool]:
     """Return the copied parts of all pairs of runs, and whether any could be told from chance.
 
-    value (N, K) in every digit, rows: those of each run, load (N, 6); alike, other (K,): the probability that two
-    readings are equal under the same load and under another, 1 where it is unknown.
+    value (N, K) in every digit, rows: those of each run, load (N, 6); chance: that two of their readings are equal.
     """
     length = _together(value)
     number = _numbered(np.nan_to_num(value))
@@ -42,7 +42,6 @@ def copied_parts(
     number = _numbered(np.concatenate(keys)) if len(keys) else np.zeros(0, np.int64)
     windows = np.split(number, np.cumsum([len(one) for one in keys])[:-1])
     loads = _numbered(load)
-    alike = _equality(value, rows, loads, windows, alike)
     found = []
     pairs = list(_sharing(windows))
     for first, second in pairs:
@@ -55,12 +54,13 @@ def copied_parts(
             continue
         there = [rows[run][own] for run, own in zip((first, second), covered, strict=True)]
         same = np.array_equal(np.unique(loads[there[0]]), np.unique(loads[there[1]]))
-        likely = alike if same else np.maximum(alike, other)
+        under_equal = chance.under_equal_loads(first, second)
+        likely = under_equal if same else np.maximum(under_equal, chance.between(first, second))
         tries = len(rows[first]) * len(rows[second])
         if _chance(value[there[0]], likely, distinct // length, length, tries) < np.log(_CHANCE / len(pairs)):
             found.append(CopiedPart(first, second, covered[0], share))
     longest = max((len(own) for own in rows), default=0)
-    telling = bool(len(value)) and _chance(value, alike, max(FEWEST // length, 1), length, longest**2)
+    telling = bool(len(value)) and _chance(value, chance.typical(), max(FEWEST // length, 1), length, longest**2)
     return found, bool(telling and telling < np.log(_CHANCE))
 
 
@@ -98,26 +98,6 @@ def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
     for first, second, count in zip(shared.row.tolist(), shared.col.tolist(), shared.data.tolist(), strict=True):
         if first < second and count >= FEWEST / 2:
             yield first, second
-
-
-def _equality(value: Array, rows: Sequence[Index], loads: Index, windows: Sequence[Index], alike: Array) -> Array:
-    """The probability (K,) that two readings under the same load are equal: no less than it is in rows that no other
-    run holds, for the noise that is declared may be too large."""
-    held = np.concatenate([np.unique(one) for one in windows]) if len(windows) else np.zeros(0, np.int64)
-    often = np.bincount(held, minlength=1) > 1
-    alone = [own[: len(keys)][~often[keys]] for own, keys in zip(rows, windows, strict=True)]
-    place = np.concatenate(alone) if alone else np.zeros(0, np.int64)
-    # rows at the same load, next to each other
-    order = np.lexsort((np.arange(len(place)), loads[place]))
-    first, second = place[order][:-1], place[order][1:]
-    beside = loads[first] == loads[second]
-    both = value[first[beside]], value[second[beside]]
-    known = np.isfinite(both[0]) & np.isfinite(both[1])
-    count = known.sum(axis=0)
-    share = ((both[0] == both[1]) & known).sum(axis=0) + 1.0
-    share = np.minimum(share / (count + 2.0), 1.0)
-    seen = np.where(alike < 1.0, np.maximum(alike, share), share)
-    return np.where(count >= _REPEATS, seen, alike)
 
 
 def _chance(value: Array, likely: Array, count: int, length: int, tries: int) -> float:

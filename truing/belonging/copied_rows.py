@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.belonging.chance_equality import ChanceEquality
 from truing.belonging.copied_parts import copied_parts
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 
@@ -19,8 +21,6 @@ _FEWEST = 5  # values that have to be equal
 _CHANCE = 1e-9  # of so many equal values
 _EQUAL = 0.95  # share of two runs' values
 _TELLING = 0.3  # probability of one equal value below which equal values tell anything
-_DISTINCT = 0.3  # share of values that occur once: with fewer, a converter is coarser than the noise
-_PLACES = 10  # decimal places that are looked for
 _DIGITS = 11  # of the largest value: more are rounding
 
 
@@ -41,14 +41,17 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
     found, pairs, telling, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
     rows = [np.flatnonzero(run == one) for one in range(len(runs))]
     for table in map(_rounded, tables):
-        alike, other = _chance(table.value, table.noise)
-        telling |= bool((other < _TELLING).any())
+        chance = ChanceEquality.of_runs(table.value, rows, load, table.noise)
+        telling |= any(
+            bool((chance.between(first, second) < _TELLING).any())
+            for first, second in combinations(range(len(runs)), 2)
+        )
         for first, second in _alike(table.value, rows):
-            chance = alike if _same(load[rows[first]], load[rows[second]]) else other
-            share, likely = _equal(table.value[rows[first]], table.value[rows[second]], chance)
+            each = chance.between(first, second)
+            share, likely = _equal(table.value[rows[first]], table.value[rows[second]], each)
             if share >= _EQUAL and likely < _CHANCE:
                 found.setdefault((runs[first], runs[second]), []).append(_Copy(table.name, share))
-        parts, tell = copied_parts(table.value, rows, load, alike, other)
+        parts, tell = copied_parts(table.value, rows, load, chance)
         parts_tell &= tell
         for part in parts:
             known = found.setdefault((runs[part.first], runs[part.second]), [])
@@ -106,37 +109,3 @@ def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
     if equal.sum() < _FEWEST:
         return 0.0, 1.0
     return float(equal.sum() / both.sum()), float(np.exp(np.sum(equal * np.log(chance[moving]))))
-
-
-def _same(first: Array, second: Array) -> bool:
-    count = min(len(first), len(second))
-    return bool(np.array_equal(first[:count], second[:count]))
-
-
-def _chance(value: Array, noise: Array) -> tuple[Array, Array]:
-    """The probability (K,) that two readings are equal, under the same load and under another: resolution over noise,
-    1 where it is unknown, and resolution over range."""
-    alike, other = np.ones((2, value.shape[1]))
-    for column, sigma in enumerate(noise):
-        own = value[np.isfinite(value[:, column]), column]
-        step, span = _resolution(own), float(np.ptp(own)) if len(own) else 0.0
-        if span > 0.0:
-            other[column] = min(10.0 * step / span, 1.0)
-            if np.isfinite(sigma) and sigma > 0.0:
-                alike[column] = min(step / (2.0 * np.sqrt(np.pi) * sigma), 1.0)
-    return alike, other
-
-
-def _resolution(value: Array) -> float:
-    """The step of values (N,): a decimal place where they hardly repeat, else the smallest difference of two."""
-    levels = np.unique(value)
-    if len(levels) < 2:
-        return 0.0
-    least = float(np.diff(levels).min())
-    if len(levels) < _DISTINCT * len(value):
-        return least
-    size = float(np.abs(levels).max())
-    for place in range(_PLACES):
-        if np.allclose(np.round(levels, place), levels, rtol=0.0, atol=10.0**-_DIGITS * size):
-            return min(least, 10.0**-place)
-    return least

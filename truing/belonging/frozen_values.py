@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.belonging.responses import directions
+from truing.belonging.chance_equality import chance_of_equality, noise_of_neighbours
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -18,6 +18,7 @@ _FEWEST = 4  # equal values that follow each other
 _OVER_NOISE, _OVER_STEP = 20.0, 5.0
 _OF_RANGE = 0.1  # of what the column answers at most
 _AT_END = 0.01  # of a column's range
+_CORRECTION = 2e-5  # of a reading, from one step to the next
 _BEYOND = 0.9  # share of rows beyond the value on one side, as where a signal is cut
 
 
@@ -42,7 +43,7 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
         seen = np.isfinite(value[:, column])
         expected = load @ answer
         most = float(np.abs(expected[seen]).max(initial=0.0))
-        enough = max(_OF_RANGE * most, _OVER_STEP * _resolution(value[seen, column]))
+        enough = max(_OF_RANGE * most, _OVER_STEP * _step(value[seen, column]))
         enough = max(enough, _OVER_NOISE * float(np.nan_to_num(noise[column])))
         for one in np.unique(run[seen]):
             rows = np.flatnonzero(seen & (run == one))
@@ -55,30 +56,26 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
 def stood_still(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
     """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever they answer to them.
 
-    Their scatter in the runs in which they move tells how likely that is; a coarse converter may well stand still.
+    Their noise in the runs in which they move tells how likely that is; a coarse converter may well stand still.
     """
     for column, own in enumerate(value.T):
         runs = [rows for one in np.unique(run) if len(rows := np.flatnonzero((run == one) & np.isfinite(own)))]
         moving = [rows for rows in runs if np.ptp(own[rows]) > 0.0]
-        scatter = [_scatter(load[rows], own[rows]) for rows in moving]
-        step = _resolution(own[np.isfinite(own)])
-        least = min((one for one in scatter if np.isfinite(one)), default=0.0)
-        if max((float(np.ptp(own[rows])) for rows in moving), default=0.0) <= _OVER_NOISE * step or least <= 0.0:
+        noise = [float(noise_of_neighbours(load[rows], own[rows, None])[0]) for rows in moving]
+        step = _step(own[np.isfinite(own)])
+        least = min((one for one in noise if np.isfinite(one)), default=0.0)
+        if max((float(np.ptp(own[rows])) for rows in moving), default=0.0) <= _OVER_NOISE * step:
             continue
-        chance = min(step / (2.0 * np.sqrt(np.pi) * least), 1.0)
+        chance = float(chance_of_equality(*np.array([step, least, least])))
         for rows in runs:
             if np.ptp(own[rows]) == 0.0 and np.ptp(load[rows], axis=0).any() and chance ** (len(rows) - 1) < _CHANCE:
                 yield Frozen(column, int(run[rows[0]]), True, 1.0)
 
 
-def _scatter(load: Array, value: Array) -> float:
-    """Standard deviation of a column (N,) about a smooth curve of the loads (N, 6); NaN where too few rows tell."""
-    way = directions(load)[1]
-    curve = np.column_stack([np.ones(len(way)), way, way**2, way**3])
-    if len(way) < curve.shape[1] + _FEWEST:
-        return float("nan")
-    left = value - curve @ np.linalg.lstsq(curve, value, rcond=None)[0]
-    return float(np.sqrt(left @ left / (len(way) - curve.shape[1])))
+def _step(value: Array) -> float:
+    """The smallest difference of values that no correction for air or temperature makes of equal readings."""
+    steps = np.diff(np.unique(value))
+    return float(min(steps[steps > _CORRECTION * np.abs(value).max(initial=0.0)], default=0.0))
 
 
 def _longest(value: Array) -> slice:
@@ -89,12 +86,6 @@ def _longest(value: Array) -> slice:
         return slice(0, 0)
     at = int(length.argmax())
     return slice(int(ends[at]), int(ends[at + 1]))
-
-
-def _resolution(value: Array) -> float:
-    """The smallest difference of values."""
-    steps = np.diff(np.unique(value))
-    return float(steps.min()) if len(steps) else 0.0
 
 
 def _is_limit(value: Array, rows: Index, expected: Array, still: slice) -> bool:

@@ -1,0 +1,146 @@
+"""How likely two readings of two runs are equal by chance: by resolution, noise and range of the runs' own channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.responses import directions
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_RANGE = 10.0  # readings gather: they are equal so many times as often as if they were uniform over their range
+_PLACES = 10  # before and behind the point that a step is looked for in
+_PARTS = 10  # of the smallest difference, which few values may show several steps of
+_OFF_GRID = 0.01  # of a step: less is rounding
+_RESOLVED = 1.0  # steps of noise: less is no more than what rounding alone makes
+_FEWEST = 4  # windows of neighbours
+_UNSEEN = 0.2  # of a declared noise is believed where the rows do not show it
+_MEDIAN = 1.4826
+_NOISES = 3.0  # by which readings of nearly equal loads may differ and still be alike
+
+
+@dataclass(frozen=True)
+class ChanceEquality:
+    """Resolution, noise as declared and as seen, and range (R, K) of the columns in each run; its loads (N, 6).
+
+    A noise is NaN where none is declared or seen. All is each run's own: a column may hold another channel in each.
+    """
+
+    step: Array
+    declared: Array
+    seen: Array
+    span: Array
+    loads: tuple[Array, ...]
+
+    @classmethod
+    def of_runs(cls, value: Array, rows: Sequence[Index], load: Array, declared: Array) -> Self:
+        """Return the chances of columns (N, K) whose rows each run holds, under loads (N, 6); declared noise (K,)."""
+        shape = len(rows), value.shape[1]
+        seen = np.array([noise_of_neighbours(load[own], value[own]) for own in rows]).reshape(shape)
+        return cls(
+            np.array([[resolution(own) for own in value[there].T] for there in rows]).reshape(shape),
+            np.where(np.isnan(seen), _UNSEEN * declared, np.minimum(declared, seen)),
+            seen,
+            np.array([[_span(own) for own in value[there].T] for there in rows]).reshape(shape),
+            tuple(load[own] for own in rows),
+        )
+
+    def between(self, first: int, second: int) -> Array:
+        """Return the probability (K,) that a reading of one run equals one of another, under the loads of both."""
+        alike = self.under_equal_loads(first, second)
+        if self._same(first, second):
+            return alike
+        span = np.minimum(self.span[first], self.span[second])
+        by_range = _share(_RANGE * np.maximum(self.step[first], self.step[second]), span)
+        # a symmetric machine answers another axis alike: only noise makes a difference then
+        noise = np.where(np.isnan(self.declared), self.seen, self.declared)
+        return np.maximum(by_range, self._by_noise(noise, first, second, unknown=0.0))
+
+    def under_equal_loads(self, first: int, second: int) -> Array:
+        """Return the probability (K,) that two readings under the same load are equal, 1 where it is unknown."""
+        return self._by_noise(self.declared, first, second, unknown=1.0)
+
+    def typical(self) -> Array:
+        """Return the probability (K,) that two readings under the same load are equal, in the typical run."""
+        if not len(self.declared):
+            return np.ones(self.step.shape[1])
+        return np.median([self.under_equal_loads(run, run) for run in range(len(self.declared))], axis=0)
+
+    def _by_noise(self, noise: Array, first: int, second: int, unknown: float) -> Array:
+        """The probability (K,) that two readings that differ by noise (R, K) alone are equal."""
+        step, both = np.maximum(self.step[first], self.step[second]), noise[[first, second]]
+        return np.where(np.isfinite(both).all(axis=0), chance_of_equality(step, *both), unknown)
+
+    def _same(self, first: int, second: int) -> bool:
+        """Whether the loads of two runs differ by less than what readings resolve."""
+        count = min(len(self.loads[first]), len(self.loads[second]))
+        apart = np.abs(self.loads[first][:count] - self.loads[second][:count]).max(initial=0.0)
+        if apart == 0.0:
+            return True
+        pair = [first, second]
+        moved = max(float(np.ptp(self.loads[run], axis=0).max(initial=0.0)) for run in pair)
+        noise = np.nan_to_num(self.declared[pair]).max(axis=0)
+        resolved = self.step[pair].max(axis=0) + _NOISES * noise
+        return moved > 0.0 and bool(np.all(self.span[pair].max(axis=0) * apart / moved <= resolved))
+
+
+def resolution(value: Array) -> float:
+    """Return the step on whose grid values (N,) lie, or the smallest difference of two where they lie on none."""
+    levels = np.unique(_seen(value))
+    if len(levels) < 2:
+        return 0.0
+    apart, least = levels - levels[0], float(np.diff(levels).min())
+    decimals = (part * 10.0**-place for place in range(-_PLACES, _PLACES) for part in (5.0, 2.5, 2.0, 1.0))
+    fitting = (
+        step for step in (*(least / part for part in range(1, _PARTS)), *decimals) if step <= least * (1.0 + _OFF_GRID)
+    )
+    return next((step for step in fitting if np.abs(apart / step - np.round(apart / step)).max() < _OFF_GRID), least)
+
+
+def chance_of_equality(step: Array, first: Array, second: Array) -> Array:
+    """Return the probability that readings in steps are equal that differ by noise alone: 1 where steps are coarser."""
+    is_coarse = (np.fmin(first, second) < _RESOLVED * step) | (step <= 0.0)
+    return np.where(is_coarse, 1.0, _share(step, np.sqrt(2.0 * np.pi) * np.hypot(first, second)))
+
+
+def noise_of_neighbours(load: Array, value: Array) -> Array:
+    """Return the noise (K,) of columns (N, K): each reading against the cubic through two neighbours on each side.
+
+    load (N, 6). Only rows count whose load lies between those of the neighbours; NaN where too few do. Hysteresis and
+    curvature, which a repeated run repeats, do not count as noise.
+    """
+    count = len(value) - 4
+    if count < _FEWEST or not len(way := directions(load)[1].T):
+        return np.full(value.shape[1], np.nan)
+    at = np.arange(count)[:, None] + np.arange(5)
+    place = way[0][at]
+    steps = np.diff(place, axis=1)
+    at, place = (one[(steps > 0.0).all(axis=1) | (steps < 0.0).all(axis=1)] for one in (at, place))
+    others = place[:, [0, 1, 3, 4]]
+    weight = np.ones_like(others)
+    for column in range(4):
+        for other in range(4):
+            if other != column:
+                weight[:, column] *= (place[:, 2] - others[:, other]) / (others[:, column] - others[:, other])
+    left = value[at[:, 2]] - np.einsum("nm,nmk->nk", weight, value[at[:, [0, 1, 3, 4]]])
+    left /= np.sqrt(1.0 + np.sum(weight**2, axis=1))[:, None]
+    return np.array([_MEDIAN * np.median(own) if len(own) >= _FEWEST else np.nan for own in map(_seen, np.abs(left).T)])
+
+
+def _share(part: Array, whole: Array) -> Array:
+    return part / np.maximum(np.maximum(part, whole), 1e-300)
+
+
+def _span(value: Array) -> float:
+    seen = _seen(value)
+    return float(np.ptp(seen)) if len(seen) else 0.0
+
+
+def _seen(value: Array) -> Array:
+    return value[np.isfinite(value)]
