@@ -49,7 +49,7 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
     raw = _read_raw(run)
     source = CampaignFiles(campaign.folder, run.settings)
     given = frozenset(table for table in (*TABLES, *OF_IMAGES) if source.entries(table))
-    found = Found(raw.tables, raw.targets, campaign.has_photographs, given)
+    found = Found(raw.tables, raw.targets, campaign.has_photographs, given, raw.names)
     expected = tuple(prospects(run.settings, found))
     rows = sum(sum(seen.values()) for seen in raw.targets.values())
     doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, found))
@@ -75,11 +75,12 @@ def settings_faults(campaign: CampaignFolder) -> list[Fault]:
 
 @dataclass
 class _Raw:
-    """What the raw files hold: in words, the small tables, and how many targets each body shows in each pose."""
+    """What the raw files hold: in words, the small tables, how many targets each body shows in each pose, and which."""
 
     said: list[str] = field(default_factory=list)
     tables: dict[str, Any] = field(default_factory=dict)
     targets: dict[str, Counter[object]] = field(default_factory=dict)
+    names: dict[str, dict[str, None]] = field(default_factory=dict)
 
     @property
     def read(self) -> str:
@@ -88,9 +89,12 @@ class _Raw:
     def counted(self, observations: Any) -> Iterator[Any]:
         """The batches of observations, their targets counted as they pass."""
         for batch in observations:
-            pairs = zip(batch.column("body").to_pylist(), batch.column("pose").to_pylist(), strict=True)
+            bodies = batch.column("body").to_pylist()
+            pairs = zip(bodies, batch.column("pose").to_pylist(), strict=True)
             for (body, pose), count in Counter(pairs).items():
                 self.targets.setdefault(body, Counter())[pose] += count
+            for body, target in dict.fromkeys(zip(bodies, batch.column("target").to_pylist(), strict=True)):
+                self.names.setdefault(body, {})[target] = None
             yield batch
 
     def keep(self, artifacts: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from schemas.columns import find_column
-from truing.formats.header_units import bare_and_unit
 
 if TYPE_CHECKING:
     from truing.formats.sniff import Guess
@@ -64,6 +63,8 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
 
 def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None:
     """The unit that a raw column without one is taken to be in; None where it is told."""
+    from truing.formats.header_units import bare_and_unit
+
     known = find_column(column)
     is_told = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)
     if known is None or not known.unit or known.unit == "1" or is_told:

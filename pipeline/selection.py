@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
 from pipeline.stage_order import needed_for
 from schemas.faults import CampaignFaults, Fault
+from schemas.near_names import meant
 from stages.declaration import Stage
 
 
@@ -35,6 +35,4 @@ class Selection:
 
 
 def _expected(name: str, names: list[str]) -> str:
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {close[0]}?" if close else ""
-    return f"a stage of this kind of campaign ({', '.join(names)}){hint}"
+    return f"a stage of this kind of campaign ({', '.join(names)}){meant(name, names)}"

@@ -91,7 +91,7 @@ OF_POINTS: Checks = {
         "Instruments number anew, and labels are replaced: such points are lost to the body as long as nobody says "
         "which target they are. Nothing is renamed by itself.",
         Rule(warns="any"),
-        "Write the `[[renamed]]` that the report proposes, once you have looked.",
+        "Write the `[[renamed]]` that the report proposes, once you have looked. Not evaluated: no survey.",
     ),
     "points-against-survey": QualityCheck(
         "Are a body's points its survey, moved: not its mirror image, and in the same unit?",

@@ -3,7 +3,6 @@ plain ones."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 
 from schemas.checks_of_loads import OF_LOADS
@@ -11,6 +10,7 @@ from schemas.checks_of_photographs import OF_PHOTOGRAPHS
 from schemas.checks_of_points import OF_POINTS
 from schemas.checks_of_positions import OF_POSITIONS
 from schemas.faults import Fault
+from schemas.near_names import meant, nearest
 from schemas.quality_check import Checks, Limits
 from schemas.sections import Acceptance, SetLimits
 
@@ -62,9 +62,8 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
     """What is wrong with [[accept]]: a check that this kind of campaign does not have."""
     for number, entry in enumerate(accept, 1):
         if entry.check not in CHECKS[kind]:
-            close = difflib.get_close_matches(entry.check, CHECKS[kind], n=1)
-            hint = f"did you mean {close[0]}?" if close else f"one of: {', '.join(CHECKS[kind])}"
-            expected = f"a check of a campaign of kind {kind}; {hint}"
+            hint = meant(entry.check, CHECKS[kind]) or f"; one of: {', '.join(CHECKS[kind])}"
+            expected = f"a check of a campaign of kind {kind}{hint}"
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
@@ -78,7 +77,7 @@ def _unknown(name: str, kind: str) -> str:
     if name in CHECKS[kind]:
         return "a check with a plain limit; this one rests on chance ([qa] false_alarm) or on what is wrong at any size"
     known = settable(kind)
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"a check whose limits can be set; did you mean {close[0]}?"
+    near = nearest(name, known)
+    if near is not None:
+        return f"a check whose limits can be set; did you mean {near}?"
     return f"a check of a campaign of kind {kind} whose limits can be set, one of: {', '.join(known)}"

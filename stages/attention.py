@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from schemas.near_names import alike
 from stages.ingestion.serving_roles import FITTED
 from stages.prospects import Found
 
@@ -117,20 +117,29 @@ def _without_sigma(readings: pa.Table) -> list[str]:
 
 
 def _of_names(found: Found) -> Iterator[str]:
-    for table, column in (("configurations", "pose"), ("survey", "body"), ("readings", "run")):
-        names = found.tables[table].column(column).to_pylist() if table in found.tables else []
-        for alike in _alike(names):
-            yield f"{column}s {' and '.join(alike)} are different ones; did you mean one?"
-    for alike in _alike(found.targets):
-        yield f"bodies {' and '.join(alike)} are different ones; did you mean one?"
+    """Names that differ in their spelling alone, in one table or in two that should hold the same."""
+    tables, bodies = found.tables, dict.fromkeys(map(str, [*_column(found.tables.get("survey"), "body"), *found.names]))
+    poses = dict.fromkeys(pose for seen in found.targets.values() for pose in seen)
+    kinds: dict[str, list[object]] = {
+        "poses": [*_column(tables.get("configurations"), "pose"), *poses],
+        "bodies": list(bodies),
+        "runs": [name for table in ("readings", "signals") for name in _column(tables.get(table), "run")],
+    }
+    kinds |= {f"targets of body {body}": [*_surveyed(found, body), *found.names.get(body, ())] for body in bodies}
+    for kind, names in kinds.items():
+        for group in alike(names):
+            yield f"{kind} {' and '.join(group)} are different ones; did you mean one?"
 
 
-def _alike(names: Iterable[object]) -> Iterator[list[str]]:
-    """Names that differ in capitals, blanks or leading zeros alone."""
-    groups: dict[str, list[str]] = defaultdict(list)
-    for name in dict.fromkeys(map(str, names)):
-        groups[re.sub(r"(?<!\d)0+(?=\d)", "", re.sub(r"\s+", "", name.casefold()))].append(name)
-    yield from (group for group in groups.values() if len(group) > 1)
+def _column(table: pa.Table | None, name: str) -> list[object]:
+    return [] if table is None else table.column(name).to_pylist()
+
+
+def _surveyed(found: Found, body: object) -> list[object]:
+    """The targets that the survey has of a body."""
+    survey = found.tables.get("survey")
+    pairs = zip(_column(survey, "body"), _column(survey, "target"), strict=True)
+    return [target for of, target in pairs if of == body]
 
 
 def _listed(what: str, names: list[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import Counter
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ import numpy as np
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from schemas.near_names import meant
 from stages.declaration import Outcome, Progress, Stage
 from truing.formats.source import TABLES, CampaignFiles
 
@@ -120,9 +120,8 @@ def _adjusted(
 def _check_tables(settings: Any, log: FaultLog) -> None:
     for table in settings.files:
         if table not in TABLES:
-            close = difflib.get_close_matches(table, TABLES, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"one of {', '.join(TABLES)}"
-            log.add(Fault("campaign.toml", f"a known table; {hint}", column=f"files.{table}"))
+            hint = meant(table, TABLES) or f"; one of {', '.join(TABLES)}"
+            log.add(Fault("campaign.toml", f"a known table{hint}", column=f"files.{table}"))
 
 
 def _photogrammetry(

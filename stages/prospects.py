@@ -27,12 +27,13 @@ _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 class Found:
     """What was read of a campaign: its small tables by artifact; targets: how many each body shows, by body and pose;
     is_photographed: points come out of photographs, which have not been measured yet; given: tables of loads and of
-    photographs that the campaign has files of."""
+    photographs that the campaign has files of; names: those of the targets that each body shows."""
 
     tables: Mapping[str, pa.Table]
     targets: Mapping[str, Mapping[object, int]] = field(default_factory=dict)
     is_photographed: bool = False
     given: frozenset[str] = frozenset()
+    names: Mapping[str, Mapping[str, None]] = field(default_factory=dict)
 
     @property
     def is_of_poses(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from schemas.faults import Fault
+from schemas.near_names import meant_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,4 +30,5 @@ def unknown_to_survey(rays: pa.Table, survey: pa.Table, bars: pa.Table | None) -
     if own and not any((body, target) in known or (not body and target in targets) for body, target in own):
         shown = ", ".join(f"{body}/{target}" if body else target for body, target in own[:_SHOWN])
         expected = f"rays to targets that the survey has ({', '.join(sorted(targets)[:_SHOWN])}, ...)"
+        expected += meant_by((name for _, name in own), targets)
         yield Fault("image_points", expected, column="target", value=f"{shown}, ...")

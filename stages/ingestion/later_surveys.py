@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from schemas.near_names import meant
 from stages.ingestion.gathered_columns import numbers, texts
-from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, meant, window
+from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
 from stages.ingestion.sigma_bounds import check_sigma
 from stages.ingestion.tables import SmallTable, check_legs, legs_of, once
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from schemas.faults import Fault
+from schemas.near_names import meant, meant_by
 from stages.ingestion.point_sizes import Geometry, size_faults
 from stages.ingestion.relabelling import Relabelling
 from stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
@@ -194,7 +194,7 @@ class Points:
         self.rows += batch.rows
         known = len(self.expected.poses)
         if is_unknown := int(pose.max()) >= known:
-            which = "a pose of configurations"
+            which = f"a pose of configurations{self._meant_pose(batch, int(np.argmax(pose >= known)))}"
             faults = CellFaults.where(pose >= known, batch.records, batch.columns["pose"], "pose", which)
             self.log.cells(file.raw.name, faults, file.locate)
         if int(pose.min()) < min(_SAMPLED_POSES, known):
@@ -209,6 +209,11 @@ class Points:
             self._check_sigma(file, batch, name)
             columns[name] = self._sigma(file, columns.get(name), batch.rows)
         return TableBatch(columns, batch.records)
+
+    def _meant_pose(self, batch: TableBatch, row: int) -> str:
+        """What the pose of a row may have meant; the row's pose is named, for others may have meant others."""
+        name = str(batch.columns["pose"][row].as_py())
+        return meant_by([name], map(str, self.expected.poses.to_pylist()))
 
     def _check_sigma(self, file: FileRows, batch: TableBatch, name: str) -> None:
         if name in batch.columns:
@@ -279,12 +284,11 @@ class Points:
         file = next(iter(self.files))
         for body in bodies:
             if self.expected.bodies and body not in self.expected.bodies:
-                close = difflib.get_close_matches(body, self.expected.bodies, n=1)
-                hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(self.expected.bodies)}"
-                self.log.add(Fault(file, f"a body of the mechanism; {hint}", column="body", value=body))
+                hint = meant(body, self.expected.bodies) or f"; there are {', '.join(self.expected.bodies)}"
+                self.log.add(Fault(file, f"a body of the mechanism{hint}", column="body", value=body))
         for body in dict.fromkeys((*self.expected.always, *filter(None, (self.expected.reference,)))):
             if body not in bodies:
-                said = f"points of body {body}; there are points of {', '.join(bodies)}"
+                said = f"points of body {body}; there are points of {', '.join(bodies)}{meant(body, bodies)}"
                 self.log.add(Fault(file, said, column="body"))
             elif body in self.expected.always and not self.unlabelled.parts:
                 self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
@@ -296,11 +300,13 @@ class Points:
         surveyed_bodies, bodies = list(self.expected.geometry.survey), self._ledger.bodies()
         if surveyed_bodies and not set(surveyed_bodies) & set(bodies):
             said = f"points of a body that was surveyed ({', '.join(surveyed_bodies)})"
+            said += meant_by(bodies, surveyed_bodies)
             self.log.add(Fault(file, said, column="body", value=", ".join(bodies)))
         for body, surveyed in self.expected.geometry.survey.items():
             seen = [target for name, target in labels if name == body]
             if seen and not any(target in surveyed for target in seen):
                 said = f"targets of {body} by the names they have in the survey ({', '.join(list(surveyed)[:3])}, ...)"
+                said += meant_by(seen, surveyed)
                 self.log.add(Fault(file, said, column="target", value=", ".join(seen[:3])))
 
     def _check_every_pose(self, file: str, body: str, without: NDArray[np.bool_]) -> None:

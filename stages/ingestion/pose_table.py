@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from schemas.near_names import meant_by
 from stages.ingestion.gathered_columns import declared_missing, numbers, texts, without
 from stages.ingestion.pose_rotations import (
     check_last_row,
@@ -84,10 +85,13 @@ def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: Fa
 def _check_names(found: Gathered, expected: Expected, log: FaultLog) -> None:
     known = set(map(str, expected.poses.to_pylist()))
     unknown = np.array([str(pose) not in known for pose in found.table.column("pose").to_pylist()], dtype=bool)
-    found.fault(log, unknown, "pose", "a pose of configurations")
+    if unknown.any():
+        name = str(found.table.column("pose")[int(unknown.argmax())].as_py())
+        found.fault(log, unknown, "pose", "a pose of configurations" + meant_by([name], sorted(known)))
     if expected.bodies:
         other = np.array([body not in expected.bodies for body in texts(found, "body")], dtype=bool)
-        found.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}")
+        near = meant_by(map(str, texts(found, "body")[other]), expected.bodies)
+        found.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}{near}")
 
 
 def check_bodies(poses: MeasuredPoses, expected: Expected, log: FaultLog) -> None:

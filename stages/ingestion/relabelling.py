@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from schemas.near_names import meant
 from truing.formats.dictionaries import as_dictionary, codes
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
@@ -122,12 +122,6 @@ def _coded(new: NDArray[np.int32], names: list[str]) -> pa.DictionaryArray:
     import pyarrow as pa
 
     return pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
-
-
-def meant(name: str, known: Sequence[str]) -> str:
-    """What somebody may have meant, in words; empty where nothing is like it."""
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {close[0]}?" if close else ""
 
 
 def window(order: PoseOrder, from_pose: object, to_pose: object, column: str, log: FaultLog) -> tuple[int, int] | None:

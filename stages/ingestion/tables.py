@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from schemas.faults import Fault
+from schemas.near_names import meant
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.point_ledger import Names
@@ -164,11 +164,8 @@ def _check_drives(found: Gathered, log: FaultLog, drives: tuple[str, ...]) -> No
     names = found.table.column_names
     for drive in drives:
         if drive not in names:
-            close = difflib.get_close_matches(drive, names, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(names)}"
-            log.add(
-                Fault("campaign.toml", f"a column of configurations; {hint}", column="campaign.drives", value=drive)
-            )
+            hint = meant(drive, names) or f"; there are {', '.join(names)}"
+            log.add(Fault("campaign.toml", f"a column of configurations{hint}", column="campaign.drives", value=drive))
 
 
 def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:

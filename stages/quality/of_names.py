@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from schemas.near_names import meant_by
 from stages.point_arrays import PosePoints, pose_points
 from stages.quality.bodies import BodyView, Surroundings
-from stages.quality.check import PASS, WARN, Check, listed
+from stages.quality.check import PASS, WARN, Check, listed, without
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -104,10 +105,16 @@ def names_known(
             yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, said)
         if here:
             continue
+        if not body.is_surveyed:
+            yield without(
+                "names of targets", "names-known", body.name, f"{body.name}: no survey says how they are called"
+            )
+            continue
         other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in settled]
-        said = f"{body.name}: {listed(other)} are in no survey, and at no place of a missing target." if other else (
-            f"{body.name}: all targets are known by their names."
-        )  # fmt: skip
+        said = f"{body.name}: all targets are known by their names."
+        if other:
+            said = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and at no "
+            said += f"missing target{meant_by(other, body.survey.targets) or '.'}"
         yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, said)
 
 

@@ -173,6 +173,14 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
         ({"points": points("P1", "p1", "P 2", "P2", "P3")}, "poses P1 and p1 are different ones; did you mean one?"),
         ({"points": points("P1", "P01", "P2", "P3")}, "poses P1 and P01 are different ones; did you mean one?"),
         (
+            {"points": points("1", "2", "3", body="plate"), "targets": survey("Plate", "plate")},
+            "bodies Plate and plate are different ones; did you mean one?",
+        ),
+        (
+            {"points": points("1", "2", "3"), "targets": survey("A").replace("T1", "t01")},
+            "targets of body A t01 and T1 are different ones; did you mean one?",
+        ),
+        (
             {
                 "points": points("1", "2", "3"),
                 "configurations": "pose,role\n1,reference\n2,verification\n3,verification\n",
@@ -197,6 +205,35 @@ def test_a_frame_per_series_is_said_to_be_taken_as_one_per_pose(tmp_path: Path) 
     assert said["pose"] == said["campaign"] == ()
     (sentence,) = said["series"]
     assert 'taken as "pose"' in sentence
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        ({"points": points("1", "2", body="platte"), "targets": survey("Platte")}, "did you mean Platte by platte?"),
+        (
+            {"points": points("p1", "p2", "p3"), "configurations": CONFIGURED.replace("\n", "\nP0").removesuffix("P0")},
+            "a pose of configurations; did you mean P01 by p1?",
+        ),
+        (
+            {"points": points("1", "2"), "targets": survey("A").replace("T", "t0")},
+            "names they have in the survey (t01, t02, t03, ...); did you mean t01 by T1?",
+        ),
+    ],
+)
+def test_names_that_another_table_spells_otherwise_are_hinted_at(
+    tmp_path: Path, files: dict[str, str], told: str
+) -> None:
+    assert any(told in fault for fault in faults(written(tmp_path, **files)))
+
+
+def test_runs_that_two_tables_spell_otherwise_are_told(tmp_path: Path) -> None:
+    head = '[campaign]\nname = "b"\nkind = "interferometer"\n[noise]\nlinear_um = 0.5\nsignal_mv = 0.1\n'
+    readings = LOADS + "".join(f"R01,{i},{i},fz,{i},dz,{i},um\n" for i in range(1, 9))
+    signals = SIGNALS + "".join(f"r1,{i},{i},{i},{i}\n" for i in range(1, 9))
+    folder = written(tmp_path, campaign=head, interferometer=readings, signals=signals)
+    said = check_campaign(open_campaign(folder)).attention
+    assert "runs R01 and r1 are different ones; did you mean one?" in said
 
 
 def test_poses_that_are_counted_are_no_names_that_look_alike(tmp_path: Path) -> None:

@@ -162,3 +162,15 @@ def test_what_is_taken_into_account_passes(folder, entry, words):
     assert (row["verdict"], words in row["message"]) == ("pass", True)
     assert qa.loc[("completeness", "platform"), "verdict"] == "pass"
     assert not [name for name in said.failed_checks if "resurvey" in name]
+
+
+def test_without_a_survey_names_are_neither_known_nor_unknown(folder):
+    (folder / "targets.csv").unlink()
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(
+        text.split("[mechanism]")[0] + "[noise]\npoint_mm = 0.005\n", encoding="utf-8"
+    )
+    _, qa, _ = quality(folder)
+    for body in ("base", "platform"):
+        assert qa.loc[("names-known", body), "verdict"] == "not evaluated"
+        assert "no survey" in qa.loc[("names-known", body), "message"]

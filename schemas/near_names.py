@@ -1,0 +1,65 @@
+"""Names that differ in their spelling alone, and which known name somebody may have meant."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from itertools import islice
+
+_BETWEEN = re.compile(r"(?<!\d)[\s_.-]+|[\s_.-]+(?!\d)|\s+")  # 1-2 is not 12
+_TRIED = 20  # measured names that a hint is sought for: every known one is compared with each
+_LEADING = re.compile(r"(?<![\d.,])0+(?=\d)")
+
+
+def spelling(name: str) -> str:
+    """Return a name without what spells it alone: capitals, blanks, hyphens, leading zeros."""
+    return _LEADING.sub("", _BETWEEN.sub("", name.casefold()))
+
+
+def alike(names: Iterable[object]) -> Iterator[list[str]]:
+    """Yield groups of different names that differ in their spelling alone."""
+    groups: dict[str, list[str]] = defaultdict(list)
+    for name in dict.fromkeys(map(str, names)):
+        groups[spelling(name)].append(name)
+    yield from (group for group in groups.values() if len(group) > 1)
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that was likely meant: the same but for its spelling, else the most similar one; None where
+    none is near.
+    """
+    every = list(known)
+    if (same := _same(name, every)) is not None:
+        return same
+    close = difflib.get_close_matches(name, every, n=1)
+    return close[0] if close else None
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return what somebody may have meant as the end of a message; empty where nothing is near."""
+    near = nearest(name, known)
+    return "" if near is None else f"; did you mean {near}?"
+
+
+def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
+    """Return the same for the first of several measured names that is near to a known one, which it names.
+
+    Names with other numbers are other names: what was measured is numbered, and not mistyped.
+    """
+    every = list(known)
+    for name in islice(names, _TRIED):
+        near = _same(name, every) or nearest(name, [other for other in every if _numbers(other) == _numbers(name)])
+        if near is not None:
+            return f"; did you mean {near} by {name}?"
+    return ""
+
+
+def _same(name: str, known: Iterable[str]) -> str | None:
+    wanted = spelling(name)
+    return next((other for other in known if spelling(other) == wanted), None)
+
+
+def _numbers(name: str) -> list[str]:
+    return re.findall(r"[0-9]+", spelling(name))

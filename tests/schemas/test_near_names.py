@@ -1,0 +1,24 @@
+"""Names that differ in their spelling alone, and those that do not."""
+
+from __future__ import annotations
+
+import pytest
+
+from schemas.near_names import alike, meant, meant_by, nearest
+
+
+@pytest.mark.parametrize(("name", "known"), [("p1", "P01"), ("P 01", "P01"), ("platform", "Platform"), ("p_1", "P1")])
+def test_a_name_spelled_otherwise_is_the_one_that_is_meant(name: str, known: str) -> None:
+    assert nearest(name, ["P11", "other", known]) == known
+    assert list(alike([name, "other", known])) == [[name, known]]
+
+
+@pytest.mark.parametrize(("name", "known"), [("P2", "P1"), ("1.05", "1.5"), ("1-2", "12"), ("10", "100")])
+def test_names_with_other_numbers_are_other_names(name: str, known: str) -> None:
+    assert meant_by([name], [known]) == ""
+    assert list(alike([name, known])) == []
+
+
+def test_a_mistyped_letter_is_told_and_whose_it_is_where_there_are_several() -> None:
+    assert meant("platfrom", ["base", "platform"]) == "; did you mean platform?"
+    assert meant_by(["other", "p7"], ["P07"]) == "; did you mean P07 by p7?"
