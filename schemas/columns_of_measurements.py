@@ -181,6 +181,12 @@ LOADS = (
     Column("channel", "text", "what was read: a motion of the platform, or a signal of the sensor", choices=_CHANNELS),
     real("reading", "", "motion of the platform since the start of the run, in the unit of its row"),
     Column("signal", "real", "signal of that channel of the force sensor", "mV", nullable=True, family=r"v[1-8]_mv"),
+    Column(
+        "sigma_source",
+        "text",
+        "what gives the sigma of its readings: a column of samples, or what they leave about their ellipse",
+        choices=("column", "ellipse"),
+    ),
     Column("samples", "integer", "how many samples of the raw signals", minimum=1),
     *(real(f"{a}0", "", f"middle of the ellipse along {a}, in the unit of the signals") for a in "xy"),
     *(real(f"amplitude_{a}", "", f"half axis of the ellipse along {a}", minimum=0.0) for a in "xy"),

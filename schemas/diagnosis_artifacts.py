@@ -60,6 +60,7 @@ DIAGNOSIS = (
         "reading_errors",
         "measured minus predicted of every reading, less one zero per run, without and with the causes that were found",
         ("run", "step", "channel", "role", "missed_before", "missed_after", "unit"),
+        optional=("noise_floor",),
         key=("run", "step", "channel"),
     ),
     parquet(

@@ -88,6 +88,7 @@ MEASUREMENT = (
             *("radius_before", "radius_after", "radius_uncut", "radius_mean", "cut_share"),
             *("periodic_error_um", "miscount_risk", "status"),
         ),
+        optional=("sigma_source",),
         key=("channel",),
     ),
     parquet(

@@ -73,7 +73,7 @@ DECLARATION = Stage(
         *("scale_bar_lengths?", "bundle_statistics?"),
     ),
     leaves=("report",),
-    settings=("campaign.name", "mechanism.legs", "mechanism.height_mm"),
+    settings=("campaign.name", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
     summary="one self-contained page with figures, findings and exclusions",
 )
 
@@ -84,7 +84,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.rendering.render import render_page
     from truing.runs.page_parts import page_parts
 
-    head, sections = page_parts(settings.campaign.name, tables, _joints(settings))
+    head, sections = page_parts(settings.campaign.name, tables, _joints(settings), _declared_noise(settings))
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
@@ -92,6 +92,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     return Outcome(
         {"report": page}, read, "nothing", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
     )
+
+
+def _declared_noise(settings: Campaign) -> pd.DataFrame:
+    """One sigma of signals, NaN where none is declared."""
+    import pandas
+
+    return pandas.DataFrame({"signal_mv": [settings.noise.signal_mv]}, dtype=float)
 
 
 def _joints(settings: Campaign) -> pd.DataFrame | None:

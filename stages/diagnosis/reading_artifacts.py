@@ -29,7 +29,7 @@ def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) ->
     text = write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context))
     names = final.model.known.sensor.unknowns
     pulled = sensor_pull_tables(names, _belief(diagnosis.plain), _belief(final))
-    return {"reading_errors": _errors_table(diagnosis, channels), "model": text, **pulled}
+    return {"reading_errors": _errors_table(diagnosis, channels, settings), "model": text, **pulled}
 
 
 def _belief(stand: Stand) -> Belief:
@@ -39,7 +39,7 @@ def _belief(stand: Stand) -> Belief:
     return Belief(stand.fit.shared[own], stand.covariance()[np.ix_(own, own)])
 
 
-def _errors_table(diagnosis: Diagnosis, channels: Channels) -> pa.Table:
+def _errors_table(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> pa.Table:
     """Rows of reading_errors.parquet: every reading without and with what was found."""
     import pyarrow as pa
 
@@ -48,8 +48,23 @@ def _errors_table(diagnosis: Diagnosis, channels: Channels) -> pa.Table:
     if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
         there = plain.model.at(diagnosis.held_out.conditions)
         rows += _rows(there, "verification", plain.held_out, final.held_out, channels)
+    floor = _floors(diagnosis, channels, settings)
+    rows = [{**row, "noise_floor": floor.get(row["channel"])} for row in rows]
     identifier = "int64" if all(isinstance(row["run"], int) for row in rows) else "string"
-    return pa.Table.from_pylist(rows, schema=ARTIFACTS["reading_errors"].arrow_schema(identifier))
+    schema = ARTIFACTS["reading_errors"].arrow_schema(identifier, present=("noise_floor",))
+    return pa.Table.from_pylist(rows, schema=schema)
+
+
+def _floors(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, float]:
+    """What declared noise alone leaves in the errors of each channel, in its unit; without signals of undeclared noise.
+
+    One zero per run and the fitted numbers are taken out of it, and the noise of loads is in it, as in the errors.
+    """
+    floor = diagnosis.final.floor
+    declared = ~channels.signal | (settings.noise.signal_mv is not None)
+    size = np.sqrt(floor.square) / channels.si
+    names = diagnosis.final.model.known.channels
+    return {names[k]: float(size[k]) for k in np.flatnonzero(declared & (floor.seen > 0))}
 
 
 def _rows(

@@ -63,11 +63,12 @@ def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
     order = np.lexsort((np.arange(len(run)), step, run))  # samples of a step are in the order of their rows
     value, sigma = np.full((2, len(run)), np.nan)
     rows = []
+    source = "column" if "sigma" in found.table.column_names else "ellipse"
     for name in dict.fromkeys(channel):
         own = order[channel[order] == name]
         told = _followed(signals[own], run[own], settings)
         value[own], sigma[own] = told.length, told.sigma
-        rows.append({"channel": name, **told.facts})
+        rows.append({"channel": name, **told.facts, "sigma_source": source})
         if not told.fit.ok[0]:
             expected = f"signals of {name} that go round their ellipse: {told.fit.status[0]}"
             log.add(Fault(found.first_file, expected, column="signal_x"))
@@ -75,7 +76,7 @@ def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
         return None
     import pyarrow as pa
 
-    table = pa.Table.from_pylist(rows, schema=ARTIFACTS["quadrature"].arrow_schema())
+    table = pa.Table.from_pylist(rows, schema=ARTIFACTS["quadrature"].arrow_schema(present=("sigma_source",)))
     readings = _by_step(found, value, sigma, log)
     return None if log else Lengths(readings, table)
 

@@ -84,7 +84,8 @@ def _errors(readings: pd.DataFrame) -> pd.DataFrame:
     after = readings["sigma"] * rng.standard_normal(len(readings))
     moved = readings["channel"].map(PER_KN).fillna(0.0) * readings["fz_n"] / 1000.0
     table = readings[["run", "step", "channel", "role"]]
-    return table.assign(missed_before=after + moved, missed_after=after, unit=readings["unit"])
+    missed = {"missed_before": after + moved, "missed_after": after, "noise_floor": readings["sigma"]}
+    return table.assign(**missed, unit=readings["unit"])
 
 
 def _signals(readings: pd.DataFrame, count: int) -> pd.DataFrame:

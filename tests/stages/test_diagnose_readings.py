@@ -86,6 +86,20 @@ def test_what_is_left_is_noise_in_every_channel_less_one_zero_per_run(tables: di
         assert_between(ratio, 1 - 4 * spread, 1 + 4 * spread, what=f"noise of {channel} over the declared one")
 
 
+def test_the_noise_floor_of_a_channel_is_that_of_its_errors(tables: dict[str, Any]) -> None:
+    """Errors lack one zero per run: the noise as declared is none to compare them with."""
+    errors, declared = tables["reading_errors"].to_pandas(), {"um": 0.5, "arcsec": 0.2, "mV": 0.01}
+    for channel, own in errors.groupby("channel"):
+        runs, count = own["run"].nunique(), len(own)
+        (floor,) = own["noise_floor"].unique()
+        expected = declared[own["unit"].iloc[0]] * np.sqrt(1.0 - runs / count)
+        drawn = 4.0 / np.sqrt(2.0 * 24 * (count - runs))  # 24 draws of all noise
+        assert floor <= expected * (1.0 + drawn)  # what is fitted takes out a little more
+        rms = float(np.sqrt(np.mean(own["missed_after"] ** 2)))
+        spread = 4.0 / np.sqrt(2 * (count - runs))
+        assert_between(rms / floor, 1.0 - spread, 1.0 + spread, what=f"rms of {channel} over its floor")
+
+
 def test_the_lengths_and_stiffnesses_stay_within_their_tolerances(tables: dict[str, Any]) -> None:
     sums = tables["pull_sums"].to_pandas().set_index("model").loc["extended"]
     assert sums["p_value"] > (1 - CERTAINTY) / 2

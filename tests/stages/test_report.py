@@ -49,5 +49,7 @@ def test_without_tables_there_is_a_page_all_the_same():
 
     from stages.report import run
 
-    outcome = run({}, SimpleNamespace(campaign=SimpleNamespace(name="nothing"), mechanism=None), lambda *_: None)
+    noise = SimpleNamespace(signal_mv=None)
+    settings = SimpleNamespace(campaign=SimpleNamespace(name="nothing"), mechanism=None, noise=noise)
+    outcome = run({}, settings, lambda *_: None)
     assert "not evaluated" in outcome.artifacts["report"]

@@ -18,7 +18,7 @@ from truing.report.load_steps import (
     load_steps,
     signal_names,
 )
-from truing.report.numbers import count, duration, plain, quantity, sign
+from truing.report.numbers import count, duration, in_one_unit, plain, quantity
 from truing.report.page import Listing, Section
 from truing.report.sensor.corrections import corrections
 from truing.report.tables import Tables, cell, filled
@@ -207,35 +207,54 @@ def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
 
 
 def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
-    """Range and declared noise of each channel."""
+    """Range and noise of a single reading of each channel."""
     rows = []
-    readings = filled(tables, "readings")
+    readings, signal_noise = filled(tables, "readings"), _signal_noise(tables)
+    estimated = _by_ellipse(tables)
     if readings is not None:
         for channel in in_channel_order(read["channel"].unique()):
             own = readings[readings["channel"] == channel]
             unit = str(own["unit"].iloc[0])
             span = (quantity(own["reading"].min(), unit), quantity(own["reading"].max(), unit))
-            noise = _noise(own["sigma"], unit)
+            noise = _noise(own["sigma"], unit, estimated=channel in estimated)
             rows.append((channel, str(own["run"].nunique()), f"{len(own):,}", *span, noise))
     signals = filled(tables, "signals")
     for name in signal_names(tables):
         own = signals[["run", f"{name}_mv"]].dropna() if signals is not None else None
         if own is not None and len(own):
             low, high = (plain(value) for value in (own[f"{name}_mv"].min(), own[f"{name}_mv"].max()))
-            rows.append((name, str(own["run"].nunique()), f"{len(own):,}", f"{low} mV", f"{high} mV", "–"))
-    heads = ("channel", "runs", "readings", "from", "to", "declared noise")
+            rows.append((name, str(own["run"].nunique()), f"{len(own):,}", f"{low} mV", f"{high} mV", signal_noise))
+    heads = ("channel", "runs", "readings", "from", "to", "noise of a reading")
     return Listing(heads, tuple(rows), caption="Channels and signals")
 
 
-def _noise(sigma: pd.Series, unit: str) -> str:
+def _noise(sigma: pd.Series, unit: str, *, estimated: bool) -> str:
+    """One sigma of a channel's readings; ``estimated``: nobody declared it, the ellipse of the raw signals told it."""
     known = sigma.dropna()
     if not len(known):
         return "not declared"
-    return (
-        quantity(known.median(), unit)
-        if known.nunique() == 1
-        else f"{plain(known.min())} to {plain(known.max())} {sign(unit)}"
-    )
+    low, high = in_one_unit([float(known.min()), float(known.max())], unit)
+    said = low if low == high else f"{low} to {high}"
+    said += " (of a sample, by its ellipse)" if estimated else ""
+    lacking = len(sigma) - len(known)
+    return f"{said}; of {lacking:,} not declared" if lacking else said
+
+
+def _by_ellipse(tables: Tables) -> set[str]:
+    """The channels whose sigma is that which raw signals leave about their ellipse."""
+    raw = filled(tables, "quadrature")
+    if raw is None or "sigma_source" not in raw:
+        return set()
+    return set(raw.loc[raw["sigma_source"].eq("ellipse"), "channel"])
+
+
+def _signal_noise(tables: Tables) -> str:
+    """One sigma of the signals, which [noise] alone tells; a page that is made from tables alone does not know it."""
+    declared = filled(tables, "declared_noise")
+    if declared is None:
+        return "[noise] signal_mv"
+    size = declared["signal_mv"].iloc[0]
+    return "not declared" if size != size else f"{plain(float(size))} mV"
 
 
 def _surroundings(tables: Tables) -> Listing:

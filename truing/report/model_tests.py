@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from truing.report.numbers import p_value
+from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
+_UNLIKELY, _MARGIN = 1e-3, 1.1  # of errors that are called smaller than noise allows: by chance, and in size
 PASS, FAIL, IDLE = "pass", "fail", "not evaluated"
 _MARKS = {PASS: "pass", FAIL: "fail", IDLE: "none"}
 
@@ -32,6 +33,21 @@ def by_p(asked: str, p: float | None, least: float, says: tuple[str, str], why_n
     if p is None or p != p:
         return ModelTest(asked, None, why_not)
     return ModelTest(asked, p >= least, says[0] if p >= least else says[1], p)
+
+
+def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> ModelTest | None:
+    """A test that fails because less is left than noise allows beyond chance, and by a tenth; None where it is not so.
+
+    ``why``: what makes it so small.
+    """
+    if not freedom > 0.0 or chi_square * _MARGIN**2 >= freedom:
+        return None
+    from scipy.special import chdtr
+
+    p = float(chdtr(freedom, chi_square))
+    times = plain((chi_square / freedom) ** 0.5)
+    said = f"It is {times} times what noise leaves, less than chance explains: {why}."
+    return ModelTest(asked, False, said, p) if p < _UNLIKELY else None
 
 
 def state_of(tests: Sequence[ModelTest]) -> str:

@@ -24,11 +24,15 @@ def provenance_of(table: pa.Table) -> dict[str, str]:
 
 
 def page_parts(
-    campaign: str, tables: Mapping[str, pa.Table], legs: pd.DataFrame | None = None
+    campaign: str,
+    tables: Mapping[str, pa.Table],
+    legs: pd.DataFrame | None = None,
+    declared_noise: pd.DataFrame | None = None,
 ) -> tuple[Head, list[Section]]:
     """Return the head and the sections of the page for tables by artifact name.
 
-    ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame, which no table holds.
+    ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame, and ``declared_noise``
+    (signal_mv, NaN where none is declared): what no table holds.
     """
     from truing.report.head import build_head
     from truing.report.sections import build_sections
@@ -46,4 +50,6 @@ def page_parts(
         frames["motions"] = motions
     if legs is not None:
         frames["legs"] = legs
+    if declared_noise is not None:
+        frames["declared_noise"] = declared_noise
     return build_head(campaign, frames), build_sections(frames, provenance)

@@ -16,6 +16,7 @@ from truing.report.calibration.requirement_section import requirements
 from truing.report.calibration.section import calibration
 from truing.report.head import build_head
 from truing.report.knowledge.section import knowledge
+from truing.report.model_tests import below_noise
 from truing.report.page import Section
 from truing.report.rendering.render import render_page
 from truing.report.sections import build_sections
@@ -408,3 +409,12 @@ def test_a_model_that_is_far_off_does_not_hide_the_others():
     assert figure.layout.xaxis2.type is None
     least = min(float(np.min(trace.x)) for trace in figure.data if trace.xaxis == "x")
     assert 10.0 ** figure.layout.xaxis.range[0] < least
+
+
+def test_a_misfit_far_below_the_noise_is_no_pass():
+    assert below_noise("asked", 95.0, 100.0, "why") is None
+    assert below_noise("asked", 1.0, 3.0, "why") is None  # chance leaves as little once in five
+    test = below_noise("asked", 30.0, 100.0, "the noise is declared too large")
+    assert test is not None
+    assert test.state == "fail"
+    assert "less than chance explains: the noise is declared too large" in test.says

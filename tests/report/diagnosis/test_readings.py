@@ -104,14 +104,48 @@ def test_runs_that_were_held_out_stand_by_themselves():
     )
 
 
-def test_several_findings_are_told_over_all_channels_of_a_unit_beside_the_declared_noise():
+def test_several_findings_are_told_over_all_channels_of_a_unit_beside_what_noise_leaves():
     tilt = row("cosine-error", subject="channel rx", parameters={"angle": size(0.008, 0.001, "rad")}, unit="arcsec")
     off = row("load-eccentricity", subject="load fz", parameters={"offset_x": size(5.0, 0.1, "mm")}, unit="arcsec")
     tables = bench_tables(rows(off, tilt), signals=0)
     said = build_head("c", tables).verdicts[0][1]
     own = tables["reading_errors"].query("unit == 'arcsec'")
     before, after = (f"{_rms(own[f'missed_{when}']):#.2g}" for when in ("before", "after"))
-    assert f"modelling both brings errors from {before} to {after} arcsec, declared noise 0.20." in said
+    assert f"modelling both brings errors from {before} to {after} arcsec, noise floor 0.20." in said
+
+
+def test_readings_missed_by_less_than_noise_leaves_are_no_success():
+    tables = bench_tables(rows(*rejected()), signals=0)
+    errors = tables["reading_errors"]
+    tables["reading_errors"] = errors.assign(
+        **{f"missed_{k}": 0.4 * errors["missed_after"] for k in ("before", "after")}
+    )
+    mark, said = build_head("c", tables).verdicts[0]
+    assert mark == "warn"
+    assert "less than chance explains: the declared noise is too large" in said
+    part = part_of("gain", tables)
+    assert part.state == "fail"
+    assert "that is below the noise floor" in part.lead
+
+
+def test_the_noise_of_channels_and_signals_is_told_with_what_is_not_declared():
+    tables = bench_tables()
+    readings = tables["readings"].copy()
+    first = readings.index[readings["channel"] == "dx"][:3]
+    readings.loc[first, "sigma"] = np.nan
+    readings.loc[readings["channel"] == "dz", "sigma"] = np.nan
+    readings.loc[readings.index[readings["channel"] == "rx"][:3], "sigma"] = 0.4
+    raw = pd.DataFrame({"channel": ["ry"], "sigma_source": ["ellipse"]})
+    declared = pd.DataFrame({"signal_mv": [0.01]})
+    given = {**tables, "readings": readings, "quadrature": raw}
+    told = {line[0]: line[-1] for line in measured({**given, "declared_noise": declared}).listings[1].rows}
+    assert told["dx"] == "0.500 µm; of 3 not declared"
+    assert told["dz"] == "not declared"
+    assert told["rx"] == "0.200 arcsec to 0.400 arcsec"
+    assert told["ry"] == "0.200 arcsec (of a sample, by its ellipse)"
+    assert told["v1"] == "0.0100 mV"
+    unknown = {**given, "declared_noise": declared * np.nan}
+    assert measured(unknown).listings[1].rows[-1][-1] == "not declared"
 
 
 def test_nothing_found_is_told_unit_by_unit():

@@ -17,7 +17,7 @@ from truing.report.calibration.calibrations import (
     keys_of,
 )
 from truing.report.calibration.listing import GOOD
-from truing.report.model_tests import ModelTest, by_p
+from truing.report.model_tests import ModelTest, below_noise, by_p
 from truing.report.numbers import count, plain, quantity
 from truing.report.tables import Tables
 
@@ -90,9 +90,11 @@ def tests_of_chosen(tables: Tables) -> list[ModelTest]:
     def p(figure: str) -> float | None:
         return float(facts[figure]) if facts is not None and _known(facts, figure) else None
 
+    misfit = "its misfit is what the declared noise leaves"
     return [
-        by_p(
-            "its misfit is what the declared noise leaves",
+        _too_small(misfit, facts)
+        or by_p(
+            misfit,
             p("misfit_p_value"),
             UNLIKELY,
             ("Noise explains it.", "There is more noise than declared, or a cause is missing."),
@@ -113,6 +115,15 @@ def tests_of_chosen(tables: Tables) -> list[ModelTest]:
             none or "No pose was held out (role verification).",
         ),
     ]
+
+
+def _too_small(asked: str, facts: pd.Series | None) -> ModelTest | None:
+    """A misfit so far below the declared noise that chance hardly leaves it; None where it is not."""
+    if facts is None or not (_known(facts, "chi_square") and _known(facts, "freedom")):
+        return None
+    return below_noise(
+        asked, float(facts["chi_square"]), float(facts["freedom"]), "noise is declared too large, or over-fitted"
+    )
 
 
 def _errors(facts: pd.Series, role: str) -> str:

@@ -11,11 +11,10 @@ from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chose
 from truing.report.diagnosis import gain_figures
 from truing.report.diagnosis.compared import POINTS, Compared, compared
 from truing.report.diagnosis.judged import Judged, found_of, share_removed
-from truing.report.diagnosis.overall import as_it_is, overall
+from truing.report.diagnosis.overall import AT_THE_FLOOR, Overall, as_it_is, overall
 from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
 from truing.report.diagnosis.reading_misses import reading_misses
 from truing.report.diagnosis.resampled import rms_with_interval
-from truing.report.diagnosis.words import AT_THE_FLOOR
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, filled
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 Drawn = list[tuple[object, str]]
 _NOT_FITTED = "which nothing was fitted to"
 _ERROR = "position_error_um"
-# Errors so many times below what noise should leave are called neither at its floor nor better than it.
-_FAR_BELOW = 1.5
 
 
 @dataclass(frozen=True)
@@ -35,12 +32,13 @@ class _Missed:
     """Rms of measured minus predicted over what ``words`` names; before is after where nothing was found."""
 
     words: str
-    before: float
-    after: float
-    floor: float | None
-    unit: str
+    of: Overall
     modelled: bool
-    held_out: bool
+
+    @property
+    def floor(self) -> float | None:
+        """What noise alone leaves."""
+        return self.of.floor
 
 
 def gained(rows: list[Judged], tables: Tables) -> Section:
@@ -65,15 +63,16 @@ def _missed(rows: list[Judged], found: list[Judged], tables: Tables, of: Compare
     for held, words in ((True, f"{of.held_out}, {_NOT_FITTED}"), (False, of.fitted)):
         whole = overall(found, tables, held_out=held) if found else None
         told = [whole] if whole is not None else [] if found else as_it_is(rows, tables, held_out=held)
-        missed += [_Missed(words, o.before, o.after, o.floor, sign(o.unit), bool(found), held) for o in told]
+        missed += [_Missed(words, one, bool(found)) for one in told]
     return missed
 
 
 def _state(missed: list[_Missed]) -> str:
-    """Whether what is left is noise; not evaluated where nothing says what noise leaves."""
+    """Whether what is left is noise, and no less; not evaluated where nothing says what noise leaves."""
     if not missed or missed[0].floor is None:
         return "not evaluated"
-    return "pass" if missed[0].after <= AT_THE_FLOOR * missed[0].floor else "fail"
+    one = missed[0].of
+    return "fail" if one.after > AT_THE_FLOOR * missed[0].floor or one.is_below_noise else "pass"
 
 
 def _lead(missed: list[_Missed], of: Compared, rows: list[Judged]) -> str:
@@ -86,18 +85,21 @@ def _lead(missed: list[_Missed], of: Compared, rows: list[Judged]) -> str:
     return " ".join(said)
 
 
-def _of_role(one: _Missed) -> str:
-    instead = f" instead of {rough(one.before)}" if one.modelled else ""
-    said = f"On the {one.words}, predictions miss by {rough(one.after)} {one.unit} rms{instead}"
+def _of_role(missed: _Missed) -> str:
+    one, unit = missed.of, sign(missed.of.unit)
+    instead = f" instead of {rough(one.before)}" if missed.modelled else ""
+    said = f"On the {missed.words}, predictions miss by {rough(one.after)} {unit} rms{instead}"
     if one.floor is None:
         return f"{said}."
-    share = share_removed(one.before, one.after, one.floor) if one.modelled else None
+    floor = f"the noise floor of {rough(one.floor)} {unit}"
+    if one.is_below_noise:
+        return f"{said}; that is below {floor}, less than chance explains: {one.why_below}."
+    share = share_removed(one.before, one.after, one.floor) if missed.modelled else None
     gone = f", so {_per_cent(share)} of what is not noise is gone" if share is not None and share > 0.0 else ""
-    if one.after * _FAR_BELOW < one.floor:
-        less = "what has a large sigma errs less than that"
-        return f"{said}; noise as large as told would leave {rough(one.floor)}: {less}."
-    verdict = "at" if one.after <= AT_THE_FLOOR * one.floor else f"{rough(one.after / one.floor)} times"
-    return f"{said}; that is {verdict} the noise floor of {rough(one.floor)} {one.unit}{gone}."
+    ratio = one.after / one.floor
+    verdict = "at" if 1.0 / AT_THE_FLOOR <= ratio <= AT_THE_FLOOR else f"{rough(ratio)} times"
+    few = " Too few numbers tell whether chance leaves so little." if ratio < 1.0 / AT_THE_FLOOR else ""
+    return f"{said}; that is {verdict} {floor}{gone}.{few}"
 
 
 def _per_cent(share: float) -> str:

@@ -42,7 +42,9 @@ def gain(found: list[Judged], tables: Tables) -> str:
     if told_of is None:
         return ""
     what = compared(tables).held_out_errors if told_of.held_out else "errors"
-    floor = f", {told_of.floor_words} {rough(told_of.floor)}" if told_of.floor is not None else ""
+    floor = f", noise floor {rough(told_of.floor)}" if told_of.floor is not None else ""
+    if told_of.is_below_noise:
+        floor += f" (below it beyond chance: {told_of.why_below})"
     return f"{_change(what, told_of.before, told_of.after)} {sign(told_of.unit)}".rstrip() + floor
 
 

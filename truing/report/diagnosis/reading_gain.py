@@ -19,17 +19,19 @@ if TYPE_CHECKING:
 
 Drawn = list[tuple[object, str]]
 _HEADS = (
-    *("channel", "runs", "readings", "declared noise"),
+    *("channel", "runs", "readings", "noise alone leaves"),
     *("rms before", "rms after", "largest before", "largest after", "unit"),
 )
 
 
 def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     """Where predictions miss, how that follows the load, and how it came in time."""
-    unknown = channels_of(misses[misses["sigma"].isna()])
+    unknown = channels_of(misses[misses["noise_floor"].isna()])
     left = "what is left with the causes modelled"
     words = (
-        f"The noise is that declared; of {', '.join(unknown)} it is {left}" if unknown else "The noise is that declared"
+        f"The noise is what that declared leaves; of {', '.join(unknown)} it is {left}"
+        if unknown
+        else "The noise is what that declared leaves"
     )
     if len(unknown) == misses["channel"].nunique():
         words = f"The noise is {left}"
@@ -60,5 +62,5 @@ def _cells(own: pd.DataFrame, rng: np.random.Generator) -> tuple[str, ...]:
     counts = runs.size()
     sizes = [rms_with_interval(runs[when].agg(root_mean_square), rng, counts) for when in ("before", "after")]
     most = [plain(own[when].abs().max()) for when in ("before", "after")]
-    noise = plain(root_mean_square(own["sigma"]))
+    noise = plain(root_mean_square(own["noise_floor"]))
     return (str(len(counts)), f"{len(own):,}", noise, *sizes, *most, sign(str(own["unit"].iloc[0])))

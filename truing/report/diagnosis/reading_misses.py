@@ -19,8 +19,9 @@ _MEDIAN_TO_SIGMA = 1.4826
 def reading_misses(tables: Tables) -> pd.DataFrame | None:
     """One row per reading: run, step, channel, role, before, after, unit, time_s, loads by axis, sigma; None without.
 
-    Rows are in the order taken. ``sigma`` is the declared noise, NaN where a channel has none; ``noise`` is that, or
-    else what is left in the channel (from the median of its sizes).
+    Rows are in the order taken. ``sigma`` is the declared noise of the reading, ``noise_floor`` what declared noise
+    alone leaves in a channel's errors, NaN where it has none; ``noise`` is that, or else what is left in the channel
+    (from the median of its sizes).
     """
     errors = filled(tables, "reading_errors")
     if errors is None:
@@ -29,7 +30,9 @@ def reading_misses(tables: Tables) -> pd.DataFrame | None:
     found = found.merge(_steps(tables), on=STEP, how="left").merge(_sigma(tables), on=[*STEP, "channel"], how="left")
     found = found.sort_values(["start", "time_s", "step"], kind="stable").reset_index(drop=True)
     left = found["after"].abs().groupby(found["channel"]).transform("median") * _MEDIAN_TO_SIGMA
-    return found.assign(noise=found["sigma"].fillna(left))
+    if "noise_floor" not in found:
+        found["noise_floor"] = np.nan
+    return found.assign(noise=found["noise_floor"].fillna(left))
 
 
 def channels_of(misses: pd.DataFrame) -> list[str]:

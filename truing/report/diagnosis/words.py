@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
-from truing.report.diagnosis.overall import Overall, as_it_is
+from truing.report.diagnosis.overall import AT_THE_FLOOR, Overall, as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.load_steps import is_bench
 from truing.report.numbers import count, printed, rough, sign
@@ -36,8 +36,6 @@ _ASKED = (
     "stiffness-scale",
     "hysteresis",
 )
-# Against noise: errors of at most so many times the noise floor are called at it.
-AT_THE_FLOOR = 1.1
 
 
 def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
@@ -71,6 +69,11 @@ def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
 def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
     """Agreement; and where predictions miss by more than noise all the same, that and no pass."""
     beyond = _beyond_noise(rows, tables)
+    if not beyond and (below := [one for one in _missed(rows, tables) if one.is_below_noise]):
+        one = below[0]
+        said = f"None of {count(len(rows), 'candidate')} was found; yet predictions miss by only {rough(one.after)} "
+        said += f"{sign(one.unit)} rms where noise alone would leave {rough(one.floor)}, less than chance explains: "
+        return ("warn", f"{said}{one.why_below}. Causes that hide in such noise cannot show: correct [noise].")
     if not beyond:
         return ("pass", _agreement(rows, tables))
     said = f"None of {count(len(rows), 'candidate')} was found; yet predictions miss by {rough(beyond[0].after)} "
@@ -82,8 +85,13 @@ def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
 
 def _beyond_noise(rows: list[Judged], tables: Tables) -> list[Overall]:
     """By how much predictions miss where nothing was found and that is more than noise leaves."""
-    missed = as_it_is(rows, tables, held_out=True) or as_it_is(rows, tables, held_out=False)
+    missed = _missed(rows, tables)
     return [one for one in missed if one.floor is not None and one.after > AT_THE_FLOOR * one.floor]
+
+
+def _missed(rows: list[Judged], tables: Tables) -> list[Overall]:
+    """How far predictions miss on what was held out, or else on the rest."""
+    return as_it_is(rows, tables, held_out=True) or as_it_is(rows, tables, held_out=False)
 
 
 def _listed(clauses: list[str], several: int) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.report.model_tests import ModelTest, listing_of, state_of
+from truing.report.model_tests import ModelTest, below_noise, listing_of, state_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.sensor.axes import LOADS, load_unit
@@ -70,6 +70,8 @@ def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
     chi_square, freedom = facts.get(f"{what}_chi_square"), facts.get(f"{what}_freedom")
     if chi_square is None or freedom is None or not freedom > 0.0:
         return ModelTest(asked, None, why_not)
+    if (small := below_noise(asked, float(chi_square), float(freedom), "the noise is declared too large")) is not None:
+        return small
     times = float(np.sqrt(chi_square / freedom))
     return ModelTest(asked, times <= _AT_NOISE, f"By {plain(times)} times what noise leaves, rms.")
 
