@@ -10,7 +10,7 @@ import pytest
 
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
 from truing.estimation.sensor.exchanged_loads import exchanged_loads, search_exchanges
-from truing.estimation.sensor.load_table import LoadTable
+from truing.estimation.sensor.load_table import LoadTable, load_table
 
 
 def _table(seed: int, cases: int = 12) -> LoadTable:
@@ -109,3 +109,37 @@ def test_many_rows_far_from_their_place_take_little_memory_and_what_was_left_out
     assert unseen > 700_000
     assert peak < 3e8
     assert search_exchanges(_exchanged(table, 13, 27, [1]))[1] == 0
+
+
+def _long_table(seed: int, count: int, errors: np.ndarray):
+    """Loads along one axis in each of 60 runs, signals with errors (count, 6) in shares of what they hold."""
+    rng = np.random.default_rng(seed)
+    run = np.arange(count) * 60 // count
+    applied = np.zeros((count, 6))
+    applied[np.arange(count), run % 6] = rng.choice(np.linspace(-100.0, 100.0, 11), count)
+    signals = applied @ rng.standard_normal((6, 6))
+    return load_table(signals + 0.05 * signals.std(0) * errors, applied, run)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        pytest.param(lambda rng: rng.standard_t(2, (6000, 6)), id="each signal"),
+        pytest.param(
+            lambda rng: rng.standard_normal((6000, 6)) * np.where(rng.random((6000, 1)) < 0.02, 8.0, 1.0),
+            id="whole rows",
+        ),
+    ],
+)
+def test_heavy_tails_are_no_exchanged_rows(draw):
+    for seed in range(2):
+        assert exchanged_loads(_long_table(seed, 6000, draw(np.random.default_rng([seed, 1])))) == []
+
+
+def test_an_exchange_that_is_larger_than_heavy_tails_is_found_beside_them():
+    table = _long_table(3, 6000, 0.02 * np.random.default_rng(4).standard_t(3, (6000, 6)))
+    own = np.flatnonzero((table.case == 7) & (np.abs(table.loads).max(axis=1) > 50.0))
+    axis = int(np.abs(table.loads[own[0]]).argmax())
+    first, second = int(own[table.loads[own, axis].argmax()]), int(own[table.loads[own, axis].argmin()])
+    found = exchanged_loads(_exchanged(table, first, second, [axis]))
+    assert [(one.first, one.second) for one in found] == [tuple(sorted((first, second)))]

@@ -23,6 +23,9 @@ _SUSPECT = 2.5  # of a row's residuals in sigmas, below which it cannot be part 
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
 _MOST_PAIRS = 300_000  # of rows that are looked at: a table full of gross errors would take all memory
 _FALSE_ALARM = 1e-3  # of any exchange named in a table without one
+_LARGE = 5000  # rows, of which two bend the fit by nothing: it is done anew once no further exchange shows
+_ALIKE = 2.0  # ratio of sizes up to which rows are as far off as another
+_BY_CHANCE = 0.05  # exchanges expected among rows that are as far off for reasons of their own
 _ROWS_PER_COLUMN, _WITHIN = 4.0, 0.2  # a zero of each run: rows by column, and share of the loads' variance within runs
 
 
@@ -60,15 +63,21 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads, found, unseen = table.loads[:, applied], list[RowExchange](), 0
     zeros = _zeros(table, loads)
+    rest, sigma = _robust_residuals(table.signals, loads, zeros)
+    is_fitted = True
     for _ in range(_ROUNDS):
-        rest, sigma = _robust_residuals(table.signals, loads, zeros)
         one, left_out = _best(loads, rest / sigma, sigma, false_alarm, table.case)
         unseen = max(unseen, left_out)
-        if one is None:
+        if one is None and is_fitted:
             break
-        _exchange(loads, one)
-        one = replace(one, components=tuple(applied[list(one.components)].tolist()))
-        found.append(one)
+        if one is not None:
+            before = loads[[one.first, one.second]]
+            _exchange(loads, one)
+            rest[[one.first, one.second]] += loads[[one.first, one.second]] - before
+            found.append(replace(one, components=tuple(applied[list(one.components)].tolist())))
+        is_fitted = one is None or len(loads) <= _LARGE
+        if is_fitted:
+            rest, sigma = _robust_residuals(table.signals, loads, zeros)
     return found, unseen
 
 
@@ -176,7 +185,7 @@ def _best(
     Where one of its rows is put right as well by a row of its own run (N,), it is that one: who writes down a row takes
     the next for it, not one of another day with the same load.
     """
-    from scipy.special import chdtrc, chdtri
+    from scipy.special import chdtri
 
     pairs = len(loads) * (len(loads) - 1) // 2
     trials = pairs * (2 ** loads.shape[1] - 1)
@@ -185,18 +194,15 @@ def _best(
     if not len(first):
         return None, unseen
     way = (loads[first] - loads[second]) / sigma
-    before = whitened[first] ** 2 + whitened[second] ** 2
-    after = (whitened[first] - way) ** 2 + (whitened[second] + way) ** 2
-    gain = np.where(np.isfinite(before - after), before - after, 0.0)
-    # each row has to be put right by it, or one gross error would seem an exchange with whatever lies beyond
-    of_first = whitened[first] ** 2 - (whitened[first] - way) ** 2
-    of_second = whitened[second] ** 2 - (whitened[second] + way) ** 2
-    taken = (gain > _TELLS) & (of_first > 0) & (of_second > 0)
-    count = taken.sum(1)
-    total, left = (np.sum(np.where(taken, one, 0.0), 1) for one in (gain, after))
-    p_value = np.where(count > 0, np.minimum(1.0, trials * chdtrc(np.maximum(count, 1), total / 2)), 1.0)
-    right = left <= chdtri(2 * np.maximum(count, 1), false_alarm / pairs)
-    valid = (p_value <= false_alarm) & right
+    one_way, other_way = (_compare(whitened, (first, second), sign * way) for sign in (1.0, -1.0))
+    valid, p_value = one_way.valid(pairs, trials, false_alarm)
+    before, taken, count, total, left = one_way.before, one_way.taken, one_way.count, one_way.total, one_way.left
+    # chance makes as many pairs with the opposite difference: where it makes none, other pairs are no gross errors
+    is_chance = unseen or other_way.valid(pairs, trials, false_alarm)[0].any()
+    explained = np.array([], int) if is_chance else np.unique(np.concatenate([first[valid], second[valid]]))
+    near = np.flatnonzero(valid)
+    expected = _by_chance(whitened, (first[near], second[near]), way[near], taken[near], explained)
+    valid[near] = expected <= _BY_CHANCE
     if not valid.any():
         return None, unseen
     best = int(np.argmax(np.where(valid, total, -np.inf)))
@@ -213,3 +219,63 @@ def _best(
         float(p_value[best]),
     )
     return one, unseen
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Squares of residuals of P pairs before and after an exchange (P, W), and the components that gain by it."""
+
+    before: NDArray
+    after: NDArray
+    taken: NDArray
+
+    @property
+    def count(self) -> NDArray:
+        return np.asarray(self.taken.sum(1))
+
+    @property
+    def left(self) -> NDArray:
+        return np.asarray(np.sum(np.where(self.taken, self.after, 0.0), 1))
+
+    @property
+    def total(self) -> NDArray:
+        return np.asarray(np.sum(np.where(self.taken, self.before - self.after, 0.0), 1))
+
+    def valid(self, pairs: int, trials: int, false_alarm: float) -> tuple[NDArray, NDArray]:
+        """Return which exchanges normal noise neither makes nor leaves more than, and their p-values (P,)."""
+        from scipy.special import chdtrc, chdtri
+
+        some = np.maximum(self.count, 1)
+        p_value = np.where(self.count > 0, np.minimum(1.0, trials * chdtrc(some, self.total / 2)), 1.0)
+        return (p_value <= false_alarm) & (self.left <= chdtri(2 * some, false_alarm / pairs)), p_value
+
+
+def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> _Compared:
+    one, other = whitened[rows[0]], whitened[rows[1]]
+    before, after = one**2 + other**2, (one - way) ** 2 + (other + way) ** 2
+    gain = np.where(np.isfinite(before - after), before - after, 0.0)
+    # each row has to be put right by it, or one gross error would seem an exchange with whatever lies beyond
+    is_right = (one**2 > (one - way) ** 2) & (other**2 > (other + way) ** 2)
+    return _Compared(before, after, (gain > _TELLS) & is_right)
+
+
+def _by_chance(
+    whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray, taken: NDArray, explained: NDArray
+) -> NDArray:
+    """Return how many exchanges as good as each of P pairs of rows chance makes among rows that are as far off.
+
+    whitened (N, W), way and taken (P, W). A row that is off for a reason of its own lies anywhere within its size, so
+    that noise brings it to the place of another one the more rarely the farther it is off. Heavy tails count as such.
+    Rows that other exchanges ``explained`` are not counted.
+    """
+    sizes = np.sort(np.delete(np.max(np.abs(whitened), axis=1), explained))
+    expected = np.full(len(way), 0.5)
+    for row, sign in zip(rows, (-1.0, 1.0), strict=True):
+        before = np.abs(whitened[row])
+        size = np.max(np.where(taken, before, 0.0), axis=1, initial=0.0)
+        alike = np.searchsorted(sizes, size * _ALIKE, "right") - np.searchsorted(sizes, size / _ALIKE, "left")
+        after = whitened[row] + sign * way
+        wide = 2.0 * (_ALIKE - 1.0 / _ALIKE) * np.maximum(before, 1.0)
+        place = np.exp(0.5 * np.minimum(after**2, 1e3)) * np.sqrt(2.0 * np.pi) / wide
+        expected *= np.maximum(alike, 1) * np.prod(np.where(taken, place, 1.0), axis=1)
+    return expected
