@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.certificate_export import NoCertificate, certificate_files
+from pipeline.campaign_folder import open_campaign
 from pipeline.problems import ExitCode, environment
 from pipeline.recorded import broken_run, opened_run
 from pipeline.voice import Voice
 from pipeline.whole_file import write_whole
 from pipeline.written_places import check_folder
+from schemas.certificate import Certificate
 from schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 FORMS = ("csv", "xlsx", "json", "controller")
 CERTIFICATE = "dcc"  # by itself alone: it needs more than a run
 FOLDER = "exports"
+_FILE = "campaign.toml"
 
 
 def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign: Path | None = None) -> ExitCode:
@@ -71,3 +73,34 @@ def _said(place: Path, written: list[str]) -> str:
     if not written:
         return "nothing, for the run has left no extended model"
     return f"{place / written[0]}" if len(written) == 1 else f"{len(written)} files in {place}"
+
+
+class NoCertificate(Exception):
+    """The run may not be certified, because checks of its quality failed."""
+
+
+def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, bytes]]:
+    """The certificate; raises NoCertificate where a check failed, CampaignFaults with all that is missing at once."""
+    from truing.runs.exports.certificate.document import certificate
+    from truing.runs.exports.certificate.qualified import failed_checks, qualified, temperature
+
+    if campaign is None:
+        raise CampaignFaults([Fault("--campaign", "the campaign's folder, whose campaign.toml has [certificate]")])
+    settings = open_campaign(campaign).validated()
+    if settings.campaign.name != run.campaign:
+        raise CampaignFaults([Fault("--campaign", f"the campaign {run.campaign}", value=settings.campaign.name)])
+    if failed := failed_checks(run):
+        raise NoCertificate(f"no certificate: failed checks of quality, accepted by nobody: {', '.join(failed)}")
+    if "uncertainty" not in run or not len(qualified(run).results):
+        wanted = "results with an uncertainty, which a certificate needs; `truing run` says why there are none"
+        raise CampaignFaults([Fault(str(run.folder), wanted)])
+    if faults := list(_faults(settings.certificate, temperature(run) is not None)):
+        raise CampaignFaults(faults)
+    return certificate(run, settings.certificate)
+
+
+def _faults(told: Certificate, temperature_known: bool) -> Iterator[Fault]:
+    missing = told.missing(temperature_known=temperature_known)
+    yield from (Fault(_FILE, "this key to be present, for a certificate", column=key) for key in missing)
+    if told.begin is not None and told.end is not None and told.end < told.begin:
+        yield Fault(_FILE, "a day not before certificate.begin", column="certificate.end", value=str(told.end))

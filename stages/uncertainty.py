@@ -57,12 +57,11 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """State what can be stated, and say of the rest why it cannot."""
-    from stages.uncertainty_statement.accuracy import state_accuracy
+    from stages.uncertainty_statement.accuracy import state_accuracy, state_positioning
     from stages.uncertainty_statement.calibration import state_calibration
     from stages.uncertainty_statement.causes import state_causes
     from stages.uncertainty_statement.compliance import state_compliance
     from stages.uncertainty_statement.poses import state_poses
-    from stages.uncertainty_statement.positioning import state_positioning
     from stages.uncertainty_statement.sensor import state_sensor
     from stages.uncertainty_statement.statement import Statement
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.accuracy import accuracy_rows, misfit, nominal_errors, pose_errors
+from stages.calibration.accuracy import PoseErrors, accuracy_rows, misfit, nominal_errors, pose_errors
 from stages.calibration.choice import (
     Judged,
     choice,
@@ -24,11 +24,10 @@ from stages.calibration.extended import MODEL, Extended, extended_correlations, 
 from stages.calibration.fits import Calibration, implicit, maximum_likelihood
 from stages.calibration.knowledge import absorption_rows, observability_rows
 from stages.calibration.question import Case, cases, nothing_open
-from stages.calibration.requirements import requirement_rows
 from stages.calibration.screening import Screened, screened
-from stages.calibration.tables import LEAST_CORRELATION, correlation_rows, parameter_rows
 from stages.declaration import Outcome, Progress
 from stages.responses.tables import Rows
+from truing.simulation.parameters import SHARED, Parameter
 from truing.simulation.structures import structures
 
 if TYPE_CHECKING:
@@ -36,6 +35,10 @@ if TYPE_CHECKING:
 
 LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
 ESTIMATORS = {maximum_likelihood: "by errors in variables", implicit: "by the closure alone"}
+# Pairs of parameters less correlated than this are not told.
+LEAST_CORRELATION = 0.05
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+_WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -183,3 +186,128 @@ def _figure(best: Judged, count: int, roles: NDArray) -> str:
     which = "held-out" if held.any() else "calibration"
     told = best.errors.position[held if held.any() else ~held] * 1e6
     return f"{said}: {which} position error {np.nanmean(told):.1f} um mean, {np.nanmax(told):.1f} um at most{against}"
+
+
+def parameter_rows(artifact: str, calibrations: Sequence[Calibration]) -> Rows:
+    """Return every identified parameter of every calibration, in the units of the tables."""
+    rows = Rows(artifact)
+    for calibration in calibrations:
+        entries, units = calibration.parameters.entries, calibration.parameters.units
+        rows.add(
+            model=calibration.case.structure.name,
+            deformation=calibration.case.deformation,
+            leg=[_leg(entry) for entry in entries],
+            parameter=[entry.name for entry in entries],
+            unit=[entry.unit for entry in entries],
+            nominal=calibration.nominal / units,
+            identified=calibration.values / units,
+            sigma=calibration.sigma / units,
+            tolerance=calibration.tolerance / units,
+            pull=calibration.pull,
+            identifiable=calibration.identifiable,
+            status=calibration.status,
+        )
+    return rows
+
+
+def correlation_rows(calibrations: Sequence[Calibration]) -> Rows:
+    """Return the correlated pairs of every calibration's parameters."""
+    rows = Rows("correlations")
+    for calibration in calibrations:
+        entries = calibration.parameters.entries
+        correlation = calibration.covariance / np.outer(calibration.sigma, calibration.sigma)
+        first, second = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) >= LEAST_CORRELATION, 1))
+        rows.add(
+            model=calibration.case.structure.name,
+            deformation=calibration.case.deformation,
+            leg=[_leg(entries[i]) for i in first],
+            parameter=[entries[i].name for i in first],
+            other_leg=[_leg(entries[j]) for j in second],
+            other_parameter=[entries[j].name for j in second],
+            correlation=np.clip(correlation[first, second], -1.0, 1.0),
+        )
+    return rows
+
+
+def _leg(entry: Parameter) -> int | None:
+    return None if entry.leg == SHARED else entry.leg + 1
+
+
+def requirement_rows(
+    asked: Requirement, key: tuple[str, str], errors: PoseErrors, measurement: NDArray, held_out: NDArray
+) -> Rows:
+    """Return a row per component that something is asked of, judged by the errors of a model (model, deformation).
+
+    measurement (B, 6, 6): covariance of the measured poses, whose noise is not the machine's; held_out (B,): the poses
+    judged by, and where there are none all of them. The error is what 95 of 100 poses stay below: 1.96 rms of measured
+    minus predicted, less the measurement's share; the interval is that of the rms of so many normal errors.
+    """
+    rows, judged = Rows("requirements"), held_out if held_out.any() else ~held_out
+    by = "" if held_out.any() else ", judged by the poses that were fitted"
+    for i, name in enumerate(_COMPONENTS):
+        unit = "mm" if i < 3 else "deg"
+        limit = getattr(asked, f"{name}_{unit}")
+        if limit is not None:
+            si = 1e-3 if i < 3 else np.pi / 180
+            found = _interval(errors.error[judged, i] / si, measurement[judged, i, i] / si**2)
+            _add_requirement(rows, key, name, unit, limit, found, by)
+    return rows
+
+
+def _interval(errors: NDArray, variances: NDArray) -> tuple[float, float, float] | None:
+    """Return the 95 % error with the ends of its interval; None without poses."""
+    from scipy.special import chdtri
+
+    told = np.isfinite(errors)
+    count = int(told.sum())
+    if not count:
+        return None
+    square = float(np.sum(errors[told] ** 2))
+    # A measurement that is said to be noisier than what was seen of it tells less, not more.
+    noise = min(float(np.mean(variances[told])), square / count)
+    scales = (count, chdtri(count, 0.025), chdtri(count, 0.975))
+    middle, low, high = (_WITHIN * float(np.sqrt(max(square / scale - noise, 0.0))) for scale in scales)
+    return middle, low, high
+
+
+def _add_requirement(
+    rows: Rows,
+    key: tuple[str, str],
+    component: str,
+    unit: str,
+    limit: float,
+    found: tuple[float, float, float] | None,
+    by: str,
+) -> None:
+    error, lower, upper = found or (None, None, None)
+    verdict = "not evaluated" if upper is None or lower is None else _verdict(lower, upper, limit)
+    rows.add(
+        model=key[0],
+        deformation=key[1],
+        component=component,
+        requirement=limit,
+        error=error,
+        lower=lower,
+        upper=upper,
+        unit=unit,
+        verdict=verdict,
+        message=_requirement_message(component, verdict, limit, unit, found) + by,
+    )
+
+
+def _verdict(lower: float, upper: float, limit: float) -> str:
+    if upper <= limit:
+        return "meets"
+    return "fails" if lower > limit else "undecided"
+
+
+def _requirement_message(
+    component: str, verdict: str, limit: float, unit: str, found: tuple[float, float, float] | None
+) -> str:
+    if found is None:
+        return f"{component}: no pose to judge by"
+    error, lower, upper = found
+    told = f"95 of 100 poses stay below {error:.2g} {unit} (between {lower:.2g} and {upper:.2g})"
+    if error == 0:
+        told = f"no error beyond the measurement's own noise (at most {upper:.2g} {unit})"
+    return f"{component}: {told}, asked for {limit:g} {unit}: {verdict}"

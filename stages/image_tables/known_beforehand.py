@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from schemas.photographs import FAMILIES, RINGS
 from stages.image_tables.point_names import own_names
-from stages.image_tables.target_codes import check_codes
 from stages.ingestion.sigma_bounds import check_sigma
 from stages.ingestion.tables import SmallTable, once
 from truing.formats.faultlog import FaultLog
@@ -117,3 +118,27 @@ def _as_artifact(name: str, table: pa.Table) -> pa.Table:
     text = "pose" in names and pa.types.is_string(table.schema.field("pose").type)
     schema = artifact.arrow_schema("string" if text else "int64", tuple(names))
     return table.select(schema.names).cast(pa.schema([field.with_nullable(True) for field in schema]))
+
+
+def check_codes(found: Gathered, boards: tuple[str, ...], log: FaultLog) -> None:
+    """A fault at every family that no photograph is searched for, and at every code that its family does not have."""
+    families = [family or "" for family in found.table.column("family").to_pylist()]
+    codes = [code or "" for code in found.table.column("code").to_pylist()]
+    named = ("circle", *FAMILIES, *boards)
+    unknown = np.array([family not in named for family in families], dtype=bool)
+    found.fault(log, unknown, "family", f"one of {', '.join(FAMILIES)}, or the name of a board")
+    for family in sorted(set(families) & set(FAMILIES)):
+        own = np.array([one == family for one in families], dtype=bool)
+        absent = np.array([code not in _codes(family) for code in codes], dtype=bool)
+        found.fault(log, own & absent, "code", f"one of the {len(_codes(family))} codes of {family}")
+
+
+@cache
+def _codes(family: str) -> frozenset[str]:
+    if family in RINGS:
+        from truing.estimation.image_targets.ring_codes import family_of_rings
+
+        return frozenset(map(str, family_of_rings(family).numbers))
+    from truing.estimation.image_targets.marker_codes import codes_of
+
+    return frozenset(map(str, range(codes_of(family))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault, Unfit
 from stages.ingestion.compliance_file import read_compliance
-from stages.ingestion.position_table import PositionTable, read_positions
+from stages.ingestion.corrected_readings import Corrections, positions_at_reference
+from stages.ingestion.gathered_columns import numbered, numbers, texts
+from stages.ingestion.load_steps import check_once
 from stages.ingestion.reading_table import ReadingTable, read_readings
 from stages.ingestion.serving_roles import check_any_fitted
 from stages.ingestion.signal_table import read_signals
-from stages.ingestion.tables import SmallTable
+from stages.ingestion.tables import SmallTable, as_artifact
 from truing.formats.faultlog import FaultLog
-from truing.formats.shapes import WRENCH
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles
 
 if TYPE_CHECKING:
@@ -31,6 +34,9 @@ _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
 _FURTHEST = 1.0  # m and rad: no sensor gives as much
 _SINGULAR = 1e9  # condition of the legs' influence, lengths in m
 TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
+_WAYS = ("forward", "backward")
+_FEWEST_CYCLES = 2
+_MANY = 0.5  # of the rows: targets that are approached again are fewer
 
 
 @dataclass(frozen=True)
@@ -161,3 +167,49 @@ def _check_gives(compliance: Array, loaded: Sequence[pa.Table]) -> None:
             moved = f"{own[k] * largest:.3g} {'m' if k < 3 else 'rad'} under {name} = {largest:g}"
             units = "m/N, m/(N m), rad/N and rad/(N m); is it the stiffness, or in mm?"
             raise Unfit("compliance_file", f"{moved}", f"a compliance in {units}")
+
+
+@dataclass
+class PositionTable(SmallTable):
+    """Approaches, and what was corrected."""
+
+    corrections: Corrections = field(default_factory=Corrections)
+
+
+def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> PositionTable | None:
+    """The approaches, ordered by run, target, direction and cycle; None where the campaign has none."""
+    found = gather(source, POSITIONING, log, "run")
+    if found is None:
+        return None
+    check_once(found, log, "run", "target_mm", "direction", "cycle")
+    if not log:
+        _check_whole(found, log)
+    read = numbers(found, "position_mm")
+    found, corrections = positions_at_reference(found, settings.interferometer, log)
+    if log:
+        return None
+    way = np.array([_WAYS.index(name) for name in texts(found, "direction")])
+    import pyarrow as pa
+
+    table = found.table.append_column("row_order", pa.array(np.arange(1, len(way) + 1)))
+    if corrections.rows:
+        table = table.append_column("position_read_mm", pa.array(read))
+    order = np.lexsort((numbers(found, "cycle"), way, numbers(found, "target_mm"), numbered(found, "run")))
+    return PositionTable(as_artifact("positions", table.take(order)), dict(found.left_out), corrections)
+
+
+def _check_whole(found: Gathered, log: FaultLog) -> None:
+    """Note runs whose targets were not all approached in the same cycles, from either side, twice at least."""
+    runs = texts(found, "run")
+    for run in dict.fromkeys(runs):
+        own = runs == run
+        columns = (numbers(found, "target_mm")[own], texts(found, "direction")[own], numbers(found, "cycle")[own])
+        targets, ways, cycles = (set(column.tolist()) for column in columns)
+        missing = len(targets) * len(cycles) * len(_WAYS) - int(own.sum())
+        if missing or ways != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
+            said = f"run {run}: {len(targets)} targets, {len(cycles)} cycles, {', '.join(sorted(ways))}"
+            said += f", {missing} approaches missing" if missing else ""
+            expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"
+            if len(targets) > _MANY * int(own.sum()) > _MANY * len(set(numbers(found, "position_mm")[own].tolist())):
+                expected += "; are the columns target_mm and position_mm exchanged?"
+            log.add(Fault(found.first_file, expected, column="cycle", value=said))

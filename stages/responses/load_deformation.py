@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome
-from stages.responses.axis_curves import axis_curve_rows
-from stages.responses.branch_gaps import branch_gap_rows
+from stages.point_arrays import number_column
 from stages.responses.kept_readings import geometry_spread, kept_readings, with_spread
 from stages.responses.tables import FALSE_ALARM, Rows, birge, entry_tests, error_rows, residual_sets
-from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.simulated_compliance import SimulatedCompliance, simulated_compliance
 from truing.estimation.interferometry.compliance import (
     Comparison,
@@ -25,6 +24,7 @@ from truing.estimation.interferometry.compliance import (
     fit_compliance,
     left_out_runs,
 )
+from truing.estimation.interferometry.load_run import BranchGap, branch_gap
 from truing.estimation.response import ResponseFit, fit_response
 from truing.estimation.response_structure import gain_p_value, holm_significant, symmetry
 
@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 
 NO_SIMULATION = "no simulation"
 _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
+_MEASURED = "measured"
+_CURVE_COLUMNS = (*((f"d{axis}_mm", 1e-3) for axis in "xyz"), *((f"r{axis}_rad", 1.0) for axis in "xyz"))
 
 
 @dataclass(frozen=True)
@@ -280,3 +282,70 @@ def _figure(loaded: Loaded, found: Mapping[str, Compliance], against: Mapping[st
 def without_loads() -> dict[str, pa.Table]:
     """The empty tables of a campaign without readings under load."""
     return {name: ARTIFACTS[name].empty() for name in ("compliance", "deformation_errors", "axis_curves")}
+
+
+def branch_gap_rows(rows: Rows, load: Array, run: NDArray[np.int64], reading: Array, sigma: Array) -> None:
+    """Add the widest gap, met loads of all runs taken together, and the probability of such gaps by chance.
+
+    load (B, 6), reading and sigma (B, 6), SI, NaN where there is none. Of runs that load one axis alone.
+    """
+    loaded = np.stack([np.any(load[run == r] != 0.0, axis=0) for r in range(int(run.max(initial=-1)) + 1)])
+    for a, axis in enumerate(LOADS):
+        alone = np.flatnonzero(loaded[:, a] & (loaded.sum(1) == 1))
+        for k, channel in enumerate(CHANNELS):
+            gaps = [_branch_gap_of(load[run == r, a], reading[run == r, k], sigma[run == r, k]) for r in alone]
+            if met := [gap for gap in gaps if len(gap.load)]:
+                _add_branch_gap(rows, f"{channel} under {axis}", k, met)
+
+
+def _branch_gap_of(load: Array, reading: Array, sigma: Array) -> BranchGap:
+    seen = np.isfinite(reading)
+    return branch_gap(load, reading, float(np.sqrt(np.mean(sigma[seen] ** 2))) if seen.any() else 1.0)
+
+
+def _add_branch_gap(rows: Rows, subject: str, k: int, met: list[BranchGap]) -> None:
+    from scipy.special import chdtrc
+
+    load, gap, sigma = (np.concatenate([getattr(one, name) for one in met]) for name in ("load", "gap", "sigma"))
+    _, at = np.unique(load, return_inverse=True)
+    mean = np.bincount(at, gap / sigma**2) / np.bincount(at, sigma**-2.0)
+    widest = float(mean[np.argmax(np.abs(mean))] / READING_SI[k])
+    unit = "um" if k < 3 else "arcsec"
+    chance = float(chdtrc(len(gap), np.sum((gap / sigma) ** 2)))
+    rows.add(model=_MEASURED, figure="branch_gap", value=widest, unit=unit, subject=subject)
+    rows.add(model=_MEASURED, figure="branch_gap_p_value", value=chance, unit="1", subject=subject)
+
+
+def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:
+    """Cases whose load is along one axis alone, or none: every component that was measured (force-sensor paper,
+    figures 12-17)."""
+    load = np.nan_to_num(np.column_stack([number_column(displacement, name) for name in LOAD_COLUMNS]))
+    moved = np.column_stack([number_column(displacement, name) * unit for name, unit in _CURVE_COLUMNS])
+    sigma = np.sqrt(np.column_stack([number_column(displacement, f"cov_{k}_{k}") for k in range(6)]))
+    case = displacement.column("case").to_numpy()
+    branch = np.array(displacement.column("branch").to_pylist(), object)
+    rows = Rows("axis_curves")
+    for a, axis in enumerate(LOADS):
+        alone = (np.delete(load, a, axis=1) == 0.0).all(axis=1)
+        if not np.any(load[alone, a]):
+            continue
+        for k, channel in enumerate(CHANNELS):
+            at = np.flatnonzero(alone & np.isfinite(moved[:, k]))
+            if not np.any(load[at, a]):
+                continue
+            model = {} if simulated is None else {
+                "simulated": simulated.entries[k, a] * load[at, a] / READING_SI[k],
+                "simulated_sigma": simulated.sigma[k, a] * np.abs(load[at, a]) / READING_SI[k],
+            }  # fmt: skip
+            rows.add(
+                load=axis,
+                channel=channel,
+                case=case[at],
+                branch=branch[at],
+                applied=load[at, a],
+                measured=moved[at, k] / READING_SI[k],
+                sigma=sigma[at, k] / READING_SI[k],
+                unit="um" if k < 3 else "arcsec",
+                **model,
+            )
+    return rows

@@ -10,8 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.point_arrays import PosePoints, SurveyPoints
-from stages.rigid_poses.body_fit import BodyFit, fit_by_itself, fit_to_survey
-from truing.estimation.rigid_poses.rigid import RigidFit
+from truing.estimation.covariance import survey_frame_covariance
+from truing.estimation.rigid_poses.common_shape import common_shape
+from truing.estimation.rigid_poses.haralick import haralick
+from truing.estimation.rigid_poses.procrustes import generalised_procrustes
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, mask_entries
+from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_distances, target_scatter
+from truing.estimation.rigid_poses.umeyama import umeyama
 
 if TYPE_CHECKING:
     from schemas.sections import Overrule
@@ -21,6 +26,10 @@ Mask = NDArray[np.bool_]
 
 NOT_A_REFERENCE = "attachment: not part of the frame"
 NOT_SURVEYED = "not in the survey"
+# Share of the coordinates below which points are not told apart, where no noise was declared and none shows.
+_ROUNDING = 1e-9
+# Movement of a target of its own, in units of the noise, beyond which it is called moved and not flexing.
+_LARGEST_MOVEMENT = 30.0
 
 
 @dataclass(frozen=True)
@@ -139,3 +148,160 @@ def chosen_points(points: PosePoints, body: str, rule: Overrule) -> Mask:
     at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)
     at_target = np.array([rule.target in (None, target) for target in points.targets], dtype=bool)
     return np.asarray(at_pose[:, None] & at_target & points.seen)
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """Fits in the measurement's frame by method, the default last; what they are relative to, and which points agreed.
+
+    source (T, 3) in m, NaN where not known, cov_source (T, 3, 3) of the survey; known, frame (T,): has a place, makes
+    the body's frame; agreed (B, T);
+    judged (B,): poses in which some points agree, so that the others stand out, whether or not a pose came of it;
+    weights (B, T) of the fits by methods that weigh points one by one and coordinates alike, by which factor (B,) such
+    a method scatters more than its weights say: of those beside the default.
+    """
+
+    fits: dict[str, RigidFit]
+    source: Array
+    cov_source: Array
+    known: Mask
+    frame: Mask
+    agreed: Mask
+    judged: Mask
+    noise_ratio: float
+    weights: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+
+    @property
+    def default(self) -> str:
+        """The method whose poses feed what follows."""
+        return next(reversed(self.fits))
+
+
+def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep: Mask) -> BodyFit:
+    """Fits relative to the survey, by the targets that make the body's frame; allowed, keep (B, T) by a person."""
+    source, cov_source = _reference(points, survey)
+    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
+    frame = known & _in_frame(points, survey)
+    usable = points.seen & frame & allowed
+    place, cov_source = np.nan_to_num(source), np.nan_to_num(cov_source)
+    cov_target = _noise(place, points, usable)
+    fit, agreed, ratio = robust_poses(place, points.points, cov_source, cov_target, usable, keep=keep)
+    fits, weights = _by_every_method(place, points.points, cov_source, cov_target, usable, (fit, agreed), frame)
+    return BodyFit(fits, source, cov_source, known, frame, agreed, _judged(fit, agreed), ratio, weights)
+
+
+def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
+    """Fits relative to the shape that the poses share, with poses and shape estimated together."""
+    usable = points.seen & allowed
+    richest = int(usable.sum(axis=1).argmax())
+    sigma = _typical(_noise(points.points[richest], points, usable & usable[richest]), usable)
+    source = common_shape(points.points, usable, sigma)
+    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
+    place, usable = np.nan_to_num(source), usable & known
+    cov_target = _noise(place, points, usable)
+    exact = np.zeros((len(place), 3, 3))
+    found = robust_poses(place, points.points, exact, cov_target, usable, keep=keep)
+    tau = _movement(found, place, points.points, cov_target, usable)
+    if tau.any():
+        judged = cov_target + (tau**2)[:, None, None] * np.eye(3)
+        found = robust_poses(place, points.points, exact, judged, usable, keep=keep)
+    fit, agreed, ratio = found
+    joint = generalised_procrustes(points.points, cov_target, agreed & fit.ok[:, None], shape=source)
+    fits = {"procrustes": joint.poses}
+    source = np.where(np.isfinite(joint.shape), joint.shape, source)
+    return BodyFit(fits, source, exact, known, known, agreed, _judged(fit, agreed), ratio)
+
+
+def _judged(fit: RigidFit, agreed: Mask) -> Mask:
+    return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)]) & agreed.any(axis=1)
+
+
+def _by_every_method(
+    source: Array,
+    target: Array,
+    cov_source: Array,
+    cov_target: Array,
+    usable: Mask,
+    default: tuple[RigidFit, Mask],
+    frame: Mask,
+) -> tuple[dict[str, RigidFit], dict[str, tuple[Array, Array]]]:
+    """The plain, the reweighted and the default fit, each with its covariance in the survey's frame; default last. And
+    the weights of the first two."""
+    spread = [np.sqrt(np.trace(C, axis1=-2, axis2=-1) / 3) for C in (cov_source, cov_target)]
+    sigma = np.where(usable, np.hypot(spread[0], spread[1]), 1.0)
+    reweighted, weight = haralick(
+        source, target, np.where(usable, spread[0], 0.0), np.where(usable, spread[1], 1.0), usable
+    )
+    plain = umeyama(source, target, usable / sigma**2, sigma=sigma)
+    trusted = umeyama(source, target, (weight > 0) / sigma**2, sigma=sigma)
+    loss = reweighted.covariance[:, 0, 0] / trusted.covariance[:, 0, 0]
+    fit, inlier = default
+
+    def in_frame(fit: RigidFit, W: Array, factor: Array | float = 1.0) -> RigidFit:
+        covariance = survey_frame_covariance(fit.R, source, W, cov_source, cov_target, frame, fit.ok)
+        covariance = covariance * np.broadcast_to(factor, len(covariance))[:, None, None]
+        return replace(fit, covariance=mask_entries(covariance, fit.ok))
+
+    weights = {
+        "umeyama": (usable / sigma**2, np.ones(len(usable))),
+        "haralick": ((weight > 0) / sigma**2, loss),
+    }
+    isotropic = {method: w[..., None, None] * np.eye(3) for method, (w, _) in weights.items()}
+    fits = {
+        "umeyama": in_frame(plain, isotropic["umeyama"]),
+        "haralick": in_frame(reweighted, isotropic["haralick"], loss),
+        "maximum_likelihood": in_frame(fit, _inverse_noise(fit, cov_source, cov_target, inlier)),
+    }
+    return fits, weights
+
+
+def _inverse_noise(fit: RigidFit, cov_source: Array, cov_target: Array, inlier: Mask) -> Array:
+    """Weights (B, T, 3, 3) of the maximum-likelihood fit: inverse noise of both clouds, in the measurement's axes."""
+    used = (inlier & fit.ok[:, None])[..., None, None]
+    R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))[:, None]
+    noise = np.where(used, cov_target + R @ cov_source @ np.swapaxes(R, -1, -2), np.eye(3))
+    return used * np.linalg.inv(noise)
+
+
+def _movement(first: tuple[RigidFit, Mask, float], source: Array, target: Array, cov: Array, usable: Mask) -> Array:
+    """Movement of its own (T,), in m, of each target that flexes: without a survey, no one says which ones do.
+
+    Zero where the body as a whole is less rigid than its noise allows, and for a target that was moved far: there each
+    pose is judged for itself.
+    """
+    fit, _, ratio = first
+    sigma = _typical(cov, usable)
+    tau = target_scatter(fit, source, target, cov, usable)
+    return np.where((ratio == 1.0) & (tau > sigma) & (tau < _LARGEST_MOVEMENT * sigma), tau, 0.0)
+
+
+def _typical(cov: Array, usable: Mask) -> float:
+    """The median standard deviation per coordinate, in m; 0 where nothing is usable."""
+    return float(np.sqrt(np.median(np.trace(cov[usable], axis1=-2, axis2=-1)) / 3)) if usable.any() else 0.0
+
+
+def _reference(points: PosePoints, survey: SurveyPoints) -> tuple[Array, Array]:
+    """The survey (T, 3) with its covariance (T, 3, 3), in the order of the observed targets; NaN where not surveyed."""
+    place = {target: k for k, target in enumerate(survey.targets)}
+    rows = np.array([place.get(target, -1) for target in points.targets], dtype=np.int64)
+    known = rows >= 0
+    source, cov = np.full((len(rows), 3), np.nan), np.zeros((len(rows), 3, 3))
+    source[known], cov[known] = survey.points[rows[known]], survey.cov[rows[known]]
+    return source, cov
+
+
+def _in_frame(points: PosePoints, survey: SurveyPoints) -> Mask:
+    """(T,) which targets make the body's frame: those away from the legs, or all where these are too few."""
+    at_leg = {target for target, leg in zip(survey.targets, survey.leg, strict=True) if leg > 0}
+    away = np.array([target not in at_leg for target in points.targets], dtype=bool)
+    return away if len(survey.targets) - len(at_leg) >= 3 or not at_leg else np.ones_like(away)
+
+
+def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
+    """Covariances (B, T, 3, 3) of the points, with what the distances between them tell where none was declared."""
+    undeclared = ~(np.trace(points.cov, axis1=-2, axis2=-1) > 0.0)
+    if not (undeclared & usable).any():
+        return np.where(undeclared[..., None, None], np.eye(3), points.cov)
+    rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
+    sigma = max(sigma_from_distances(source, points.points, usable), rounding)
+    return np.where(undeclared[..., None, None], sigma**2 * np.eye(3), points.cov)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from stages.declaration import Outcome
 from stages.point_arrays import decisions
 from stages.responses.tables import Rows
-from stages.sensor.load_cases import BRANCHES, LoadCases, load_cases
 from stages.sensor.overruled import Decided, decided, excluded_words, matched, without_excluded
 from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import at_starts, begun_far, start_rows
 from stages.sensor.seen_motion import BeamGeometry, SeenMotion
+from truing.estimation.interferometry.load_run import branches
 from truing.estimation.interferometry.platform_displacement import (
     PlatformDisplacement,
     drift_columns,
@@ -37,6 +37,9 @@ _HOUR = 3600.0
 _UNITS = ("um", "um", "um", "arcsec", "arcsec", "arcsec")
 _MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 _MOVED_UNIT = np.array([1e-3] * 3 + [1.0] * 3)
+BRANCHES = ("unloading", "unloaded", "loading")
+# Of the largest load of its axis: loads that differ by less are the same.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -304,3 +307,31 @@ def _by_axis(found: PlatformPoses) -> dict[str, Mask]:
     alone &= alone.sum(1, keepdims=True) == 1
     known = np.isfinite(found.value)
     return {LOADS[a]: known[alone[:, a]].any(0) for a in range(6) if alone[:, a].any()}
+
+
+@dataclass(frozen=True)
+class LoadCases:
+    """K load cases: which one each of B steps belongs to, the loads (K, 6), the branch (K,) of BRANCHES, and whether
+    nothing may be fitted to it (K,). ``branch_of_step`` (B,)."""
+
+    of_step: NDArray[np.int64]
+    load: Array
+    branch: NDArray[np.int64]
+    held_out: NDArray[np.bool_]
+    branch_of_step: NDArray[np.int64]
+
+
+def load_cases(steps: RecordedSteps) -> LoadCases:
+    """The load cases in order of appearance; without load there is but one, whatever came before."""
+    scale = np.abs(steps.load).max(axis=0, initial=0.0)
+    share = np.round(steps.load / np.where(scale > 0.0, scale, 1.0) / _SAME)
+    way = np.zeros(len(share), np.int64)
+    for run in range(len(steps.runs)):
+        way[steps.run == run] = branches(share[steps.run == run])
+    branch = np.where((share == 0.0).all(axis=1), 1, np.where(way < 0, 0, 2))
+    kind = np.column_stack([share, branch, steps.held_out])
+    _, first, number = np.unique(kind, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.argsort(order)
+    first = first[order]
+    return LoadCases(place[number.ravel()], steps.load[first], branch[first], steps.held_out[first], branch)

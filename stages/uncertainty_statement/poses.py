@@ -13,14 +13,16 @@ from stages.point_arrays import (
     PosePoints,
     SurveyPoints,
     default_motions,
+    number_column,
     pose_ids,
     pose_points,
+    positions,
     residual_points,
     survey_points,
     used_targets,
 )
+from stages.rigid_poses.point_errors import common_correlation
 from stages.uncertainty_statement.found_causes import found_causes, of_instrument
-from stages.uncertainty_statement.network import has_scale, parts_of_network
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.covariance import relative, survey_frame_covariance
 from truing.estimation.rotation import left_jacobian_so3, log_so3
@@ -38,6 +40,11 @@ _COMPONENTS = ("px", "py", "pz", "rx", "ry", "rz")
 _UNITS = ("mm", "mm", "mm", "rad", "rad", "rad")
 _CLOSES = 1e-6  # relative: parts that sum to less, or more, than the covariance that was stated are not its parts
 _BY_CHANCE = 0.01  # a scatter that declared noise would exceed so often is not called larger
+_EFFECTS = (*(f"effect_{a}_mm" for a in "xyz"), *(f"effect_r{a}_rad" for a in "xyz"))
+_TO_SI = np.array([1e-3] * 3 + [1.0] * 3)
+BARS = Source("lengths of scale bars, common to all poses", "B")
+CAMERAS = Source("cameras as the rays of all poses tell them, common to all", "A")
+OWN = Source("rays of the pose itself, and the survey", "A")
 
 
 def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
@@ -182,3 +189,33 @@ def _scatter(residual: Array, used: NDArray[np.bool_], R: Array, points: PosePoi
     if dof <= 0 or chdtrc(dof, squares) > _BY_CHANCE:
         return 1.0, max(dof, 0.0)
     return float(np.sqrt(squares / dof)), dof
+
+
+def parts_of_network(
+    tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...], covariance: Array
+) -> Mapping[Source, Array] | None:
+    """The parts (B, 6, 6) of a body's covariance in m and rad; None where its points are not of photographs."""
+    import pyarrow.compute as pc
+
+    effects = tables.get("pose_sensitivities")
+    if effects is None or not effects.num_rows:
+        return None
+    rows = effects.filter(pc.equal(effects.column("body"), body))
+    if not rows.num_rows:
+        return None
+    parameters = tuple(dict.fromkeys(rows.column("parameter").to_pylist()))
+    by = np.zeros((len(poses), 6, len(parameters)))
+    place = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
+    by[place[0], :, place[1]] = np.column_stack([number_column(rows, name) for name in _EFFECTS]) * _TO_SI
+    correlation = common_correlation(tables.get("camera_correlations"), parameters)
+    bar = np.array([name.startswith("bar ") for name in parameters], dtype=bool)
+    common = by @ correlation @ np.swapaxes(by, 1, 2)
+    by_bars = by[:, :, bar] @ correlation[np.ix_(bar, bar)] @ np.swapaxes(by[:, :, bar], 1, 2)
+    parts = {CAMERAS: common - by_bars, OWN: covariance - common}
+    return {BARS: by_bars, **parts} if bar.any() else parts
+
+
+def has_scale(tables: Mapping[str, pa.Table]) -> bool:
+    """Whether scale bars stand behind the poses, and their uncertainty in the budgets."""
+    lengths = tables.get("scale_bar_lengths")
+    return lengths is not None and "scale" in lengths.column("serves").to_pylist()

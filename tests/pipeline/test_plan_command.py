@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from pipeline.campaign_folder import open_campaign
 from pipeline.command_line import app
-from pipeline.plan_cameras import known_cameras
+from pipeline.plan_command import known_cameras
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "telescope-images"
 

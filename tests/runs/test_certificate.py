@@ -22,8 +22,8 @@ from typer.testing import CliRunner
 
 import truing
 from pipeline import export_command
-from pipeline.certificate_export import certificate_files
 from pipeline.command_line import app
+from pipeline.export_command import certificate_files
 from pipeline.problems import ExitCode
 from schemas.certificate import Certificate
 from schemas.faults import CampaignFaults

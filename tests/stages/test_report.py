@@ -12,7 +12,7 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
-from truing.runs.target_places import target_places
+from truing.runs.page_parts import target_places
 
 LAYOUT = Layout(name="a campaign & ours", targets=Targets(per_leg=0))
 

@@ -9,7 +9,7 @@ import pytest
 from tests.estimation.image_targets.planes import homography, marker_pattern, plane_picture
 from tests.tolerance import assert_close
 from truing.estimation.image_targets.marker_codes import FAMILIES, cells_across, codes_of, dictionary, read_codes
-from truing.estimation.image_targets.quadrangles import find_quadrangles, where_edges_meet
+from truing.estimation.image_targets.square_markers import find_quadrangles, where_edges_meet
 
 USUAL = ("aruco4x4_50", "aruco5x5_100", "aruco6x6_250", "apriltag36h11")
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerance import assert_close
-from truing.estimation.sensor.both_errors import TermEquations
+from truing.estimation.sensor.calibrate import TermEquations
 from truing.estimation.sensor.terms import Terms
 
 STEP = 1e-30

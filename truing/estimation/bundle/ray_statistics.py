@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from truing.estimation.bundle.bent_rays import CURVATURES, by_curvature, by_thickness
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.network import Array, Index, State
@@ -30,6 +29,10 @@ _RIGID = 1e4
 # of an interior element what moves the edge of the format by a pixel, by these powers of half the width.
 _CURVATURE, _THICKNESS, _STRAIN = 1e-6, 1e-3, 1e-5
 _POWERS = (0, 0, 0, -3, -5, -7, -2, -2, -1, -1)
+GLASS = 1.52
+# The second derivatives of the index in the axes of a pose's measurement.
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+CURVATURES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @dataclass(frozen=True)
@@ -219,3 +222,23 @@ def _add_distances(
 def _flat(freedoms: Array) -> Array:
     """Return freedoms (n, k, d) by their coordinates (n k, d), also where there are none."""
     return freedoms.reshape(freedoms.shape[0] * freedoms.shape[1], freedoms.shape[2])
+
+
+def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
+    """Return how far points (N, 3) in m, seen from centres (N, 3), seem to move (N, 3, 6) per second derivative of the
+    index, 1/m^2, in the order of CURVATURES; origin (3,): where its gradient is none."""
+    away = centres - points
+    length = np.linalg.norm(away, axis=-1, keepdims=True)
+    moment = (points - origin) * length**2 / 2 + away * length**2 / 3
+    found = np.zeros((*points.shape, len(PLACES)))
+    for number, (i, j) in enumerate(PLACES):
+        found[:, i, number] -= moment[:, j]
+        if i != j:
+            found[:, j, number] -= moment[:, i]
+    return found
+
+
+def by_thickness(seen: Array) -> Array:
+    """Return how far points (N, 3) in a camera's axes seem to move along its axis (N,) per thickness of a pane."""
+    cosine = seen[:, 2] / np.linalg.norm(seen, axis=-1)
+    return np.asarray(cosine / np.sqrt(GLASS**2 - 1 + cosine**2) - 1)

@@ -14,7 +14,6 @@ import numpy as np
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.held_elements import relaxed
 from truing.estimation.bundle.intersection import Mask
 from truing.estimation.bundle.network import Index, Network, State
 from truing.estimation.bundle.ray_tests import RayTests, p_values, passing_share, ray_tests
@@ -26,6 +25,8 @@ _MOST_ROUNDS = 60
 _SETTLED = 1e-3  # relative change of the variance components
 _RETURNS = 2  # times that a ray may come back
 _LOOSE = 0.1  # of its length: a distance that gives a scale and contradicts none
+# In this order: what lenses have least of first, the principal distance last.
+RELEASE_ORDER = ("A3", "C2", "C1", "B2", "B1", "A2", "A1", "y0", "x0", "c")
 
 
 @dataclass(frozen=True)
@@ -177,3 +178,28 @@ def _worst_failures(network: Network, used: Mask, tests: RayTests, alpha: float)
         many = np.maximum(np.bincount(index[used], minlength=len(most)), 1)
         fails &= (np.minimum(part / many, 1.0) ** 2 * most)[index] <= T
     return fails
+
+
+def relaxed(
+    network: Network, possible: Mask, error: UndeterminedNetworkError
+) -> tuple[Network, Mask, tuple[tuple[str, str], ...]]:
+    """Return the network with one element held of those that it does not determine, the rays (N,) that can take part
+    without images and points in free directions of their own, and what is held now: (camera, element) or nothing.
+
+    Raises the error again where neither helps.
+    """
+    open_ = [(camera, name) for name in RELEASE_ORDER for camera, known in error.elements if known == name]
+    if open_:
+        return _holding(network, *open_[0]), possible, (open_[0],)
+    loose = np.isin(network.rays.image, error.images) | np.isin(network.rays.point, error.points)
+    if not (possible & loose).any():
+        raise error
+    return network, possible & ~loose, ()
+
+
+def _holding(network: Network, camera: str, element: str) -> Network:
+    cameras = tuple(
+        replace(one, free=tuple(name for name in one.free if name != element)) if one.name == camera else one
+        for one in network.cameras
+    )
+    return replace(network, cameras=cameras)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from truing.estimation.errors_in_variables.descent import Prior
 from truing.estimation.errors_in_variables.fit import fit_errors_in_variables
 from truing.estimation.least_squares.solver import SolverStatus
-from truing.estimation.sensor.both_errors import TermEquations
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel
 from truing.estimation.sensor.determined import (
     UndeterminedCalibrationError,
@@ -19,7 +18,6 @@ from truing.estimation.sensor.determined import (
     check_loads,
     check_signals,
 )
-from truing.estimation.sensor.linear_fit import LinearFit, least_squares_fit, weighted_fit
 from truing.estimation.sensor.load_table import LoadTable
 from truing.estimation.sensor.terms import Terms
 
@@ -187,3 +185,116 @@ def _both(problem: _Problem) -> Calibration:
     dof = float(rows * width - len(fit.values))
     noise = residuals.T @ residuals / max(dof / width, 1.0)
     return _result(problem, LinearFit(matrix, fit.covariance, noise, fit.cost, dof), fit.status)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Equations (N, W) with their derivatives by deviations (N, W, W + C) and by values (N, W, W Q)."""
+
+    value: NDArray
+    by_deviation: NDArray
+    by_values: NDArray
+
+
+@dataclass(frozen=True)
+class TermEquations:
+    """``0 = y + d_y - B [terms(x + d_x, z), zero]`` in every row; values are B (W, Q) row by row.
+
+    response y (N, W), inputs x (N, C), covariates z (N, K), zeros (N, G): columns of the zeros.
+    """
+
+    terms: Terms
+    response: NDArray
+    inputs: NDArray
+    covariates: NDArray
+    zeros: NDArray
+
+    def constrain(self, values: NDArray, deviation: NDArray) -> Equations:
+        """Return the equations at values (W Q,) and deviations (N, W + C), those of the response first."""
+        rows, width = self.response.shape
+        matrix = values.reshape(width, -1)
+        x = self.inputs + deviation[:, width:]
+        columns = np.concatenate([self.terms.at(x, self.covariates), self.zeros], axis=1)
+        slope = matrix[:, : columns.shape[1] - self.zeros.shape[1]] @ self.terms.by_inputs(x, self.covariates)
+        own = np.broadcast_to(np.eye(width), (rows, width, width))
+        by_values = -own[..., None] * columns[:, None, None]
+        return Equations(
+            self.response + deviation[:, :width] - columns @ matrix.T,
+            np.concatenate([own, -slope], axis=2),
+            by_values.reshape(rows, width, -1),
+        )
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """B (W, Q), covariance (W Q, W Q), noise (W, W) of one row as estimated, chi_square under the noise that was
+    declared (of freedom dof; both of the residuals alone where none was)."""
+
+    matrix: NDArray
+    covariance: NDArray
+    noise: NDArray
+    chi_square: float
+    dof: float
+
+
+def least_squares_fit(columns: NDArray, response: NDArray) -> LinearFit:
+    """Return the fit with equal weights, ``B = Y^T X (X^T X)^-1``, the noise being that of the residuals.
+
+    Solved by QR of the columns, scaled to unit length, and never by that inverse. There have to be more rows than
+    columns.
+    """
+    spare = columns.shape[0] - columns.shape[1]
+    inverse, root = _scaled_inverse(columns)
+    matrix = (root @ response).T
+    residual = response - columns @ matrix.T
+    noise = residual.T @ residual / spare
+    return LinearFit(matrix, np.kron(noise, inverse), noise, float(np.trace(residual.T @ residual)), float(spare))
+
+
+def _scaled_inverse(columns: NDArray) -> tuple[NDArray, NDArray]:
+    """Return (X^T X)^-1 (Q, Q) and its product with X^T (Q, N)."""
+    scale = np.linalg.norm(columns, axis=0)
+    Q, R = np.linalg.qr(columns / scale)
+    back = np.linalg.inv(R) / scale[:, None]
+    return back @ back.T, back @ Q.T
+
+
+def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior | None = None) -> LinearFit:
+    """Return the fit under covariances cov (N, W, W) or (W, W) of the responses, and a prior of the coefficients.
+
+    The covariance is that of declared noise; ``noise`` is estimated from the residuals.
+    """
+    rows, width = response.shape
+    if prior is None and cov.ndim == 2:
+        return _alike(columns, response, cov)
+    factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (rows, width, width))))
+    whole = np.einsum("nwi,nq->nwiq", factor, columns).reshape(rows * width, -1)
+    target = np.einsum("nwi,ni->nw", factor, response).ravel()
+    if prior is not None:
+        root = _root(prior.information)
+        whole, target = np.concatenate([whole, root]), np.concatenate([target, root @ prior.mean])
+    covariance, solve = _scaled_inverse(whole)
+    values = solve @ target
+    matrix = values.reshape(width, -1)
+    residual = response - columns @ matrix.T
+    squares = float(np.sum((target - whole @ values) ** 2))
+    dof = float(len(target) - len(values))
+    return LinearFit(matrix, covariance, residual.T @ residual / max(dof / width, 1.0), squares, dof)
+
+
+def _alike(columns: NDArray, response: NDArray, cov: NDArray) -> LinearFit:
+    """Return the weighted fit where all rows have one covariance: that of least squares, as weights drop out of it."""
+    inverse, root = _scaled_inverse(columns)
+    matrix = (root @ response).T
+    residual = response - columns @ matrix.T
+    squares = float(np.sum(np.linalg.solve(cov, residual.T) * residual.T))
+    spare = float(len(columns) - columns.shape[1])
+    noise = residual.T @ residual / max(spare, 1.0)
+    return LinearFit(matrix, np.kron(cov, inverse), noise, squares, spare * response.shape[1])
+
+
+def _root(information: NDArray) -> NDArray:
+    """Return rows (r, P) whose squares add up to an information (P, P) that may be singular."""
+    strength, axes = np.linalg.eigh(information)
+    kept = strength > 1e-14 * max(strength[-1], 0.0)
+    return np.sqrt(strength[kept])[:, None] * axes[:, kept].T
