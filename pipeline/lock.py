@@ -1,4 +1,7 @@
-"""One run per folder: an operating-system lock, which a dead process cannot hold."""
+"""One run per folder: an operating-system lock, which a dead process cannot hold.
+
+The lock file names its holder. filelock locks the first byte of the file, which hides that name from others on Windows.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Pieces of work in several processes of this machine, each of which may vanish without taking the rest along."""
+"""Pieces of work in several processes of this machine, each of which may vanish without taking the rest along.
+
+Dask would do it too, but a cluster on this machine takes eight times as long to start (3.3 s, not 0.4 s). Pools of loky
+and joblib break as a whole when one worker vanishes, as that of the standard library does.
+"""
 
 from __future__ import annotations
 

@@ -67,7 +67,10 @@ def separator_of(entry: FileMapping, block: bytes) -> str:
 
 
 def guess_separator(lines: list[str], quote: str) -> str:
-    """The separator of some lines; a comma where there is but one column."""
+    """The separator of some lines; a comma where there is but one column.
+
+    With csv.Sniffer or clevercsv in its place, exports of AICON and of trackers are read wrongly (tests/formats).
+    """
     for separator in (*_SEPARATORS, "whitespace"):
         cut = [split_record(line.encode(), separator, quote) for line in lines]
         counts = [len(fields) for fields in cut]
