@@ -83,6 +83,19 @@ DIAGNOSIS = (
         "what each source gives to the uncertainty of every number of the causes that were found",
         ("cause", "subject", "parameter", "input_source", "evaluation", "contribution", "degrees_of_freedom", "unit"),
     ),
+    parquet(
+        "diagnosis_left_out",
+        "points and readings that the diagnosis took out as gross errors: their residuals over their noise; limit: "
+        "that of a target of ordinary spread, one that scatters more has a larger one",
+        ("subject", "reason", "value", "limit", "unit"),
+        optional=("pose", "run", "step"),
+    ),
+    parquet(
+        "calibration_left_out",
+        "poses, and poses of single legs, that the calibration took out because they disagree with all others",
+        ("pose", "subject", "reason", "value", "limit", "unit"),
+        key=("pose", "subject"),
+    ),
     Artifact("start", "start.toml", "the model of an earlier campaign that this one starts from"),
     parquet(
         "changes",

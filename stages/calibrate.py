@@ -62,6 +62,7 @@ DECLARATION = Stage(
         "repeats?",
         "lack_of_fit?",
         "pose_repeatability?",
+        "calibration_left_out?",
     ),
     settings=(
         "campaign.kind",

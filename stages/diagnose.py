@@ -50,6 +50,7 @@ DECLARATION = Stage(
         "next_loads?",
         "changes?",
         "cause_uncertainty?",
+        "diagnosis_left_out?",
     ),
     settings=(
         "campaign.name",
@@ -170,7 +171,7 @@ def _diagnose(gathered: Gathered, rays: RayFindings | None, settings: Campaign, 
     diagnosis = decided(gathered, settings, progress)
     progress(0, 1, "what could have stayed hidden, and what to measure next")
     artifacts = artifacts_of(diagnosis, gathered, rule, settings)
-    read, left_out = _read(gathered), _left_out(gathered, diagnosis.gross)
+    read, left_out = _read(gathered), _left_out(gathered, len(diagnosis.screened))
     if rays is not None:
         artifacts = with_rays(artifacts, rays, rule_of(settings))
         read = f"{read}; rays of {len(rays.gathered.calibration.conditions.poses)} poses"

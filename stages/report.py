@@ -26,6 +26,7 @@ DECLARATION = Stage(
         "scans?",
         "exclusions?",
         "exclusion_effects?",
+        *("diagnosis_left_out?", "calibration_left_out?"),
         "relabelled?",
         "resurveys?",
         "likely_names?",

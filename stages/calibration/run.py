@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from schemas.artifacts import ARTIFACTS
 from stages.calibration.accuracy import PoseErrors, accuracy_rows, misfit, nominal_errors, pose_errors
 from stages.calibration.choice import (
     Judged,
@@ -91,11 +92,19 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
         _add_extended(rows, extended, asked, gathered, fitted)
     open_questions = (*clean.left_out, *both.failed, _undeformed(gathered), _open(best))
     return Outcome(
-        {name: found.table(identifier) for name, found in rows.items()},
+        {name: found.table(identifier) for name, found in rows.items()} | _left_out(clean, identifier),
         read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, (gathered.left_out, *open_questions))) or "nothing",
         figure=_figure(best, len(both.likely), measured.roles),
     )
+
+
+def _left_out(clean: Screened, identifier: str) -> dict[str, Any]:
+    """The artifact ``calibration_left_out``; empty where nothing was."""
+    import pyarrow as pa
+
+    schema = ARTIFACTS["calibration_left_out"].arrow_schema(identifier)
+    return {"calibration_left_out": pa.Table.from_pylist(list(clean.rows), schema=schema)} if clean.rows else {}
 
 
 def screened_poses(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:

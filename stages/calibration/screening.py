@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,21 @@ _MOST_BAD_POSES = 0.1
 # A leg's joints are where they always are in its survey frame, but for so many robust standard deviations.
 _OFF = 8.0
 _LEAST_SCATTER_M = 1e-7
+_DISAGREES = "the pose disagrees with all others: its weight in a robust fit is 0"
+_ELSEWHERE = "targets of the leg put its joints elsewhere than in the other poses"
 
 
 @dataclass(frozen=True)
 class Screened:
-    """Poses to be fitted, without the poses of single legs that are wrong; kept (B,): which of them agree."""
+    """Poses to be fitted, without the poses of single legs that are wrong; kept (B,): which of them agree.
+
+    rows: what was left out, as ``calibration_left_out`` has it.
+    """
 
     measured: Measured
     kept: NDArray
     left_out: tuple[str, ...]
+    rows: tuple[dict[str, Any], ...] = ()
 
 
 def screened(gathered: Gathered, fitted: Measured, case: Case) -> Screened:
@@ -44,32 +51,42 @@ def screened(gathered: Gathered, fitted: Measured, case: Case) -> Screened:
     kept = kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept)
     bad = [str(pose) for pose, agrees in zip(fitted.poses, kept, strict=True) if not agrees]
     said = [f"poses that disagree with all others: {', '.join(bad)}"] if bad else []
-    said += [f"legs whose targets put them elsewhere: {listed(legs)}"] if legs else []
-    return Screened(measured, kept, tuple(said))
+    said += [f"legs whose targets put them elsewhere: {listed(list(legs))}"] if legs else []
+    rows = [_row(pose, "platform", _DISAGREES, None, None) for pose in np.array(fitted.poses, object)[~kept]]
+    return Screened(measured, kept, tuple(said), (*rows, *legs.values()))
 
 
-def _without_bad_legs(problem: CalibrationProblem, values: NDArray, measured: Measured) -> tuple[Measured, list[str]]:
+def _row(pose: int | str, subject: str, reason: str, value: float | None, limit: float | None) -> dict[str, Any]:
+    return {"pose": pose, "subject": subject, "reason": reason, "value": value, "limit": limit, "unit": "sigma"}
+
+
+def _without_bad_legs(
+    problem: CalibrationProblem, values: NDArray, measured: Measured
+) -> tuple[Measured, dict[str, Any]]:
     """Return the poses without those of single legs whose joints are not where they always are on the leg."""
     machine = problem.machine(values)
     if not machine.legs.closure.one_body:
-        return measured, []
+        return measured, {}
     rho = problem.readings(machine)
     upper = upper_joints(machine.legs, problem.p, problem.R, machine.delta_bz(rho))
     joints = (machine.legs.closure.lower(machine.legs, rho), upper)
-    good, named = dict(measured.legs), []
+    good, named = dict(measured.legs), {}
     for leg, found in measured.legs.items():
-        off = _off(found, *(joint[:, leg] for joint in joints))
+        away = _away(found, *(joint[:, leg] for joint in joints))
+        off = away > _OFF
         good[leg] = replace(found, p=np.where(off[:, None], np.nan, found.p))
-        named += [f"leg{leg + 1} in pose {measured.poses[n]}" for n in np.flatnonzero(off)]
+        for n in np.flatnonzero(off):
+            pose, name = measured.poses[n], f"leg{leg + 1}"
+            named[f"{name} in pose {pose}"] = _row(pose, name, _ELSEWHERE, float(away[n]), _OFF)
     return replace(measured, legs=good), named
 
 
-def _off(found: BodyPoses, lower: NDArray, upper: NDArray) -> NDArray:
-    """Return in which poses (B,) the joints (B, 3) lie far from their usual places in the leg's survey frame."""
+def _away(found: BodyPoses, lower: NDArray, upper: NDArray) -> NDArray:
+    """Return by how many robust standard deviations (B,) the joints (B, 3) lie off their usual places on the leg."""
     places = [np.einsum("bji,bj->bi", found.R, joint - found.p) for joint in (lower, upper)]
     own = np.where(found.found[:, None], np.concatenate(places, -1), np.nan)
     if found.found.sum() < 3:
-        return np.zeros(len(own), bool)
+        return np.zeros(len(own))
     away = np.abs(own - np.nanmedian(own, 0))
     scatter = np.maximum(1.4826 * np.nanmedian(away, 0), _LEAST_SCATTER_M)
-    return np.asarray(np.any(np.nan_to_num(away) > _OFF * scatter, -1))
+    return np.asarray(np.max(np.nan_to_num(away) / scatter, -1))

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, settings: Campaign) -> dict[str, Any]:
     """Tables and text by artifact."""
     from stages.diagnosis.detectable_rows import detectable_table, detectable_words
+    from stages.diagnosis.left_out_rows import left_out_table
     from stages.diagnosis.rows import Words, diagnosis_table
     from stages.diagnosis.uncertainty_rows import uncertainty_table
 
@@ -27,6 +28,7 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     causes = [verdict.cause for verdict in diagnosis.verdicts]
     found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
     found["cause_uncertainty"] = uncertainty_table(diagnosis, legs)
+    found |= left_out_table(diagnosis, gathered)
     sentences: dict[str, str] = {}
     if gathered.shown is not None:
         found |= of_readings(diagnosis, gathered.shown, settings) | _changes(diagnosis)

@@ -66,7 +66,7 @@ class RayFindings:
     @property
     def left_out(self) -> str:
         """What was left out of the rays' statements, in words."""
-        gross = self.diagnosis.gross
+        gross = len(self.diagnosis.screened)
         return f"{gross} statements of rays as gross errors" if gross else ""
 
 

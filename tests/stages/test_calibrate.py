@@ -227,6 +227,9 @@ def moved(tables: dict[str, pa.Table], pose: int, by_mm: float) -> dict[str, pa.
 def test_a_bad_pose_is_left_out_and_named(line, plain):
     found, said = calibrated(moved(line, 7, 0.3), read_campaign(rigid()))
     assert "poses that disagree with all others: 7" in said.left_out
+    out = said.artifacts["calibration_left_out"].to_pylist()
+    assert [row["subject"] for row in out] == ["platform", *(f"leg{leg}" for leg in range(1, 7))]
+    assert {row["pose"] for row in out} == {7}
     before, after = (of(frames["calibration"], "6-pus", "matrix") for frames in (plain, found))
     shift = (after["identified"].to_numpy() - before["identified"].to_numpy()) / before["sigma"].to_numpy()
     assert np.abs(shift).max() < 1.0  # one pose of 41 fewer, no more
@@ -238,6 +241,9 @@ def test_a_leg_whose_targets_put_it_elsewhere_is_left_out_alone(line, plain):
     wrong = pa.Table.from_pandas(frame, line["poses"].schema, preserve_index=False)
     found, said = calibrated({**line, "poses": wrong}, read_campaign(rigid()))
     assert said.left_out == "legs whose targets put them elsewhere: leg3 in pose 12"
+    (row,) = said.artifacts["calibration_left_out"].to_pylist()
+    assert (row["pose"], row["subject"], row["unit"]) == (12, "leg3", "sigma")
+    assert row["value"] > row["limit"]
     before, after = (of(frames["calibration"], "6-pus", "matrix") for frames in (plain, found))
     shift = (after["identified"].to_numpy() - before["identified"].to_numpy()) / before["sigma"].to_numpy()
     assert np.abs(shift).max() < 1.0  # one leg of 41 poses fewer, no more

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,7 @@ def excluded(tables: Tables) -> Section:
             _readings(tables),
             _no_part(tables),
             _attachments(tables),
+            _of_models(tables),
             _scans(tables),
         )
         if listing is not None
@@ -50,9 +51,10 @@ def _lead(tables: Tables) -> str:
             words.append(f"{count(number, noun)} of {len(table):,} ({by_person:,} by a person)")
     if not words:
         return "All of it:"
-    # what the fits of diagnosis and calibration leave out is in no table of the run
-    besides = "Diagnosis and calibration may leave out further gross errors; the lines of their stages count them."
-    return f"Left out of files and poses: {' and '.join(words)}, each with its reason. {besides}"
+    names = ("diagnosis_left_out", "calibration_left_out")
+    further = sum(len(table) for name in names if (table := filled(tables, name)) is not None)
+    besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
+    return f"Left out of files and poses: {' and '.join(words)}, each with its reason.{besides}"
 
 
 def _by_person(table: pd.DataFrame) -> pd.Series:
@@ -203,6 +205,30 @@ def _scans(tables: Tables) -> Listing | None:
     rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out.itertuples())
     caption = f"{count(len(rows), 'dense scan')} that gave no pose"
     return Listing(("pose", "body", "status", "why"), rows, (), caption, len(rows) > _OPEN, "scans.parquet")
+
+
+def _of_models(tables: Tables) -> Listing | None:
+    """What diagnosis and calibration took out beyond that, one by one."""
+    rows: list[tuple[str, ...]] = []
+    for stage in ("diagnosis", "calibration"):
+        left_out = filled(tables, f"{stage}_left_out")
+        if left_out is None:
+            continue
+        rows += [
+            (stage, r.subject, _where(r), cell(r.reason), quantity(r.value, r.unit), quantity(r.limit, r.unit))
+            for r in left_out.itertuples()
+        ]
+    if not rows:
+        return None
+    heads = ("stage", "subject", "where", "reason", "value", "limit")
+    caption = f"{count(len(rows), 'further gross error')} that diagnosis and calibration left out, confirmed by nobody"
+    held_by = "diagnosis_left_out.parquet, calibration_left_out.parquet"
+    return Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, held_by)
+
+
+def _where(r: Any) -> str:
+    """The pose, or the run and step."""
+    return f"pose {r.pose}" if hasattr(r, "pose") else f"run {r.run}, step {r.step}"
 
 
 def _attachments(tables: Tables) -> Listing | None:

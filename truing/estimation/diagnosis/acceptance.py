@@ -18,7 +18,7 @@ from truing.estimation.diagnosis.both_sides import both_sides
 from truing.estimation.diagnosis.candidate_round import Round, score_round
 from truing.estimation.diagnosis.candidate_search import Candidate, Search
 from truing.estimation.diagnosis.choice import Choice, choose, confirmed, is_real
-from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, Stand
+from truing.estimation.diagnosis.fitted_model import CausalModel, Fitter, Poses, ScreenedPoint, Stand
 from truing.estimation.diagnosis.noise_following import NoiseFollowing
 from truing.estimation.diagnosis.noise_level import NoiseLevel, noise_level
 from truing.estimation.diagnosis.prediction_error import predicts_worse
@@ -72,7 +72,7 @@ class Diagnosis:
     final: Stand
     rounds: tuple[Round, ...] = field(repr=False)
     search: Search = field(repr=False)  # the last one, in which nothing was left to be found
-    gross: int  # points taken out as gross errors
+    screened: tuple[ScreenedPoint, ...]  # points taken out as gross errors
     noise: NoiseLevel  # what the final model leaves, over what was declared
     noisy: tuple[tuple[int, NoiseLevel], ...]  # single targets with noise of their own that is larger than declared
     following: tuple[NoiseFollowing, ...]  # what the noise follows; points were weighted accordingly
@@ -144,7 +144,7 @@ class Acceptance:
             final,
             tuple(searched.rounds),
             searched.search,
-            fitter.gross,
+            tuple(fitter.screened),
             noise_level(final.fit.whitened, final.measured, fitter.declared_points),
             tuple(self._noisy_targets(final)),
             tuple(following),

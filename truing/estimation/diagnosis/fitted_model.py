@@ -212,6 +212,16 @@ class Stand:
         )
 
 
+@dataclass(frozen=True)
+class ScreenedPoint:
+    """A point or reading taken out as a gross error: row and target in its ``Poses``, and its whitened residual."""
+
+    row: int
+    target: int
+    held_out: bool
+    length: float  # in units of the noise as it was known then
+
+
 class Fitter:
     """Fits a campaign's model with any causes; knows the noise and the gross errors found so far."""
 
@@ -228,7 +238,7 @@ class Fitter:
         self._declared, self.declared_points = model, calibration.measured.covariance
         self._ratios = 1.0, 1.0
         self._seed, self._progress = seed, progress
-        self.gross = 0  # points taken out as gross errors
+        self.screened: list[ScreenedPoint] = []  # points taken out as gross errors
 
     def prepared(self, causes: tuple[Any, ...] = (), start: Stand | None = None) -> Stand:
         """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
@@ -299,16 +309,16 @@ class Fitter:
         wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, stand.model.zeros)
         wrong = self.calibration.judged(wrong)
         self.calibration = self.calibration.without(wrong)
-        count = int(wrong.sum())
+        found = _screened(wrong, rows.reshape(*seen.shape, -1), held_out=False)
         if self.held_out is not None and stand.held_out is not None:
             unseen = gross_errors(
                 stand.held_out.whitened, self.held_out.measured.seen, zeros=stand.held_out.model.zeros
             )
             unseen = self.held_out.judged(unseen)
             self.held_out = self.held_out.without(unseen)
-            count += int(unseen.sum())
-        self.gross += count
-        return count > 0
+            found += _screened(unseen, stand.held_out.whitened, held_out=True)
+        self.screened += found
+        return bool(found)
 
     def learn_noise(self, stand: Stand) -> bool:
         """Take over the noise that a fit shows, and what its legs have in common; return whether either is another
@@ -362,3 +372,9 @@ class Fitter:
 def _height(measured: MeasuredPoints) -> int:
     """Return how many rows the points of a pose are."""
     return measured.seen.shape[1] * measured.size
+
+
+def _screened(wrong: NDArray, rest: NDArray, *, held_out: bool) -> list[ScreenedPoint]:
+    """Return the points wrong (B, K) with the lengths of their whitened residuals (B, K, d)."""
+    length = np.sqrt(np.sum(rest**2, -1))
+    return [ScreenedPoint(int(b), int(k), held_out, float(length[b, k])) for b, k in np.argwhere(wrong)]

@@ -37,6 +37,13 @@ def gross_errors(
     return far & alone_in_time(np.where(known[..., None], values, np.nan), order, far, 0.0)
 
 
+def least_gross(size: int) -> float:
+    """Return the length of a whitened residual (d coordinates) from which on a point of ordinary spread is gross."""
+    from scipy.special import chdtri
+
+    return float(np.sqrt(chdtri(size, _BY_CHANCE)))
+
+
 def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray | None, zeros: NDArray) -> NDArray:
     """Return the gross errors (B, K) where every run's readings of a channel stand for a target."""
     step, channel = np.nonzero(seen & (zeros >= 0))
@@ -60,9 +67,15 @@ def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray |
 
 
 def _far(rest: NDArray, seen: NDArray) -> NDArray:
+    length, limit = lengths(rest, seen)
+    return np.asarray(np.nan_to_num(length) > limit)
+
+
+def lengths(rest: NDArray, seen: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and the limits (K,) on them."""
     length = np.where(seen, np.sqrt(np.sum(rest**2, -1)), np.nan)
     if not seen.any():
-        return np.zeros(seen.shape, bool)
+        return length, np.full(seen.shape[1], np.inf)
     from scipy.special import chdtri
 
     size = rest.shape[-1]
@@ -70,4 +83,4 @@ def _far(rest: NDArray, seen: NDArray) -> NDArray:
     common = np.nanmedian(length)
     own = np.array([np.nanmedian(column) if np.isfinite(column).any() else common for column in length.T])
     spread = np.where(seen.sum(0) >= _ENOUGH, own, np.maximum(own, common)) / middle
-    return np.asarray(np.nan_to_num(length) > gross * np.maximum(spread, 1.0))
+    return length, gross * np.maximum(spread, 1.0)
