@@ -210,4 +210,14 @@ def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     failed = failed_relations(tables)
     doubted = {row["relation"] for row in relations if row["state"] == "attention"}
     apart = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
-    return apart, tuple(row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn")
+    doubtful = [row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn"]
+    far = {row["subject"]: row["message"] for row in checks if row["check"] == "noise" and _is_far(row["value"])}
+    axes = {f"{subject} {axis}" for subject in far for axis in "xyz"}
+    return apart, (*doubtful, *(message for subject, message in far.items() if subject not in axes))
+
+
+def _is_far(ratio: float | None) -> bool:
+    """Whether a scatter is so far from the declared noise that only another unit explains it."""
+    from stages.quality.unit_slips import FAR
+
+    return ratio is not None and not 1.0 / FAR <= ratio <= FAR

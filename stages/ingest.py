@@ -14,6 +14,7 @@ from schemas.faults import Fault
 from schemas.near_names import meant
 from stages.declaration import Outcome, Progress, Stage
 from truing.formats.source import TABLES, CampaignFiles
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -311,7 +312,7 @@ def _exclusions(left_out: Mapping[tuple[str, str], int], by_geometry: Container[
 
 def _read_words(points: Points) -> str:
     files = f"{len(points.files)} files" if len(points.files) != 1 else next(iter(points.files))
-    return f"{points.rows:,} points of {points.poses:,} poses from {files}"
+    return f"{counted(points.rows, 'point')} of {counted(points.poses, 'pose')} from {files}"
 
 
 def _left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:

@@ -84,6 +84,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from stages.quality.of_photographs import photograph_checks
     from stages.quality.of_surveys import later_surveys
     from stages.quality.scale_contradiction import scale_contradiction, without_consequences
+    from truing.report.numbers import count
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(body_views(tables, around), settings)
@@ -107,7 +108,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     statistics = tables.get("bundle_statistics")
     if statistics is not None and scale_contradiction(Figures(statistics)) is not None:
         found = without_consequences(found)
-    read = f"{observations.num_rows} points of {len(bodies)} bodies in {len(around.poses)} poses"
+    read = (
+        f"{count(observations.num_rows, 'point')} of {count(len(bodies), 'body')} in {count(len(around.poses), 'pose')}"
+    )
     outcome = _judged(found, read, settings, progress, relations)
     suggested = {"likely_names": likely_table(likely)} if likely else {}
     return replace(outcome, artifacts={**outcome.artifacts, **suggested})
@@ -124,9 +127,13 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     from stages.quality.loading_checks import loading_checks
     from stages.quality.loading_view import loading_view
     from stages.quality.of_belonging import belonging_checks, without_contradiction
+    from truing.report.numbers import count
 
     view = loading_view(tables, settings)
-    read = f"{len(view.steps.run)} load steps in {len(view.steps.runs)} runs" + f"; {approaches}" * bool(approaches)
+    read = (
+        f"{count(len(view.steps.run), 'load step')} in {count(len(view.steps.runs), 'run')}"
+        + f"; {approaches}" * bool(approaches)
+    )
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     checks = loading_checks(view, settings, limits)
     if "reading_corrections" in tables:

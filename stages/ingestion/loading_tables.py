@@ -24,6 +24,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles
+from truing.report.numbers import count
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -82,10 +83,10 @@ class LoadingTables:
         """What was read, in words."""
         parts = []
         if self.readings is not None:
-            parts.append(f"{len(self.readings.table):,} readings of {_channels(self.readings.table)}")
+            parts.append(f"{count(len(self.readings.table), 'reading')} of {_channels(self.readings.table)}")
         if self.signals is not None:
             names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
-            parts.append(f"{len(names)} signals of {len(self.signals.table):,} load steps")
+            parts.append(f"{count(len(names), 'signal')} of {count(len(self.signals.table), 'load step')}")
         if self.positions is not None:
             parts.append(f"{len(self.positions.table):,} approaches of an axis to its targets")
         return " and ".join(parts)
@@ -96,7 +97,7 @@ class LoadingTables:
         every = (self.readings, self.signals, self.positions)
         tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}
-        said = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
+        said = count(len(runs), "run")
         if done := [row for row in self.corrections if row["largest"] is not None]:
             words = (f"{row['subject']} for {row['correction']} by {row['largest']:.2g} {row['unit']}" for row in done)
             said += f"; corrected at most: {', '.join(words)}"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
+from stages.quality.unit_slips import unit_slip
 from truing.estimation.quality import (
     Scatter,
     unexplained_scatter,
@@ -38,7 +40,11 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
         why = "a single pose without a survey leaves no residual"
         yield without(f"noise of {body.name}", "noise", body.name, why)
         return
-    yield _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
+    declared = 1e3 * float(np.median(body.measured_sigma[good]))
+    first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
+    slip = unit_slip(float(whole.ratio[0]), declared, "mm")
+    is_warned = slip and first.verdict == PASS
+    yield replace(first, message=first.message + slip, verdict=WARN if is_warned else first.verdict)
     for k, axis in enumerate("xyz"):
         one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
         yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)

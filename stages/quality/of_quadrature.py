@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
+from truing.report.numbers import percent
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -22,10 +23,12 @@ def quadrature_checks(channels: pa.Table, limits: CampaignLimits) -> Iterator[Ch
 def _round(row: dict[str, Any], limits: CampaignLimits) -> Check:
     share, uncut = row["radius_after"] / row["radius_mean"], row["radius_uncut"] / row["radius_mean"]
     name = row["channel"]
-    said = f"{name}: corrected by its ellipse, the radius of the raw signals scatters by {100.0 * share:.2g} % of it."
+    said = (
+        f"{name}: corrected by its ellipse, the radius of the raw signals scatters by {percent(100.0 * share)} of it."
+    )
     if row["cut_share"] > 0.0:
-        said += f" {100.0 * row['cut_share']:.2g} % of the samples stand at an end of the converter's range;"
-        said += f" the others scatter by {100.0 * uncut:.2g} % about an ellipse of their own."
+        said += f" {percent(100.0 * row['cut_share'])} of the samples stand at an end of the converter's range;"
+        said += f" the others scatter by {percent(100.0 * uncut)} about an ellipse of their own."
     return limits.of("signals-round").row(f"channel {name}", share, "1", said)
 
 

@@ -12,6 +12,7 @@ from scipy.special import ndtri
 from stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
+from stages.quality.unit_slips import unit_slip
 from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure, units_mistaken
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
@@ -200,6 +201,7 @@ def noise(channel: ChannelView, share: float) -> Check:
     said = (
         f"{channel.name}: the scatter is {ratio:.2f} times the declared noise ({channel.fit.dof} degrees of freedom)."
     )
+    said += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
     verdict = FAIL if unusable else WARN if noted else PASS
     return Check("noise", name, ratio, _TOLERATED, "1", verdict, said)
 

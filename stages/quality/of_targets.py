@@ -17,6 +17,7 @@ from truing.estimation.quality import (
     isolated,
     successive_sigma,
 )
+from truing.report.numbers import count
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ def completeness(body: BodyView, due: NDArray[np.bool_], limits: CampaignLimits)
         "1",
         f"{body.name}: every pose can be determined."
         if not lost
-        else f"{body.name}: {len(lost)} poses have too few usable targets ({listed(lost)}).",
+        else f"{body.name}: {count(len(lost), 'pose')} with too few usable targets ({listed(lost)}).",
     )
 
 

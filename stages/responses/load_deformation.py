@@ -27,6 +27,7 @@ from truing.estimation.interferometry.compliance import (
 from truing.estimation.interferometry.load_run import BranchGap, branch_gap
 from truing.estimation.response import ResponseFit, fit_response
 from truing.estimation.response_structure import gain_p_value, holm_significant, symmetry
+from truing.report.numbers import count
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -75,7 +76,7 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outc
         "deformation_errors": _error_rows(loaded, found, simulated, against).table(),
         "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
-    read = f"{int(np.isfinite(loaded.reading).sum())} readings of {len(loaded.steps.runs)} runs"
+    read = f"{int(np.isfinite(loaded.reading).sum())} readings of {count(len(loaded.steps.runs), 'run')}"
     return Outcome(artifacts, read, _left_out(tables, loaded), _figure(loaded, found, against))
 
 

@@ -23,6 +23,7 @@ from truing.estimation.interferometry.platform_displacement import (
     zero_columns,
 )
 from truing.estimation.interferometry.run_curves import RunCurves, run_curves
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -77,7 +78,7 @@ def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: 
     if out.readings.any():
         tables["exclusion_effects"] = _exclusion_rows(found, whole, geometry, settings).table()
     count = int(np.isfinite(steps.reading).sum())
-    read = f"{count} readings of {len(steps.runs)} runs in {len(found.value)} load cases"
+    read = f"{count} readings of {counted(len(steps.runs), 'run')} in {counted(len(found.value), 'load case')}"
     left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
     return Outcome(tables, read=read, left_out=left_out, figure=_figure(found))
 

@@ -19,6 +19,7 @@ from stages.sensor_calibration.recorded import Recorded, recorded
 from stages.sensor_calibration.theory import theory
 from truing.estimation.sensor.error_classes import AxisSeries, ErrorClass, creep, error_classes
 from truing.estimation.sensor.held_out_loads import HeldOut, predicted_loads
+from truing.report.numbers import percent
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -96,7 +97,7 @@ def _figure(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
     worst = int(np.nanargmax(held))
     return (
         f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out}: "
-        f"at most {held[worst]:.2g} % of the range rms ({LOADS[worst]})"
+        f"at most {percent(held[worst])} of the range rms ({LOADS[worst]})"
     )
 
 

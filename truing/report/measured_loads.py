@@ -34,7 +34,8 @@ _SURROUNDINGS = {
     "relative_humidity_pct": ("relative humidity", "%"),
     "material_temperature_c": ("temperature of the material", "°C"),
 }
-_NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma"}
+_RAW = ("phase_deg", "radius", "signal_x", "signal_y")  # what an interferometer's readings were made of
+_NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
 _COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 

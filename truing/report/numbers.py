@@ -111,6 +111,13 @@ def p_value(p: float | None) -> str:
     return "< 1e-6" if p < 1e-6 else f"{p:.2g}"
 
 
+def percent(value: float) -> str:
+    """``0.19 %``, ``110 %``: two significant digits of a percentage, never a power of ten."""
+    if abs(value) >= 99.5:
+        return f"{value:.0f} %"
+    return f"{value:.2g} %" if value == 0.0 or abs(value) >= 1e-4 else f"{value:.6f} %"
+
+
 def count(n: int, noun: str) -> str:
     """``1 pose``, ``2 poses``, ``2 bodies``."""
     if n == 1:

@@ -1,0 +1,27 @@
+"""Which unit a declared standard deviation was likely written in, by how far it is from the scatter."""
+
+from __future__ import annotations
+
+import math
+
+FAR = 100.0  # times either way: no instrument is misjudged so far, a unit soon is
+_NEAR = 5.0  # times about a unit's own factor, and twice that where so much was declared that gross errors count in
+_SIZES = {  # of other units, in the one of the key
+    "mm": {"um": 1e-3, "nm": 1e-6, "m": 1e3},
+    "um": {"nm": 1e-3, "mm": 1e3, "m": 1e6},
+    "arcsec": {"mas": 1e-3, "deg": 3600.0, "mrad": 206.265, "rad": 206264.8},
+}
+
+
+def unit_slip(ratio: float, declared: float, unit: str) -> str:
+    """Return which slip in the unit of a declared noise explains the ratio of the scatter to it, to end a message with;
+    empty where the two are of one size. ``declared`` is in the unit of its key.
+    """
+    if not (math.isfinite(ratio) and ratio > 0.0) or 1.0 / FAR <= ratio <= FAR:
+        return ""
+    sizes = _SIZES.get(unit, {})
+    near = {other: abs(math.log(size / ratio)) for other, size in sizes.items()}
+    other = min(near, key=lambda name: near[name], default="")
+    if not other or near[other] > math.log(_NEAR if ratio > 1.0 else 2.0 * _NEAR):
+        return f" No instrument is misjudged by as much: is the declared {declared:.3g} {unit} in the unit of its key?"
+    return f" Did you mean {declared:.3g} {other}, that is {declared * sizes[other]:.3g} {unit}?"

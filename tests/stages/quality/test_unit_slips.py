@@ -1,0 +1,61 @@
+"""A declared noise that is off by a unit is told with the unit that it was likely written in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+from stages.quality.unit_slips import unit_slip
+from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import Layout, Targets
+from tests.blind.generator.schedule import random_moves
+from tests.stages.line import run_line
+from truing.report.numbers import percent
+
+
+@pytest.mark.parametrize(
+    ("ratio", "declared", "unit", "meant"),
+    [
+        (1e-3, 5.0, "mm", "Did you mean 5 um, that is 0.005 mm?"),
+        (1.2e3, 5e-6, "mm", "Did you mean 5e-06 m, that is 0.005 mm?"),
+        (0.8e3, 5e-4, "um", "Did you mean 0.0005 mm, that is 0.5 um?"),
+        (2.1e5, 1e-6, "arcsec", "Did you mean 1e-06 rad, that is 0.206 arcsec?"),
+        (150.0, 1.0, "mm", "in the unit of its key?"),
+        (50.0, 1.0, "mm", ""),
+        (0.02, 1.0, "mm", ""),
+        (float("nan"), 1.0, "mm", ""),
+    ],
+)
+def test_a_slip_is_named_by_its_factor(ratio: float, declared: float, unit: str, meant: str) -> None:
+    told = unit_slip(ratio, declared, unit)
+    assert told.endswith(meant)
+    assert bool(told) == bool(meant)
+
+
+def test_micrometres_written_for_millimetres_are_told_by_qa_and_check(tmp_path) -> None:
+    numbers = np.random.default_rng(3)
+    made = write_campaign(
+        draw_campaign(Layout(name="u", targets=Targets(per_leg=0)), random_moves(12, 0, numbers), [], numbers),
+        tmp_path / "c",
+        3,
+    )
+    text = (made / "campaign.toml").read_text(encoding="utf-8")
+    declared = next(line for line in text.splitlines() if line.startswith("point_mm"))
+    value = 1e3 * float(declared.split("=")[1])
+    (made / "campaign.toml").write_text(text.replace(declared, f"point_mm = {value:g}"), encoding="utf-8")
+    qa = run_line(made, "ingest", "qa")[0]["qa"].to_pandas().set_index(["check", "subject"])
+    row = qa.loc[("noise", "base")]
+    assert row["value"] < 0.01
+    assert row["verdict"] == "warn"
+    assert f"Did you mean {value:.3g} um" in row["message"]
+    lines = CliRunner().invoke(app, ["check", str(made)]).output.splitlines()
+    said = [line for line in lines if "Did you mean" in line]
+    assert [line.split(":")[1].strip() for line in said] == ["base", "platform"]
+
+
+@pytest.mark.parametrize(("value", "said"), [(0.191, "0.19 %"), (0.0, "0 %"), (99.7, "100 %"), (110.4, "110 %")])
+def test_percentages_have_no_power_of_ten(value: float, said: str) -> None:
+    assert percent(value) == said
