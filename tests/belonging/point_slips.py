@@ -279,6 +279,22 @@ def _survey_of_another(files: Files) -> None:
     files.targets.iloc[places, files.targets.columns.get_indexer(["x_mm", "y_mm", "z_mm"])] = other[:count]
 
 
+def _in_steps(step: float, *, points: bool) -> Callable[[Files], None]:
+    """Numbers of readings or points that were written down in steps, mm."""
+
+    def make(files: Files) -> None:
+        table = files.points if points else files.configurations
+        names = ["x_mm", "y_mm", "z_mm"] if points else files.rho
+        table[names] = ((table[names] / step).round() * step).round(6)
+
+    return make
+
+
+# What is no more than a warning.
+ROUNDED_SLIPS = (
+    PointSlip("readings in steps", "rounded", _in_steps(0.13, points=False)),
+    PointSlip("points in steps", "rounded", _in_steps(0.13, points=True), "points-against-survey"),
+)
 READING_SLIPS = (
     PointSlip("readings in m", "unit", _readings(1e-3)),
     PointSlip("readings in inches", "unit", _readings(1 / 25.4)),

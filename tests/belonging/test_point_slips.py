@@ -16,7 +16,7 @@ from pipeline.command_line import app
 from pipeline.problems import ExitCode
 from stages.belonging import withheld
 from stages.declaration import Outcome
-from tests.belonging.point_slips import ALL_SLIPS, Files, PointSlip, read_files, write_files
+from tests.belonging.point_slips import ALL_SLIPS, ROUNDED_SLIPS, Files, PointSlip, read_files, write_files
 from tests.blind.generator.case import hide
 from tests.made_once import made_once
 from tests.stages.line import run_line
@@ -145,3 +145,25 @@ def test_what_no_slip_explains_in_some_rows_has_no_name(files: Files, tmp_path: 
     made, _ = _checked(slipped, tmp_path / "c")
     (row,) = [row for row in made["belonging"].to_pylist() if row["state"] == "fails"]
     assert (row["reason_code"], _slips([row])) == ("no-slip", [])
+
+
+@pytest.mark.parametrize("slip", ROUNDED_SLIPS, ids=lambda slip: slip.name)
+def test_numbers_in_steps_above_the_declared_noise_are_a_warning(files: Files, slip: PointSlip, tmp_path: Path) -> None:
+    if slip.name == "readings in steps" and files.toml["mechanism"]["type"] == "6-pus":
+        pytest.skip("drives that stand in a few places only: their rounding looks like a gain")
+    slipped = copy.deepcopy(files)
+    slip.make(slipped)
+    made, _ = _checked(slipped, tmp_path / "c")
+    rows = [row for row in made["belonging"].to_pylist() if row["relation"] == slip.relation]
+    assert [(row["state"], row["reason_code"]) for row in rows] == [("attention", "rounded")]
+    assert {(one["kind"], round(one["offset"], 6)) for one in _slips(rows)} == {("rounded", 0.13)}
+    assert rows[0]["misfit"] == pytest.approx(0.13 / np.sqrt(12.0))
+    assert not withheld(made)
+
+
+def test_steps_below_the_declared_noise_pass(files: Files, tmp_path: Path) -> None:
+    motion = copy.deepcopy(files)
+    values = motion.configurations[motion.rho].to_numpy()
+    motion.configurations[motion.rho] = (values / 0.001).round() * 0.001
+    made, _ = _checked(motion, tmp_path / "c")
+    assert {row["state"] for row in made["belonging"].to_pylist()} == {"ok"}

@@ -106,6 +106,14 @@ def test_readings_written_down_in_coarse_steps_are_told() -> None:
     assert found.slips[0].kind is SlipKind.ROUNDED
     assert abs(found.slips[0].offset - 0.7) < 1e-6
     assert not _readings(_travel(), lambda r: (r / 1e-5).round() * 1e-5).slips  # a step that hardly shows
+    found = _readings(_travel(40), lambda r: (r / 5e-5).round() * 5e-5)
+    assert (found.state, found.reason, found.slips[0].kind) == (State.ATTENTION, "rounded", SlipKind.ROUNDED)
+
+
+def test_a_drive_that_is_sent_to_round_numbers_and_reaches_them_wrote_none_down_in_steps() -> None:
+    travel = (_travel(40) / 5e-5).round() * 5e-5
+    found = _readings(travel, lambda r: (r / 5e-5).round() * 5e-5)
+    assert (found.state, found.slips) == (State.OK, ())
 
 
 def test_evidence_is_the_gaussian_marginal_likelihood() -> None:

@@ -13,6 +13,8 @@ _SIZEABLE = 0.1  # of the leg's range: smaller ones are left to the diagnosis, w
 _FEW = 0.1  # of all readings
 _MEDIAN = 1.4826
 _FEWEST = 4  # different numbers that a column needs to be compared
+_FEWEST_STEPS, _OFF_GRID = 2, 1e-3  # differences that tell a step, and what they are off by, of a step
+_ABOVE_NOISE = 3.0  # error by rounding over declared noise
 _ROUNDED = (0.5, 2.0)  # misfit over the error that the step of a column makes
 
 
@@ -36,11 +38,29 @@ def copied_columns(readings: Array) -> list[tuple[int, int]]:
     ]
 
 
+def written_step(values: Array) -> float:
+    """Return the step, in the unit of the values, that all differences of the numbers are multiples of; 0 for none."""
+    steps = np.diff(np.unique(values.round(12)))
+    steps = steps[steps > 1e-12]
+    if len(steps) < _FEWEST_STEPS:
+        return 0.0
+    counted = steps / steps.min()
+    return float(steps.min()) if np.abs(counted - counted.round()).max() < _OFF_GRID else 0.0
+
+
+def rounding(values: Array, misfit: float, noise: float) -> float | None:
+    """Return the step, m, of numbers whose rounding errs by more than the declared noise and makes the rms misfit.
+
+    None also where the misfit is far smaller: a drive may be sent to round numbers, and reach them.
+    """
+    step = written_step(values)
+    error = step / np.sqrt(12.0)
+    return step if error > _ABOVE_NOISE * noise and misfit > _ROUNDED[0] * error else None
+
+
 def rounded_to(readings: Array, misfit: float, noise: float) -> float | None:
     """Return the step, m, in which readings were written down, where it makes the rms misfit; else None."""
-    steps = np.diff(np.unique(readings.round(12)))
-    steps = steps[steps > 1e-12]
-    step = float(steps.min()) if len(steps) else 0.0
+    step = written_step(readings)
     error = step / np.sqrt(12.0)
     low, high = _ROUNDED
     return step if error > 10.0 * noise and low * error < misfit < high * error else None

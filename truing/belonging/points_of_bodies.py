@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.belonging.partial_slips import rounding
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -22,6 +23,7 @@ _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
 _FIFTH = 0.2  # the share of the misfit that a slip may leave
 _OTHER_BODY = 0.05  # of a body's size (rms from its middle): by as much no body deforms
 _SCALE = 0.02  # relative, to a factor between units
+_ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding three coordinates makes half of it
 _CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
 
 
@@ -55,6 +57,11 @@ def relate_survey(body: BodyPoints) -> Tested:
         quantity = f"points of body {body.name} in poses"
         slips = tuple(Slip(SlipKind.UNIT, quantity, poses, factor) for factor, poses in odd.items())
         return replace(tested, state=State.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
+    if (step := rounding(points[body.seen[usable]], before, body.sigma)) is not None and before < _ALL_ROUNDED * step:
+        slip = Slip(SlipKind.ROUNDED, "points of body", (body.name,), offset=1e3 * step)
+        error, noise = 1e3 * step / np.sqrt(12.0), 1e3 * body.sigma
+        rounded = replace(tested, state=State.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
+        return replace(rounded, slips=(slip,), tried=2)
     if before <= _MISFIT * body.sigma:
         mirrored_slip = (Slip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
         return replace(tested, tried=2, hidden=mirrored_slip if _is_flat(body.survey) else ())

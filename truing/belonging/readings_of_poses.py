@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.leg_hypotheses import Description, Motion, descriptions
-from truing.belonging.partial_slips import copied_columns, rounded_to, stray_readings
+from truing.belonging.partial_slips import copied_columns, rounded_to, rounding, stray_readings
 from truing.belonging.reading_hypotheses import PENALTY, Written, best_written, reached
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.belonging.row_hypotheses import RowOrder, best_order
@@ -34,6 +34,7 @@ _SAME_M = 1e-6  # distance of joints that are the same
 _SINGULAR = 1e-4  # of the largest singular value of the legs' rows, arms in units of their rms
 _MOSTLY = 0.7  # of the rows that moved
 _SINGLE = 3  # stray readings, beyond which a part of the table is looked at first
+_FREE_NUMBERS = 12  # left over once physics is fitted, by which rounding is told
 _FROZEN = 4  # readings in a row that are the same number
 
 
@@ -191,12 +192,37 @@ def _agreeing(motion: Motion, search: _Found, names: Names, base: Tested) -> Tes
     hidden = _hidden(motion, search.plain, names)
     misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
     if misfit <= _NOTED * moved:
-        return replace(base, hidden=hidden)
+        step = rounding(motion.readings, _left_by_physics(motion), motion.noise)
+        return replace(base, hidden=hidden) if step is None else _rounded(base, step, motion.noise)
     step = rounded_to(motion.readings, 1e-3 * misfit, motion.noise)
     if step is None:
         return replace(base, state=State.ATTENTION, reason="departs", hidden=hidden)
     slip = Slip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
     return replace(base, state=State.FAILS, reason="slip", slips=(slip,))
+
+
+def _rounded(base: Tested, step: float, noise: float) -> Tested:
+    """A warning of numbers written down in coarse steps: the error that these make, and the declared noise, mm."""
+    slip = Slip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
+    error = 1e3 * step / float(np.sqrt(12.0))
+    return replace(base, state=State.ATTENTION, reason="rounded", misfit=error, limit=1e3 * noise, slips=(slip,))
+
+
+def _left_by_physics(motion: Motion) -> float:
+    """Rms misfit, m, that errors of the geometry, gains, leaks and drivers leave; 0 where poses are too few to say."""
+    own = next(descriptions(motion))
+    asked, geometry = reached(own), np.nan_to_num(own.by_geometry())
+    travel = asked - asked.mean(axis=0)
+    left, freedom = 0.0, 0
+    for leg in range(asked.shape[1]):
+        columns = [geometry[:, leg], travel, travel[:, leg, None] ** 2, motion.drivers, np.ones((len(asked), 1))]
+        known = np.hstack(columns)
+        known = known / np.maximum(np.sqrt(np.mean(known**2, axis=0)), 1e-300)
+        misfit = motion.readings[:, leg] - asked[:, leg]
+        found, _, rank, _ = np.linalg.lstsq(known, misfit, rcond=1e-9)
+        left += float(np.sum((misfit - known @ found) ** 2))
+        freedom += len(misfit) - int(rank)
+    return float(np.sqrt(left / freedom)) if freedom >= _FREE_NUMBERS else 0.0
 
 
 def _strays(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:

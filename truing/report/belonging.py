@@ -96,6 +96,7 @@ _REASONS = {
     "unreached": "do not belong together: the legs of [mechanism] reach less than half of these poses at any reading",
     "no-frame": "were not compared: the targets fix no frame",
     "no-slip": "do not belong together, and no slip that was tried explains it",
+    "rounded": "belong together, but numbers were written down in coarse steps",
     "departs": "depart from each other more than a calibration usually explains",
     "legs-parallel": "are all parallel: they leave the platform free to move sideways",
     "legs-alike": "have the same joints: together they hold the platform as one",
@@ -127,6 +128,10 @@ def message(tested: Tested) -> str:
         share = f", {tested.misfit:.0f} % of the shorter run" if part and tested.misfit is not None else ""
         words = "; ".join(map(slip_words, tested.slips))
         return f"{sides} are not all measurements of their own: {words}{share}."
+    if tested.reason == "rounded":
+        error, noise = (f"{1e3 * (size or 0.0):.2g} µm" for size in (tested.misfit, tested.limit))
+        words = "; ".join(map(slip_words, tested.slips))
+        return f"{sides} belong together, but: {words}. That is an error of {error}, declared noise {noise}."
     if tested.slips and tested.state == State.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
     said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
@@ -210,7 +215,7 @@ _WORDS = {
     SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
     SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
     SlipKind.STRAY: lambda slip: f"{_of(slip)} far from where the pose is: a misread digit, or a number of another row",
-    SlipKind.ROUNDED: lambda slip: f"{_of(slip)} written down in steps of {slip.offset:.4g}, far above the noise",
+    SlipKind.ROUNDED: lambda slip: f"{_of(slip)} written down in steps of {slip.offset:.4g} mm, far above the noise",
     SlipKind.COPIED: _copied,
     SlipKind.FRINGES: lambda slip: f"{_of(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} written down: {listed(slip.subjects)}",
