@@ -58,7 +58,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
         with_scale,
     )
     from stages.bundle_adjustment.tables import NetworkTables
-    from stages.ray_statistics import ray_tables
+    from stages.common.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
 
     given = settings.photographs

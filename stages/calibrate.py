@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from stages.calibration.data import Gathered
     from stages.calibration.extended import Extended
-    from stages.responses.tables import Rows
+    from stages.common.rows import Rows
 
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
 LEAST_LEGS = 6  # with fewer, readings leave the platform free

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
+from stages.common.point_arrays import number_column
 from stages.configurations.choice import Bounded, bounded, choose, verification
 from stages.configurations.problem import DesignProblem, design_problem, limits_of
-from stages.point_arrays import number_column
 from truing.estimation.design.design_bound import efficiency, sum_log_det
 from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder, order_poses
 from truing.estimation.design.pose_selection import information_of

@@ -14,8 +14,8 @@ from truing.formats.source import OF_IMAGES, CampaignFiles
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.common.small_tables import SmallTable
     from stages.image_tables.measured_rays import MeasuredRays
-    from stages.ingestion.tables import SmallTable
     from stages.photograph_targets.tables import Each, PhotographTables
     from truing.formats.faultlog import FaultLog
 

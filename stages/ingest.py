@@ -19,13 +19,13 @@ from truing.report.numbers import count as counted
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from stages.common.small_tables import SmallTable
     from stages.ingestion.adjusted_points import AdjustedPoints
+    from stages.ingestion.dense_scans import DenseScans
     from stages.ingestion.later_surveys import LaterSurveys
     from stages.ingestion.point_sizes import Geometry
     from stages.ingestion.points import Expected, Points
     from stages.ingestion.pose_table import MeasuredPoses
-    from stages.ingestion.tables import SmallTable
-    from stages.rigid_poses.dense_scans import DenseScans
     from truing.formats.faultlog import FaultLog
 
     _Small = SmallTable | LaterSurveys | DenseScans | MeasuredPoses
@@ -128,6 +128,7 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 def _photogrammetry(
     settings: Any, progress: Progress, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog
 ) -> Outcome:
+    from stages.ingestion.dense_scans import identifier_of, read_scans
     from stages.ingestion.estimated_covariance import EstimatedCovariance
     from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from stages.ingestion.points import Points
@@ -136,7 +137,6 @@ def _photogrammetry(
     from stages.ingestion.serving_roles import check_any_fitted
     from stages.ingestion.start import read_start
     from stages.ingestion.tables import check_survey_noise, read_configurations, read_survey
-    from stages.rigid_poses.dense_scans import identifier_of, read_scans
     from truing.formats.passed_over import passed_over
 
     estimated = EstimatedCovariance()

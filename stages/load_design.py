@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
+from stages.common.reading_arrays import LOAD_COLUMNS, LOADS, load_steps
 from stages.design import DesignWish
-from stages.sensor.reading_arrays import LOAD_COLUMNS, LOADS, load_steps
 from truing.estimation.design.pose_order import PoseOrder, order_poses
 from truing.estimation.sensor.load_cases import (
     LoadDesign,

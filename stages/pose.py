@@ -53,7 +53,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if why := why or withheld(tables, of_poses=True):
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome.not_evaluated(empty, why)
-    from stages.point_arrays import observation_rows, pose_ids
+    from stages.common.point_arrays import observation_rows, pose_ids
     from stages.rigid_poses.correlated_poses import with_correlations
     from stages.rigid_poses.measured_poses import with_measured
     from stages.rigid_poses.point_errors import common_correlation, point_errors
@@ -123,9 +123,9 @@ def _geometry(tables: Mapping[str, pa.Table], settings: Campaign) -> BeamGeometr
     beams = settings.interferometer.beams
     if beams.are_plain:
         return None
-    from stages.sensor.declared_optics import beam_optics
+    from stages.common.declared_optics import beam_optics
+    from stages.common.simulated_compliance import simulated_compliance
     from stages.sensor.seen_motion import BeamGeometry
-    from stages.sensor.simulated_compliance import simulated_compliance
 
     return BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
 
@@ -139,7 +139,7 @@ def _bodies(
     progress: Progress,
 ) -> list[BodyPoses]:
     """Every body by itself; own (N, 3, 3): the covariance of each observation without what is common to all poses."""
-    from stages.point_arrays import observation_rows, pose_points, survey_points
+    from stages.common.point_arrays import observation_rows, pose_points, survey_points
     from stages.rigid_poses.body_pose import fit_body
 
     survey = ARTIFACTS["survey"].empty() if survey is None else survey
@@ -156,7 +156,7 @@ def _bodies(
 def _exclusion_effects(bodies: Sequence[BodyPoses], survey: pa.Table | None, settings: Campaign) -> dict[str, pa.Table]:
     if not settings.exclude:
         return {}
-    from stages.point_arrays import survey_points
+    from stages.common.point_arrays import survey_points
     from stages.rigid_poses.without_exclusions import exclusion_rows
 
     known = ARTIFACTS["survey"].empty() if survey is None else survey

@@ -47,8 +47,8 @@ def _predicted_poses(model: str, configurations: pa.Table, file: str) -> pa.Tabl
 
 def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) -> Conditions:
     """Return the conditions, every column that the model needs being there and holding numbers."""
-    from stages.point_arrays import pose_ids
-    from stages.pose_conditions import pose_conditions
+    from stages.common.point_arrays import pose_ids
+    from stages.common.pose_conditions import pose_conditions
     from truing.simulation.extended_model import acts_on_poses
 
     model, legs = extended.model, extended.model.nominal.count
@@ -63,7 +63,7 @@ def _check(configurations: pa.Table, needed: dict[str, str], file: str) -> None:
     """Raise CampaignFaults where a needed column (name to what it is) is missing, or a row of it holds no number."""
     import numpy as np
 
-    from stages.point_arrays import number_column
+    from stages.common.point_arrays import number_column
 
     wanted = {"pose": "the pose's name", **needed}
     missing = {name: what for name, what in wanted.items() if name not in configurations.schema.names}

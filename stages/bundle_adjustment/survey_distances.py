@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
-from stages.point_arrays import number_column
+from stages.common.point_arrays import number_column
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather
 from truing.formats.shapes import TARGETS

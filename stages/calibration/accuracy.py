@@ -12,7 +12,7 @@ from stages.calibration.data import Measured
 from stages.calibration.fits import Calibration
 from stages.calibration.question import common_effects, own_covariance
 from stages.calibration.targets import with_common
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.held_out import held_out_misfit
 from truing.estimation.rotation import log_so3
 from truing.simulation.legs import Change

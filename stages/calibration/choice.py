@@ -12,7 +12,7 @@ from stages.calibration.accuracy import ARCSEC, PoseErrors
 from stages.calibration.extended import ESTIMATOR, MODEL, Extended, extended_figures
 from stages.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
 from stages.calibration.question import is_deformation
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.held_out import Choice, Contender, choose_model
 from truing.simulation.structure import Machine
 from truing.simulation.structures import departure, structures

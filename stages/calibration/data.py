@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration.network import NetworkErrors, network_errors
+from stages.common.point_arrays import number_column, pose_ids, positions, survey_points
 from stages.diagnosis.mechanism_points import facing, nominal_legs
-from stages.point_arrays import number_column, pose_ids, positions, survey_points
 from truing.estimation.rotation import exp_so3
 from truing.simulation.beam_element import section
 from truing.simulation.structure import Machine, Section

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from stages.calibration.accuracy import PoseErrors
 from stages.calibration.data import Measured
-from stages.point_arrays import pose_ids
-from stages.pose_conditions import pose_conditions
-from stages.responses.tables import Rows
+from stages.common.point_arrays import pose_ids
+from stages.common.pose_conditions import pose_conditions
+from stages.common.rows import Rows
 from truing.estimation.diagnosis.pulls import TOLD, pulls
 from truing.estimation.rotation import log_so3
 from truing.simulation.cause import Effect

@@ -21,7 +21,7 @@ from stages.calibration.question import (
     widest,
     with_targets,
 )
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.combinations import Inseparable, inseparable
 from truing.estimation.design.identifiable_set import choose_identifiable

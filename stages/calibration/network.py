@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, positions
+from stages.common.point_arrays import number_column, positions
 from stages.responses.correlated_shifts import shift_number
 from stages.rigid_poses.point_errors import common_correlation
 from stages.rigid_poses.tables import pose_numbers

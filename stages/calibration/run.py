@@ -26,8 +26,8 @@ from stages.calibration.fits import Calibration, implicit, maximum_likelihood
 from stages.calibration.knowledge import absorption_rows, observability_rows
 from stages.calibration.question import Case, cases, nothing_open
 from stages.calibration.screening import Screened, screened
+from stages.common.rows import Rows
 from stages.declaration import Outcome, Progress
-from stages.responses.tables import Rows
 from truing.simulation.parameters import SHARED, Parameter
 from truing.simulation.structures import structures
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
+from stages.common.point_arrays import number_column, survey_points
 from stages.diagnosis.mechanism_points import nominal_legs
-from stages.point_arrays import number_column, survey_points
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.rigid_poses.umeyama import umeyama

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
+from stages.common.point_arrays import number_column, pose_ids, positions
+from stages.common.pose_conditions import approach, order_in_time
 from stages.diagnosis.body_standing import Standing, standing
 from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
-from stages.point_arrays import number_column, pose_ids, positions
-from stages.pose_conditions import approach, order_in_time
 from stages.prospects import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints

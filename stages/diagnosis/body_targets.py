@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
-from stages.point_arrays import (
+from stages.common.point_arrays import (
     PosePoints,
     default_motions,
     pose_points,
     residual_points,
     survey_points,
 )
+from stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
 from truing.estimation.diagnosis.whereabouts import (
     changes_of_place,
     lonely_places,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
 from schemas.settings_text import parsed_toml
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.diagnosis.changes import Comparison, compare
 from truing.estimation.diagnosis.fitted_model import Fitter, Stand
 from truing.estimation.diagnosis.point_fit import fit_points

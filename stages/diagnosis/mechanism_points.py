@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
+from stages.common.pose_conditions import chosen, pose_conditions
 from stages.diagnosis.judged_points import judged_points, swapped_targets
 from stages.diagnosis.shown import Channels
-from stages.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
-from stages.pose_conditions import chosen, pose_conditions
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.estimation.rigid_poses.umeyama import umeyama

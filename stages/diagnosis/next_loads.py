@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
+from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
 from truing.estimation.design.rival_design import Candidates, Fitted
 from truing.estimation.design.run_candidates import Readout, Runs, run_candidates
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads

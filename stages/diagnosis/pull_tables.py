@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.diagnosis.pulls import Pulls, pulls
 from truing.simulation.identified import IdentifiedGeometry, identified_geometry
 

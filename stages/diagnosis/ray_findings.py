@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.point_arrays import number_column
+from stages.common.ray_statistics import effects_on_points
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.ray_points import gather_rays
 from stages.diagnosis.scale_height import scale_height
-from stages.point_arrays import number_column
-from stages.ray_statistics import effects_on_points
 from stages.rigid_poses.point_errors import PointErrors, point_errors
 from truing.estimation.bundle.shared_errors import shared_errors
 from truing.simulation.causes import catalogue_of_rays

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.point_arrays import number_column, pose_ids, positions
+from stages.common.ray_statistics import information_and_score, shared_numbers
 from stages.diagnosis.body_points import known_of_poses
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Shown
-from stages.point_arrays import number_column, pose_ids, positions
-from stages.ray_statistics import information_and_score, shared_numbers
 from truing.estimation.bundle.ray_channels import RayChannels, ray_channels
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints

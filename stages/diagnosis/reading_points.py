@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.declared_optics import declared_optics
+from stages.common.overruled import decided, excluded_words, without_excluded
+from stages.common.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
-from stages.sensor.declared_optics import declared_optics
 from stages.sensor.exchanged_rows import exchanged_rows
-from stages.sensor.overruled import decided, excluded_words, without_excluded
-from stages.sensor.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import zeros_of_runs
 from truing.estimation.diagnosis.fitted_model import Poses
 from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.nominal_sensor import NominalSensor, nominal_sensor
+from stages.common.reading_arrays import LOADS, RecordedSteps
 from stages.sensor.exchanged_rows import put_right
-from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
-from stages.sensor.reading_arrays import LOADS, RecordedSteps
 from truing.simulation.causes.bench.rows_exchanged import Row, RowsExchanged, SignalsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.diagnosis.uncertainty_sources import EARLIER, PLAUSIBLE, POINTS, READINGS, WIDE
 
 if TYPE_CHECKING:

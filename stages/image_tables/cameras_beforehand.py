@@ -9,8 +9,8 @@ import numpy as np
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from stages.common.small_tables import SmallTable, once
 from stages.image_tables.known_beforehand import lacks
-from stages.ingestion.tables import SmallTable, once
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from schemas.photographs import FAMILIES, RINGS
+from stages.common.sigma_bounds import check_sigma
+from stages.common.small_tables import SmallTable, once
 from stages.image_tables.point_names import own_names
-from stages.ingestion.sigma_bounds import check_sigma
-from stages.ingestion.tables import SmallTable, once
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS

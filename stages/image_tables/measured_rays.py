@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
+from stages.common.sigma_bounds import check_sigma, check_variance
 from stages.image_tables.point_names import Names, kind_of, own_names
-from stages.ingestion.sigma_bounds import check_sigma, check_variance
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import IMAGE_POINTS

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, points_and_cov, pose_ids, positions
+from stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions
 from stages.rigid_poses.point_errors import point_errors
 from truing.estimation.rotation import skew
 

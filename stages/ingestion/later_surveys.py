@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from schemas.near_names import meant
+from stages.common.sigma_bounds import check_sigma
+from stages.common.small_tables import SmallTable, once
 from stages.ingestion.gathered_columns import numbers, texts
 from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
-from stages.ingestion.sigma_bounds import check_sigma
-from stages.ingestion.tables import SmallTable, check_legs, legs_of, once
+from stages.ingestion.tables import check_legs, legs_of
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather

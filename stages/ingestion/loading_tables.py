@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault, Unfit
+from stages.common.small_tables import SmallTable
 from stages.ingestion.compliance_file import read_compliance
 from stages.ingestion.corrected_readings import Corrections, positions_at_reference
 from stages.ingestion.gathered_columns import numbered, numbers, texts
@@ -19,7 +20,7 @@ from stages.ingestion.load_steps import check_once
 from stages.ingestion.reading_table import ReadingTable, read_readings
 from stages.ingestion.serving_roles import check_any_fitted
 from stages.ingestion.signal_table import read_signals
-from stages.ingestion.tables import SmallTable, as_artifact
+from stages.ingestion.tables import as_artifact
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import POSITIONING, WRENCH
@@ -134,7 +135,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
 
 def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
     """Elements as long as the legs, a compliance that one can have."""
-    from stages.sensor.nominal_sensor import elastic_parts, given_matrix, sensor_joints
+    from stages.common.nominal_sensor import elastic_parts, given_matrix, sensor_joints
     from truing.simulation.six_upur.elements import passive
     from truing.simulation.six_upur.influence import influence_matrix
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from schemas.near_names import meant_by
+from stages.common.sigma_bounds import check_sigma, check_variance
+from stages.common.small_tables import once
 from stages.ingestion.gathered_columns import declared_missing, numbers, texts, without
 from stages.ingestion.pose_rotations import (
     check_last_row,
@@ -21,8 +23,6 @@ from stages.ingestion.pose_rotations import (
     rotations,
     vector_slopes,
 )
-from stages.ingestion.sigma_bounds import check_sigma, check_variance
-from stages.ingestion.tables import once
 from truing.estimation.rotation import log_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather

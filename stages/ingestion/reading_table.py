@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import Fault
+from stages.common.sigma_bounds import check_sigma
+from stages.common.small_tables import SmallTable
 from stages.ingestion.corrected_readings import Corrections, corrected
 from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
 from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times
 from stages.ingestion.quadrature_table import lengths
-from stages.ingestion.sigma_bounds import check_sigma
 from stages.ingestion.step_samples import averaged, without_transit
-from stages.ingestion.tables import SmallTable, as_artifact, since_first
+from stages.ingestion.tables import as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
 from schemas.faults import Fault
+from stages.common.small_tables import SmallTable
 from stages.ingestion.gathered_columns import numbered, numbers, texts
 from stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
 from stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
 from stages.ingestion.step_samples import without_transit
-from stages.ingestion.tables import SmallTable, as_artifact, since_first
+from stages.ingestion.tables import as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
@@ -127,7 +128,7 @@ def with_leg_signals(found: Gathered, settings: Any, log: FaultLog) -> Gathered:
         log.add(Fault("campaign.toml", expected, column="mechanism.type", value=settings.mechanism.type))
     if log:
         return found
-    from stages.sensor.nominal_sensor import sensor_joints
+    from stages.common.nominal_sensor import sensor_joints
     from truing.simulation.six_upur.influence import influence_matrix
 
     G = influence_matrix(sensor_joints(settings.mechanism))

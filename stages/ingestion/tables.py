@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from schemas.artifacts import ARTIFACTS
 from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from schemas.faults import Fault
 from schemas.near_names import meant
+from stages.common.small_tables import SmallTable, once
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.point_ledger import Names
@@ -31,15 +31,6 @@ _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 def legs_of(settings: Any) -> tuple[Any, ...]:
     """The legs of a mechanism whose actuators are read pose by pose; none where there is no such mechanism."""
     return settings.mechanism.legs if settings.mechanism.is_legged else ()
-
-
-@dataclass
-class SmallTable:
-    """A table of the run, and how many raw rows were left out of it, by (file, reason)."""
-
-    table: pa.Table
-    left_out: dict[tuple[str, str], int] = field(default_factory=dict)
-    file: str = field(default="", kw_only=True)
 
 
 def read_configurations(
@@ -99,19 +90,6 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
             for pose in column.unique().to_pylist():
                 poses.number(pose)
     return poses.values, any_text
-
-
-def once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
-    """A fault at every row whose key stood in a row before."""
-    import pyarrow as pa
-
-    if any(name not in found.table.column_names for name in key):
-        return
-    rows = found.table.select(key).append_column("row", pa.array(np.arange(len(found.table))))
-    first = rows.group_by(list(key)).aggregate([("row", "min")]).column("row_min")
-    again = np.ones(len(rows), dtype=bool)
-    again[np.asarray(first)] = False
-    found.fault(log, again, key[-1], f"every {', '.join(key)} once")
 
 
 def _check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:

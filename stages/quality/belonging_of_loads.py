@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.interferometer import LINEAR
+from stages.common.declared_optics import channel_rows
+from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, READING_SI
 from stages.quality.belonging_of_parts import of_parts, rows_of_parts
 from stages.quality.loading_view import simulated_compliance
-from stages.sensor.declared_optics import channel_rows
-from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, READING_SI
 from truing.belonging import loads_of_readings, signals_of_loads
 from truing.belonging.copied_rows import Values, copied_runs
 from truing.belonging.equal_columns import equal_columns
@@ -218,7 +218,7 @@ def _seen(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
 
 def _leg_forces(section: SensorMechanism) -> Array | None:
     """The forces (6, 6) along the legs by the loads; None where the legs do not carry every load."""
-    from stages.sensor.nominal_sensor import elastic_parts, sensor_joints
+    from stages.common.nominal_sensor import elastic_parts, sensor_joints
     from truing.simulation.six_upur.influence import influence_matrix
 
     elastic = elastic_parts(section)

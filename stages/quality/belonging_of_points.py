@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, positions
+from stages.common.point_arrays import number_column, positions
 from stages.quality.bodies import BodyView, Surroundings
 from truing.belonging.leg_hypotheses import Motion
 from truing.belonging.points_of_bodies import BodyPoints, relate_copies, relate_survey, together

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
-from stages.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
+from stages.common.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.response import keep_consistent
 from truing.estimation.rigid_poses.rigid import RigidFit

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column
+from stages.common.point_arrays import number_column
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.declared_optics import channel_rows
-from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
+from stages.common.declared_optics import channel_rows
+from stages.common.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
 
@@ -172,7 +172,7 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
 
 def simulated_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
     """The simulated compliance (6, 6), SI; None where campaign.toml tells of none."""
-    from stages.sensor.nominal_sensor import elastic_parts, given_matrix
+    from stages.common.nominal_sensor import elastic_parts, given_matrix
 
     if settings.mechanism.type != "6-upur":
         return None

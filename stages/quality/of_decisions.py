@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from stages.common.overruled import decided
 from stages.quality.check import FAIL, PASS, WARN, Check, listed
 from stages.quality.loading_view import LoadingView
-from stages.sensor.overruled import decided
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.near_names import meant_by
-from stages.point_arrays import PosePoints, pose_points
+from stages.common.point_arrays import PosePoints, pose_points
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import PASS, WARN, Check, listed, without
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.point_arrays import number_column, text_column
+from stages.common.point_arrays import number_column, text_column
 from stages.quality.bundle_figures import Figures, rows_of
 from stages.quality.check import PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.belonging import subject_of
-from stages.point_arrays import number_column
+from stages.common.point_arrays import number_column
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from truing.belonging.approaches import TargetMatch, match_targets

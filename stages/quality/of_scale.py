@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
-from stages.point_arrays import number_column, text_column
+from stages.common.point_arrays import number_column, text_column
 from stages.quality.bundle_figures import Figures, rows_of
 from stages.quality.check import FAIL, PASS, Check, listed, without
 from stages.quality.limits import CampaignLimits

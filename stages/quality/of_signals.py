@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.reading_arrays import LOADS
 from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
 from stages.quality.loading_view import LoadingView
-from stages.sensor.reading_arrays import LOADS
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.observability import Observability, observe
 from truing.estimation.interferometry.log_quality import saturated

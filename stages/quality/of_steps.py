@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
 from stages.quality.check import COUNTED, PASS, WARN, Check, listed, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
-from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
 
 if TYPE_CHECKING:

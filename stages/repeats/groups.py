@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
-from stages.point_arrays import number_column
-from stages.sensor.reading_arrays import RecordedSteps
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import RecordedSteps
 from truing.estimation.quality import repeated_groups
 
 if TYPE_CHECKING:

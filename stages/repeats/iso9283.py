@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, pose_points, positions, text_column
+from stages.common.point_arrays import number_column, pose_points, positions, text_column
+from stages.common.rows import Rows
 from stages.repeats.groups import Index
-from stages.responses.tables import Rows
 from truing.estimation.repeatability import (
     FEWEST,
     Figure,

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column
+from stages.common.overruled import without_excluded
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
+from stages.common.rows import Rows
 from stages.repeats.groups import SAME_LOADS, Index, repeated_runs
 from stages.repeats.tables import Repeated, known_mean
-from stages.responses.tables import Rows
-from stages.sensor.overruled import without_excluded
-from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
 from truing.estimation.pure_error import Squares, lack_of_fit, within_groups, within_runs
 
 if TYPE_CHECKING:

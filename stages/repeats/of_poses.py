@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column, positions, residual_points, text_column, used_targets
+from stages.common.point_arrays import number_column, positions, residual_points, text_column, used_targets
+from stages.common.rows import Rows
 from stages.repeats.groups import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
 from stages.repeats.iso9283 import repeatability_rows
 from stages.repeats.tables import Repeated, known_mean
-from stages.responses.tables import Rows
 from truing.estimation.pure_error import Squares, lack_of_fit, within_groups
 from truing.estimation.rotation import exp_so3, log_so3
 

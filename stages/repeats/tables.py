@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.pure_error import LackOfFit, Squares, equal_scatter
 
 Array = NDArray[np.float64]

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.declaration import Outcome
-from stages.point_arrays import (
+from stages.common.point_arrays import (
     SurveyPoints,
     default_rotations,
     number_column,
@@ -20,8 +19,10 @@ from stages.point_arrays import (
     survey_points,
     used_targets,
 )
+from stages.common.rows import Rows
+from stages.declaration import Outcome
 from stages.responses.correlated_shifts import CorrelatedShifts, correlated_shifts, handed_on
-from stages.responses.tables import FALSE_ALARM, Rows, entry_tests, error_rows, fit_models, residual_sets
+from stages.responses.tables import FALSE_ALARM, entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, fit_response, keep_consistent
 from truing.estimation.response_structure import (
     gain_p_value,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.belonging import subject_of
-from stages.point_arrays import number_column
-from stages.responses.tables import Rows
+from stages.common.point_arrays import number_column
+from stages.common.rows import Rows
 from truing.estimation.interferometry.iso230 import Instrument, Positioning, positioning, positioning_uncertainty
 from truing.estimation.interferometry.readings import REFERENCE_C
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.rows import Rows
 from stages.responses.joint_frames import (
     by_shapes,
     errors_in_common,
@@ -19,7 +20,6 @@ from stages.responses.joint_frames import (
     residual_gain,
     survey_gain,
 )
-from stages.responses.tables import Rows
 from stages.rigid_poses.point_errors import common_correlation
 from stages.rigid_poses.tables import pose_numbers
 

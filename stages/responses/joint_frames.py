@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import (
+from stages.common.point_arrays import (
     PosePoints,
     default_motions,
     observation_rows,

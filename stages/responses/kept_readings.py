@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column
-from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import CHANNELS, READING_SI, RecordedSteps
 from truing.estimation.interferometry.compliance import Compliance
 
 if TYPE_CHECKING:

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import ARCSECOND, CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.common.rows import Rows
+from stages.common.simulated_compliance import SimulatedCompliance, simulated_compliance
 from stages.declaration import Outcome
-from stages.point_arrays import number_column
 from stages.responses.kept_readings import geometry_spread, kept_readings, with_spread
-from stages.responses.tables import FALSE_ALARM, Rows, birge, entry_tests, error_rows, residual_sets
-from stages.sensor.reading_arrays import ARCSECOND, CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
-from stages.sensor.simulated_compliance import SimulatedCompliance, simulated_compliance
+from stages.responses.tables import FALSE_ALARM, birge, entry_tests, error_rows, residual_sets
 from truing.estimation.interferometry.compliance import (
     Comparison,
     Compliance,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.declaration import Outcome
-from stages.point_arrays import (
+from stages.common.point_arrays import (
     default_rotations,
     number_column,
     pose_ids,
@@ -18,8 +17,10 @@ from stages.point_arrays import (
     residual_points,
     used_targets,
 )
+from stages.common.rows import Rows
+from stages.declaration import Outcome
 from stages.responses.correlated_shifts import correlated_residuals
-from stages.responses.tables import Rows, entry_tests, error_rows, fit_models, residual_sets
+from stages.responses.tables import entry_tests, error_rows, fit_models, residual_sets
 from truing.estimation.response import ResponseFit, keep_consistent
 from truing.estimation.response_structure import gain_p_value
 from truing.estimation.rigid_poses.frame import residual_covariance

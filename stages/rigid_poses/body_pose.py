@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import PosePoints, SurveyPoints
+from stages.common.point_arrays import PosePoints, SurveyPoints
 from truing.estimation.covariance import survey_frame_covariance
 from truing.estimation.rigid_poses.common_shape import common_shape
 from truing.estimation.rigid_poses.haralick import haralick

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.point_arrays import number_column, positions
+from stages.common.point_arrays import number_column, positions
 from stages.rigid_poses.body_pose import BodyPoses
 from stages.rigid_poses.scan_poses import without_targets
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit

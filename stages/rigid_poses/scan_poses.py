@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.point_arrays import PosePoints, number_column, positions, text_column
+from stages.common.point_arrays import PosePoints, number_column, positions, text_column
 from stages.rigid_poses.body_pose import BodyPoses
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import exp_so3

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
-from stages.point_arrays import decisions
+from stages.common.point_arrays import decisions
 from stages.rigid_poses.body_pose import BodyPoses
 from truing.estimation.covariance import relative, relative_of_pair, relative_slope
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from stages.rigid_poses.body_pose import BodyPoses, chosen_points, fit_body
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.sections import Overrule
-    from stages.point_arrays import SurveyPoints
+    from stages.common.point_arrays import SurveyPoints
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
+from stages.common.point_arrays import decisions
+from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.common.rows import Rows
 from stages.declaration import Outcome
-from stages.point_arrays import decisions
-from stages.responses.tables import Rows
-from stages.sensor.overruled import Decided, decided, excluded_words, matched, without_excluded
-from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
 from stages.sensor.run_starts import at_starts, begun_far, start_rows
 from stages.sensor.seen_motion import BeamGeometry, SeenMotion
 from truing.estimation.interferometry.load_run import branches

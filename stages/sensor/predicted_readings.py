@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.covariates import own_name, stand_in
 from schemas.faults import CampaignFaults, Fault
-from stages.point_arrays import number_column
-from stages.sensor.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI
 from truing.simulation.bench.extended_sensor import ExtendedSensor, goes_with_a_run, predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
 

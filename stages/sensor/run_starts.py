@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import RecordedSteps
+from stages.common.reading_arrays import RecordedSteps
 
 Array = NDArray[np.float64]
 

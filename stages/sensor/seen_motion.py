@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.simulated_compliance import SimulatedCompliance
+from stages.common.simulated_compliance import SimulatedCompliance
 from truing.simulation.bench.optics import Optics
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import LOADS
+from stages.common.reading_arrays import LOADS
 from stages.sensor_calibration.recorded import Recorded
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel, Zero

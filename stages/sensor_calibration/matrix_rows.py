@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.responses.tables import Rows
-from stages.sensor.reading_arrays import LOADS
+from stages.common.reading_arrays import LOADS
+from stages.common.rows import Rows
 from stages.sensor_calibration.contenders import SensorCalibrations
 from stages.sensor_calibration.theory import Theory
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate

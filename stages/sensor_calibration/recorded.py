@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.overruled import decided, without_excluded
+from stages.common.reading_arrays import LOADS, RecordedSteps, load_steps
 from stages.sensor.exchanged_rows import exchanged_rows, put_right
-from stages.sensor.overruled import decided, without_excluded
-from stages.sensor.reading_arrays import LOADS, RecordedSteps, load_steps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import LoadTable, load_table
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.reading_arrays import LOAD_COLUMNS, LOADS
+from stages.common.rows import Rows
 from stages.declaration import Outcome, Progress
-from stages.responses.tables import Rows
-from stages.sensor.reading_arrays import LOAD_COLUMNS, LOADS
 from stages.sensor_calibration.contenders import SensorCalibrations, calibrations
 from stages.sensor_calibration.matrix_rows import leg_matrix, matrix_rows, merit_rows
 from stages.sensor_calibration.recorded import Recorded, recorded

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column
-from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
-from stages.sensor.reading_arrays import LOAD_COLUMNS
+from stages.common.nominal_sensor import NominalSensor, nominal_sensor
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import LOAD_COLUMNS
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate
 from truing.simulation.six_upur.assembly import closed_loop_map
 from truing.simulation.six_upur.compliance_change import influence_change, motion_of_sources

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
+from stages.common.pose_conditions import pose_conditions
 from stages.diagnosis.mechanism_points import Gathered, facing, nominal_legs
-from stages.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
-from stages.pose_conditions import pose_conditions
 from truing.simulation.campaign_simulation import Layout, draw_campaign
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.legs import Legs

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.point_arrays import positions
 from stages.diagnosis.ray_points import gather_rays, has_rays
-from stages.point_arrays import positions
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.causes.photographs.of_rays import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
 from stages.diagnosis.reading_points import reading_model
-from stages.sensor.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
 from truing.simulation.bench.bench_simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
 

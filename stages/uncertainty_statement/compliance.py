@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.reading_arrays import CHANNELS, LOADS
+from stages.common.simulated_compliance import simulated_compliance
 from stages.responses.load_deformation import Loaded, fitted_compliance, loaded_steps
 from stages.responses.tables import birge
-from stages.sensor.reading_arrays import CHANNELS, LOADS
-from stages.sensor.simulated_compliance import simulated_compliance
 from stages.uncertainty_statement.found_causes import found_causes
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.calibration.data import BodyPoses, body_poses
-from stages.point_arrays import (
+from stages.common.point_arrays import (
     PosePoints,
     SurveyPoints,
     default_motions,

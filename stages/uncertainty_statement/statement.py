@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.responses.tables import Rows
+from stages.common.rows import Rows
 from truing.estimation.uncertainty_budget import Budget
 
 Array = NDArray[np.float64]

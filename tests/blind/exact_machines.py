@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.pose_conditions import approach, order_in_time
+from stages.common.pose_conditions import approach, order_in_time
 from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.hexapod import draw_hexapod, hexapod_geometry, random_places

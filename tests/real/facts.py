@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.sensor.reading_arrays import READING_SI
+from stages.common.reading_arrays import READING_SI
 from tests.real import force_facts
 from tests.real.diagnosed import diagnosed, length, sag, seen_in_between, up_and_down, walked
 from truing.estimation.response import fit_response

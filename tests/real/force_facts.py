@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import READING_SI
+from stages.common.reading_arrays import READING_SI
 from tests.real.diagnosed import diagnosed
 from tests.real.sensor_facts import pier_of
 from truing.estimation.sensor.calibrate import fit_calibration

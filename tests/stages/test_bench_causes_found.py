@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from schemas.interferometer import Interferometer
-from stages.sensor.declared_optics import declared_optics
+from stages.common.declared_optics import declared_optics
 from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
 from truing.estimation.diagnosis.acceptance import Acceptance, Settings
 from truing.estimation.diagnosis.fitted_model import Poses

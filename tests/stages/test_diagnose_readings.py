@@ -19,9 +19,9 @@ from docs.experiments import force_sensor_campaign
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from stages.belonging import withheld
+from stages.common.reading_arrays import load_steps
 from stages.diagnosis.reading_points import reading_model
 from stages.predict import predict
-from stages.sensor.reading_arrays import load_steps
 from tests.blind.generator.folder import truth_path
 from tests.docs.shown import assert_told, shown
 from tests.sensor_campaign import CHANNELS, campaign_toml, measured, write_campaign

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from stages.pose_conditions import approach, chosen, order_in_time, pose_conditions, remembered
+from stages.common.pose_conditions import approach, chosen, order_in_time, pose_conditions, remembered
 from tests.tolerance import assert_close
 
 TIME = np.array([30.0, 0.0, 10.0, 20.0])  # so that the second pose was the first

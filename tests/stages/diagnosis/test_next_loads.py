@@ -10,11 +10,11 @@ import pytest
 
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign
+from stages.common.reading_arrays import LOAD_COLUMNS
 from stages.diagnose import decided, gathered_of
 from stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
 from stages.diagnosis.next_measurement import Rivals, next_loads_of, planned
 from stages.diagnosis.next_plan import Plan
-from stages.sensor.reading_arrays import LOAD_COLUMNS
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import Creep, StiffnessScale
 from tests.blind.generator.sensor.folder import write_campaign

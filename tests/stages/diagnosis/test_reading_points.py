@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stages.common.reading_arrays import RecordedSteps
 from stages.diagnosis.signal_knowledge import told_by_readings
-from stages.sensor.reading_arrays import RecordedSteps
 from tests.tolerance import assert_close
 from truing.simulation.bench.reading_state import LoadSteps, ReadingState
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, SignalsExchanged

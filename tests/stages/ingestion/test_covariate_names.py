@@ -13,9 +13,9 @@ import pytest
 
 from schemas.columns import COLUMNS
 from schemas.covariates import listed, named, own_name, stand_in
-from stages.pose_conditions import pose_conditions
+from stages.common.pose_conditions import pose_conditions
+from stages.common.reading_arrays import load_steps
 from stages.predict import predict
-from stages.sensor.reading_arrays import load_steps
 from tests.blind.generator.draw import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Surroundings, Targets

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.point_arrays import PosePoints, SurveyPoints
+from stages.common.point_arrays import PosePoints, SurveyPoints
 from stages.rigid_poses.body_pose import fit_body
 from stages.rigid_poses.point_errors import PointErrors
 from tests.tolerance import assert_between, assert_close

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from schemas.interferometer import Interferometer
-from stages.sensor.declared_optics import channel_rows, declared_optics
+from stages.common.declared_optics import channel_rows, declared_optics
 from stages.sensor.seen_motion import BeamGeometry
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import Effect

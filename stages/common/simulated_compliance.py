@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.nominal_sensor import NominalSensor, nominal_sensor
+from stages.common.nominal_sensor import NominalSensor, nominal_sensor
 from truing.simulation.six_upur.compliance_change import (
     change_as_a_whole,
     common_to_legs,

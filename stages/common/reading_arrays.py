@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
-from stages.point_arrays import number_column
+from stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
-from stages.point_arrays import number_column, positions
+from stages.common.point_arrays import number_column, positions
 from truing.simulation.causes.following import APPROACH, LAST_STEP, MEMORY, ORDER
 from truing.simulation.unknowns import Conditions
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
-from stages.point_arrays import number_column, positions
+from stages.common.point_arrays import number_column, positions
 from truing.simulation.photographs.ray_poses import RayParameter
 
 if TYPE_CHECKING:

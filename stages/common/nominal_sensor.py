@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.point_arrays import number_column
-from stages.sensor.reading_arrays import CHANNELS, LOADS
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import CHANNELS, LOADS
 from truing.simulation.six_upur import elements
 from truing.simulation.six_upur.assembly import SOURCES
 from truing.simulation.six_upur.geometry import JointCentres, joint_centres

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor.reading_arrays import CHANNELS
+from stages.common.reading_arrays import CHANNELS
 from truing.estimation.interferometry.readings import angular_rows, linear_rows
 from truing.simulation.bench.optics import Optics
 
