@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.interruption import answered, exit_code_of, heard, interruptible
-from pipeline.memory_limit import check_memory_limit
 from pipeline.problems import (
     Defect,
     EnvironmentProblem,
@@ -22,6 +21,9 @@ from schemas.faults import CampaignFaults
 from schemas.memory import shortage
 
 KEPT = "finished artifacts are intact; run again to resume"
+# Address space in MB: loading the libraries takes 1600, the sample campaign 2100 (two processors). With less, OpenBLAS
+# ends the process or waits without end, and the system's loader aborts it.
+_LEAST_MB = 2000
 
 
 def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
@@ -93,3 +95,21 @@ def defects_logged(log: Path, doing: str) -> Iterator[None]:
         brief = (str(error).splitlines() or [""])[0][:200]
         sentence = f"truing has a defect: {doing} ended with {type(error).__name__}: {brief} (traceback in {log})"
         raise Defect(sentence) from error
+
+
+def limit_mb() -> float | None:
+    """The address space that this process may use (ulimit -v); None where it has no limit, or the system knows none."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return None if most == resource.RLIM_INFINITY else most / 2**20
+
+
+def check_memory_limit() -> None:
+    """Raise EnvironmentProblem where the limit is below what loading the libraries needs."""
+    most = limit_mb()
+    if most is not None and most < _LEAST_MB:
+        least = f"at least {_LEAST_MB} MB are needed to load the libraries"
+        raise EnvironmentProblem(f"this process may use {most:.0f} MB of memory; {least}: raise the limit (ulimit -v)")

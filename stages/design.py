@@ -115,7 +115,7 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
         raise CampaignFaults([Fault(tables.extend_file, "poses to keep, that are not for verification")])
     measured = wish.poses + (0 if kept_rho is None else len(kept_rho))
     problem = _with_room(tables.avoid_file, lambda: design_problem(settings, limits, wish.parameters, tables.survey))
-    _check_wish(wish, problem, measured)
+    _check_wish(problem, measured)
     kept = None if kept_rho is None else _judged(problem, kept_rho, tables.extend_file)
     rng = np.random.default_rng(wish.seed)
     given = None if kept is None else kept.information
@@ -139,7 +139,7 @@ def _with_room(avoid_file: str, make: Callable[[], _T]) -> _T:
         raise CampaignFaults([Fault(avoid_file, str(error))]) from None
 
 
-def _check_wish(wish: DesignWish, problem: DesignProblem, measured: int) -> None:
+def _check_wish(problem: DesignProblem, measured: int) -> None:
     least = len(problem.names)
     if measured < least:
         expected = f"at least {least} configurations, one for each parameter of a leg"

@@ -217,7 +217,7 @@ def relative_gain(
             continue
         own = _rows(gain, frame, b)
         if above is not None:
-            slope = relative_slope(bodies[above].R[p], bodies[above].t[p], bodies[b].R[p], bodies[b].t[p])
+            slope = relative_slope(bodies[above].R[p], bodies[above].t[p], bodies[b].t[p])
             own = slope @ np.concatenate([_rows(gain, frame, above), own])
         names.append(name)
         rows.append(own)

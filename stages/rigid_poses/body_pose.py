@@ -95,7 +95,7 @@ def fit_body(
     rejected = usable & ~fitted.agreed & fitted.judged[:, None] | points.seen & excluded
     there = (points.seen & fitted.known)[..., None]
     residual = np.where(there, fit.residuals(np.nan_to_num(fitted.source), points.points), np.nan)
-    why = _reasons(points, fit, residual, fitted, used, rejected)
+    why = _reasons(fit, residual, fitted, used, rejected)
     kept, excluded = used & kept, excluded & points.seen
     why = np.where(kept, kept_why, np.where(excluded, excluded_why, why))
     by_person = excluded.sum(axis=1)
@@ -108,9 +108,7 @@ def fit_body(
     )
 
 
-def _reasons(
-    points: PosePoints, fit: RigidFit, residual: Array, fitted: BodyFit, used: Mask, rejected: Mask
-) -> NDArray[np.object_]:
+def _reasons(fit: RigidFit, residual: Array, fitted: BodyFit, used: Mask, rejected: Mask) -> NDArray[np.object_]:
     """(B, T) why a point was not used, in words; empty where it was."""
     off_mm = 1e3 * np.linalg.norm(np.nan_to_num(residual), axis=-1)
     gross = _each(lambda mm: f"gross error: {mm:.3f} mm off" if mm else "gross error", off_mm, rejected)

@@ -48,7 +48,7 @@ def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors
     """
     poses = [found for p in range(len(bodies[0].fit.ok)) if (found := _pose(p, bodies, rows)) is not None]
     first = [_motions(pose, bodies, errors) for pose in poses]
-    limit = _limits(poses, first, bodies, errors)
+    limit = _limits(poses, first, bodies)
     solved = [_cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, first, strict=True)]
     joint = {pose.number: JointFit(pose.bodies, pose.row, found) for pose, found in solved if found.converged}
     return with_other_methods(_replaced(bodies, solved, errors), rows, errors, joint)
@@ -73,9 +73,7 @@ def _motions(pose: _Pose, bodies: Sequence[BodyPoses], errors: PointErrors) -> J
     return joint_motions(points, np.array([body.fit.R[p] for body in own]), np.array([body.fit.t[p] for body in own]))
 
 
-def _limits(
-    poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Sequence[BodyPoses], errors: PointErrors
-) -> Array:
+def _limits(poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Sequence[BodyPoses]) -> Array:
     """The largest test (B,) of each body that noise explains, with what the body scatters beyond it over all poses."""
     ratio = np.ones(len(bodies))
     for b in range(len(bodies)):

@@ -97,7 +97,7 @@ def sensitivities_table(
 def _effect_columns(body: BodyPoses, base: BodyPoses | None, parameters: Sequence[str]) -> dict[str, Any]:
     effects = cast("NDArray[np.float64]", body.effects)
     if base is not None and base.effects is not None:
-        slope = relative_slope(base.fit.R, base.fit.t, body.fit.R, body.fit.t)
+        slope = relative_slope(base.fit.R, base.fit.t, body.fit.t)
         effects = slope @ np.concatenate([base.effects, effects], axis=1)
     at_pose, at_parameter = np.nonzero(np.isfinite(effects).all(axis=1))
     values = effects[at_pose, :, at_parameter]
@@ -131,7 +131,7 @@ def _between(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[
         by_base, by_other = (one.cross.get((one.default, two.name)) for one, two in ((body, base), (base, other)))
         if by_base is None or by_other is None:
             return {}
-        own, far = (relative_slope(base.fit.R, base.fit.t, one.fit.R, one.fit.t) for one in (body, other))
+        own, far = (relative_slope(base.fit.R, base.fit.t, one.fit.t) for one in (body, other))
         whole = np.block([[base.fit.covariance, by_other], [by_base, known]])
         covariance = own @ whole @ np.swapaxes(far, 1, 2)
     told = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))

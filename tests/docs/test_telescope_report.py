@@ -17,11 +17,11 @@ from docs.experiments.telescope_report_geometry import (
     observed,
     rival_patterns,
 )
-from docs.experiments.telescope_report_kappa import reference_reading
 from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
 from docs.experiments.telescope_report_models import accuracy
 from docs.experiments.telescope_report_remainder import CAUSES, TOGETHER, Ignorance, explain, pattern, remainder
 from docs.experiments.telescope_report_side import choice, starts
+from docs.experiments.telescope_report_tables import reference_reading
 from tests.docs.shown import shown
 from tests.simulation.telescope import K as REFERENCE_K
 from tests.tolerance import assert_close

@@ -115,11 +115,11 @@ def relative_of_pair(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return ``T_wa^-1 T_wb`` as `relative`, of a and b with the covariance cov (..., 12, 12) of both together."""
     R, p, _ = relative(R_wa, p_wa, cov[..., :6, :6], R_wb, p_wb, cov[..., 6:, 6:])
-    J = relative_slope(R_wa, p_wa, R_wb, p_wb)
+    J = relative_slope(R_wa, p_wa, p_wb)
     return R, p, symmetric(_sandwich(J, cov))
 
 
-def relative_slope(R_wa: NDArray, p_wa: NDArray, R_wb: NDArray, p_wb: NDArray) -> NDArray:
+def relative_slope(R_wa: NDArray, p_wa: NDArray, p_wb: NDArray) -> NDArray:
     """Return how errors of a and of b move the pose of b seen from a: (..., 6, 12)."""
     Rt = np.swapaxes(R_wa, -1, -2)
     zero = np.zeros((3, 3))

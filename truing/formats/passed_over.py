@@ -68,7 +68,7 @@ def why_not_read(path: Path, name: str, read_stems: Collection[str]) -> PassedOv
     if ending in _OTHER_PICTURES and os.path.splitext(name)[0] not in read_stems:
         return PassedOver(name, f"a photograph as JPEG, PNG or TIFF ({_READ}): export it from .{ending}", True)
     if ending in PICTURES:
-        return PassedOver(name, _misplaced(path, name, ending), True)
+        return PassedOver(name, _misplaced(path, ending), True)
     return PassedOver(name, f"no photograph (.{ending})" if ending else "no photograph (no ending)")
 
 
@@ -83,7 +83,7 @@ def _kind(path: Path) -> str:
     return "a pipe" if stat.S_ISFIFO(mode) else "a socket or a device"
 
 
-def _misplaced(path: Path, name: str, ending: str) -> str:
+def _misplaced(path: Path, ending: str) -> str:
     if path.suffix.removeprefix(".") not in (ending, ending.upper()):
         return f"an ending in small or in capital letters, .{ending} or .{ending.upper()}"
     return "a photograph at most two folders down, <pose>/<camera>/<file>, or [files.images] with from_name"

@@ -58,7 +58,7 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
     """Every photograph of the campaign with its head; what is wrong with one goes into ``log``, and it is left out."""
     found, seen = Photographs(), set[RawFile]()
     for entry in source.entries("images"):
-        for fault in _faults_of_entry(entry, source):
+        for fault in _faults_of_entry(entry):
             log.add(fault)
         for pattern in entry.paths:
             for raw in _files(source, pattern, found, log):
@@ -86,7 +86,7 @@ def _tell(one: PassedOver, found: Photographs, log: FaultLog) -> None:
         found.left_out[(one.folder, one.why)] += 1
 
 
-def _faults_of_entry(entry: FileMapping, source: CampaignFiles) -> Iterator[Fault]:
+def _faults_of_entry(entry: FileMapping) -> Iterator[Fault]:
     for key in sorted(entry.model_fields_set - _KEYS):
         yield Fault("campaign.toml", f"one of {', '.join(sorted(_KEYS))}", column=f"{_COLUMN}.{key}")
     named = {*bounded(entry.from_name or "", "from_name").groupindex, *entry.constants, *entry.rename, *entry.offset}

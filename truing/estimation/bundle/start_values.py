@@ -88,7 +88,7 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
             miss[pose.number] = np.median(np.linalg.norm(off, axis=1))
         failed |= {int(pose.image[image]): why for image, why in now.failed.items()}
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
-    images, points = _image_reasons(network, failed, placed, oriented), _point_reasons(network, state, placed, oriented)
+    images, points = _image_reasons(network, failed, placed, oriented), _point_reasons(network, placed, oriented)
     return Start(state, oriented, placed, agrees, images, points, tuple(frame), tuple(scale), miss)
 
 
@@ -138,7 +138,7 @@ def _image_reasons(
     return tuple(reasons)
 
 
-def _point_reasons(network: Network, state: State, placed: Mask, oriented: Mask) -> tuple[str, ...]:
+def _point_reasons(network: Network, placed: Mask, oriented: Mask) -> tuple[str, ...]:
     """Return why points (P,) have no coordinates, "" where they have them."""
     rays = network.rays
     seen = np.bincount(rays.point, minlength=len(placed))

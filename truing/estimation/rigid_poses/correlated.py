@@ -98,7 +98,7 @@ def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotion
         if converged:
             break
     gain = np.linalg.solve(normal, weighted.T)
-    return JointMotions(R, t, gain, _tests(factor, J, weighted, gain, r), converged)
+    return JointMotions(R, t, gain, _tests(factor, weighted, gain, r), converged)
 
 
 def _motions(arm: NDArray, body: NDArray, bodies: int) -> NDArray:
@@ -124,7 +124,7 @@ def _factor(cov_target: NDArray, turned: NDArray, J: NDArray) -> tuple[NDArray, 
     return cho_factor(S + (J * (variance / size)) @ J.T, lower=True)
 
 
-def _tests(factor: tuple[NDArray, bool], J: NDArray, weighted: NDArray, gain: NDArray, r: NDArray) -> NDArray:
+def _tests(factor: tuple[NDArray, bool], weighted: NDArray, gain: NDArray, r: NDArray) -> NDArray:
     """Return Baarda's test (N,) of a gross error in each point, three coordinates at once."""
     count = len(r)
     W = cho_solve(factor, np.eye(3 * count))

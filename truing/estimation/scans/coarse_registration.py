@@ -34,7 +34,7 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     o3d = load_open3d()
     voxel = max(_voxel_for(o3d, reference), _voxel_for(o3d, scan))
     thin_reference, thin_scan = (_with_normals(o3d, cloud, voxel) for cloud in (reference, scan))
-    fewer = _every(o3d, thin_scan, max(1, len(thin_scan.points) // _FEWER))
+    fewer = _every(thin_scan, max(1, len(thin_scan.points) // _FEWER))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         matched = list(_by_features(o3d, thin_reference, thin_scan, voxel))
     starts = [*matched, *_promising(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
@@ -70,7 +70,7 @@ def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
     return cloud
 
 
-def _every(o3d: Any, cloud: Any, step: int) -> Any:
+def _every(cloud: Any, step: int) -> Any:
     return cloud.uniform_down_sample(step)
 
 
