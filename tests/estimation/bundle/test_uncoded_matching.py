@@ -41,8 +41,8 @@ def test_circles_are_matched_and_strays_are_not():
     off = found.xyz_m - made.truth.points[first]
     chi2 = np.einsum("ki,kij,kj->k", off, np.linalg.inv(found.cov_m2), off)
     assert chi2.mean() / 3 == pytest.approx(1.0, abs=0.3)
-    assert sum(found.counts.values()) == len(truth)
-    assert found.counts[""] == matched.sum()
+    assert len(found.reason) == len(truth)
+    assert found.reason.count("") == matched.sum()
 
 
 def test_an_orientation_in_doubt_widens_the_search():

@@ -30,16 +30,14 @@ class PermissibleError:
 @dataclass(frozen=True)
 class LengthErrors:
     """Per length: error_m (L,) measured less calibrated at the reference temperature, sigma_m (L,) of it, permitted_m
-    (L,) (NaN where nothing is stated), verdict (L,) after ISO 14253-1 with twice the sigma. Of all: the largest
-    absolute error, the root mean square, chi2 of the errors against their whole covariance and its p-value, the scale
-    error that they have in common with its sigma, and what the guideline asks for and the test lacks."""
+    (L,) (NaN where nothing is stated), verdict (L,) after ISO 14253-1 with twice the sigma. Of all: chi2 of the errors
+    against their whole covariance and its p-value, the scale error that they have in common with its sigma, and what
+    the guideline asks for and the test lacks."""
 
     error_m: Array
     sigma_m: Array
     permitted_m: Array
     verdict: tuple[str, ...]
-    largest_m: float
-    rms_m: float
     chi2: float
     p_value: float
     scale: float
@@ -82,8 +80,6 @@ def length_errors(
         sigma_m=sigma,
         permitted_m=permitted,
         verdict=_verdicts(error, sigma, permitted),
-        largest_m=float(np.abs(error).max(initial=0.0)),
-        rms_m=float(np.sqrt(np.mean(error**2))) if some else float("nan"),
         chi2=chi2,
         p_value=float(chdtrc(len(error), chi2)) if some else float("nan"),
         scale=float(calibrated_m @ weighted[:, 0]) / information if some else float("nan"),

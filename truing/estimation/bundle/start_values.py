@@ -15,10 +15,9 @@ from functools import partial
 import numpy as np
 
 from truing.estimation.bundle.growing import Grown, grow, intersected
-from truing.estimation.bundle.intersection import LEAST_ANGLE, Mask
+from truing.estimation.bundle.intersection import Mask
 from truing.estimation.bundle.network import Array, Index, Network, State
 from truing.estimation.bundle.pose_networks import PoseNetwork, pose_networks
-from truing.estimation.bundle.resection import FEWEST
 from truing.estimation.bundle.start_refinement import joined, refined, refined_together, reopened
 from truing.estimation.bundle.start_seeds import begin, usual_distance
 from truing.estimation.rigid_poses.umeyama import umeyama
@@ -44,19 +43,15 @@ class Markers:
 @dataclass(frozen=True)
 class Start:
     """Start values: the state (NaN where nothing was found), which images (I,) are oriented and points (P,) placed,
-    which rays (N,) agree, why images and points were left out ("" where they were not), and per pose (S) where its
-    frame and its scale come from ("known points", "scale bars", "markers", "none": free, "not oriented") and the median
-    miss_px of its agreeing rays (NaN where there are none): much more than measuring noise tells of a poor start."""
+    which rays (N,) agree, and per pose (S) where its frame and its scale come from ("known points", "scale bars",
+    "markers", "none": free, "not oriented")."""
 
     state: State
     image_oriented: Mask
     point_placed: Mask
     ray_agrees: Mask
-    image_reason: tuple[str, ...]
-    point_reason: tuple[str, ...]
     frame: tuple[str, ...]
     scale: tuple[str, ...]
-    miss_px: Array
 
 
 def find_start(network: Network, interior: Array, markers: Markers | None = None) -> Start:
@@ -79,17 +74,11 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     found = _finished(network, poses, [replace(now, interior=values) for now in found])
     whole = joined(network, poses, found)
     state, frame, scale = in_frame(network, whole, markers.corners, markers.size_m)
-    agrees, miss = np.zeros(network.rays.count, bool), np.full(len(poses), np.nan)
-    failed: dict[int, tuple[int, int]] = {}
+    agrees = np.zeros(network.rays.count, bool)
     for pose, now in zip(poses, found, strict=True):
         agrees[pose.ray] = now.agrees
-        if now.agrees.any():
-            off = now.rays.misses(now.X)[0][now.agrees]
-            miss[pose.number] = np.median(np.linalg.norm(off, axis=1))
-        failed |= {int(pose.image[image]): why for image, why in now.failed.items()}
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
-    images, points = _image_reasons(network, failed, placed, oriented), _point_reasons(network, placed, oriented)
-    return Start(state, oriented, placed, agrees, images, points, tuple(frame), tuple(scale), miss)
+    return Start(state, oriented, placed, agrees, tuple(frame), tuple(scale))
 
 
 def _markers_of(pose: PoseNetwork, markers: Markers) -> tuple[Index, Array]:
@@ -111,45 +100,6 @@ def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Gr
             now = grow(intersected(wide, rng), rng, partial(refined, pose.network))
         again.append(intersected(replace(now, interior=together[0].interior), rng) if now.oriented.any() else now)
     return refined_together(network, poses, again)
-
-
-def _image_reasons(
-    network: Network, failed: dict[int, tuple[int, int]], placed: Mask, oriented: Mask
-) -> tuple[str, ...]:
-    """Return why images (I,) have no orientation, "" where they have one."""
-    rays = network.rays
-    sees = np.bincount(rays.image, minlength=len(oriented))
-    sees_placed = np.bincount(rays.image[placed[rays.point]], minlength=len(oriented))
-    begun = np.bincount(network.image_pose[oriented], minlength=1 + int(network.image_pose.max(initial=0))) > 0
-    reasons = []
-    for image in range(len(oriented)):
-        if oriented[image]:
-            reasons.append("")
-        elif sees[image] < FEWEST:
-            reasons.append(f"sees {sees[image]} points with a name, at least {FEWEST} are needed")
-        elif not begun[network.image_pose[image]]:
-            reasons.append(
-                "no two images of its pose have enough points in common, and no image sees enough known points"
-            )
-        elif image in failed:
-            reasons.append(f"of {failed[image][0]} points with coordinates that it sees only {failed[image][1]} agree")
-        else:
-            reasons.append(f"sees {sees_placed[image]} points with coordinates, at least {FEWEST} are needed")
-    return tuple(reasons)
-
-
-def _point_reasons(network: Network, placed: Mask, oriented: Mask) -> tuple[str, ...]:
-    """Return why points (P,) have no coordinates, "" where they have them."""
-    rays = network.rays
-    seen = np.bincount(rays.point, minlength=len(placed))
-    by_oriented = np.bincount(rays.point[oriented[rays.image]], minlength=len(placed))
-    angle = f"{np.degrees(LEAST_ANGLE):.0f} degrees"
-    reasons = np.where(
-        by_oriented >= 2, f"its rays do not agree, or meet at less than {angle}", "seen in one oriented image"
-    )
-    reasons = np.where(by_oriented == 0, "seen in no oriented image", reasons)
-    reasons = np.where(seen == 0, "seen in no image", reasons)
-    return tuple(np.where(placed, "", reasons).tolist())
 
 
 def in_frame(network: Network, state: State, corners: Index, size_m: Array) -> tuple[State, list[str], list[str]]:

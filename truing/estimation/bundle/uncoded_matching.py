@@ -7,7 +7,6 @@ agree on becomes a point, and an image point that two points claim belongs to ne
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -63,11 +62,6 @@ class Matched:
     cov_m2: Array
     rays: Index
     reason: tuple[str, ...]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many circles have which reason."""
-        return dict(Counter(self.reason))
 
 
 def match_uncoded(circles: Circles, images: OrientedImages, fewest: int = 3, alpha: float = 0.001) -> Matched:
