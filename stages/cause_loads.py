@@ -17,7 +17,7 @@ from stages.diagnosis.next_loads import next_run, possible_runs
 from stages.diagnosis.next_measurement import planned
 from stages.diagnosis.next_plan import plan_table
 from stages.simulated_campaigns.reading_plan import reading_plan
-from truing.estimation.diagnosis.fitted_model import Fitter
+from truing.inference.fitted_model import Fitter
 
 if TYPE_CHECKING:
     import pyarrow as pa

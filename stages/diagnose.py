@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stages.diagnosis.mechanism_points import Gathered
     from stages.diagnosis.ray_findings import RayFindings
     from stages.diagnosis.shown import Channels
-    from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
+    from truing.inference.selection import Diagnosis, Settings
     from truing.simulation.cause import Cause
 
 DECLARATION = Stage(
@@ -200,7 +200,7 @@ def _of_rays_alone(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
 def rule_of(settings: Campaign, *, of_points: bool = False) -> Settings:
     """How sure a finding must be in a campaign; of its points alone, where rays are judged as well."""
     from stages.diagnosis.ray_findings import SHARE_OF_RAYS
-    from truing.estimation.diagnosis.acceptance import Settings
+    from truing.inference.selection import Settings
 
     share = 1.0 - SHARE_OF_RAYS if of_points else 1.0
     return Settings(share * settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
@@ -223,7 +223,7 @@ def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cau
 
 def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
-    from truing.estimation.diagnosis.acceptance import Acceptance
+    from truing.inference.selection import Acceptance
 
     photographed = bool(gathered.model.scene.photographed)
     search = Acceptance(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.estimation.diagnosis.detectable import POWER, Sight, sights
 from truing.estimation.dose_response import Interval, rate_bounds, size_found
+from truing.inference.detectable import POWER, Sight, sights
 from truing.simulation.cause import Cause, Effect
 from truing.simulation.hidden_effects import Size, Sort, concerned, sorts, told_size
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stages.simulated_campaigns.plan import CampaignPlan
     from stages.simulated_campaigns.ray_plan import RayPlan
     from stages.simulated_campaigns.reading_plan import ReadingPlan
-    from truing.estimation.diagnosis.acceptance import Settings
+    from truing.inference.selection import Settings
 
     Plan = CampaignPlan | ReadingPlan | RayPlan
 
@@ -125,8 +125,8 @@ def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> 
 
 def expected_sights(plan: Plan, gathered: Gathered, settings: Campaign) -> list[Sight]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
-    from truing.estimation.diagnosis.candidate_proposals import search_of
-    from truing.estimation.diagnosis.fitted_model import Fitter
+    from truing.inference.fitted_model import Fitter
+    from truing.inference.search import search_of
 
     kinds, rule = judged_by(plan, settings)
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
-from truing.estimation.diagnosis.point_fit import MeasuredPoints, PointFit, fit_points, whitened_columns
+from truing.inference.fit import PointFit, fit_points
+from truing.inference.observations import MeasuredPoints, whitened_columns
 from truing.simulation.cause import Cause, Step
 from truing.simulation.causes import OWN_CAUSES, catalogue
 from truing.simulation.causes.bodies import BodyDeformation

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from docs.experiments.causes import DOCS, LEGS, WHERE, Likeness, Seen, left, parameters, shares_table
 from docs.experiments.marked_tables import renew, table
-from truing.estimation.diagnosis.point_fit import Frames, fit_points
+from truing.inference.fit import fit_points
+from truing.inference.observations import Frames
 from truing.simulation.bench.reading_state import AIR, CHANNELS, MATERIAL
 from truing.simulation.cause import Cause
 from truing.simulation.causes import OWN_CAUSES_OF_READINGS

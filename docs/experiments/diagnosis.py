@@ -18,7 +18,7 @@ from docs.experiments.calibration import run_folder
 from docs.experiments.marked_tables import renew, table
 
 if TYPE_CHECKING:
-    from truing.estimation.diagnosis.acceptance import Diagnosis
+    from truing.inference.selection import Diagnosis
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"

@@ -18,8 +18,8 @@ from stages.calibration.data import Measured
 from stages.common.point_arrays import pose_ids
 from stages.common.pose_conditions import pose_conditions
 from stages.common.rows import Rows
-from truing.estimation.diagnosis.pulls import TOLD, pulls
 from truing.estimation.rotation import log_so3
+from truing.inference.pulls import TOLD, pulls
 from truing.simulation.cause import Effect
 from truing.simulation.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
 from truing.simulation.identified import IdentifiedGeometry, identified_geometry, name_and_leg

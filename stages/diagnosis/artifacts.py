@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.diagnosis.mechanism_points import Gathered
-    from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
-    from truing.estimation.diagnosis.fitted_model import Stand
-    from truing.estimation.diagnosis.prediction_error import PredictionError
+    from truing.inference.fitted_model import Stand
+    from truing.inference.prediction import PredictionError
+    from truing.inference.selection import Diagnosis, Settings
 
 
 def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, settings: Campaign) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from stages.diagnosis.body_standing import Standing, standing
 from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
 from stages.prospects import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.body_model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.causes.body_terms import CAME_FROM, place_columns
 from truing.simulation.survey import shape_unknowns

@@ -17,14 +17,14 @@ from stages.common.point_arrays import (
     survey_points,
 )
 from stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
-from truing.estimation.diagnosis.whereabouts import (
+from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.target_positions import (
     changes_of_place,
     lonely_places,
     looseness,
     median_places,
     stray_places,
 )
-from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.simulation.causes.markers import markers_of
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.unknowns import FREE_LENGTH_M

@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
-from truing.estimation.diagnosis.detectable import POWER, Sight, sight, sights
+from truing.inference.detectable import POWER, Sight, sight, sights
 from truing.simulation.hidden_effects import told_size
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.estimation.diagnosis.candidate_search import Search
+    from truing.inference.search import Search
 
 
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from schemas.faults import CampaignFaults, Fault
 from schemas.settings_text import parsed_toml
 from stages.common.rows import Rows
-from truing.estimation.diagnosis.changes import Comparison, compare
-from truing.estimation.diagnosis.fitted_model import Fitter, Stand
-from truing.estimation.diagnosis.point_fit import fit_points
+from truing.inference.changes import Comparison, compare
+from truing.inference.fit import fit_points
+from truing.inference.fitted_model import Fitter, Stand
 from truing.simulation.bench.earlier_sensor import earlier_sensor
 from truing.simulation.bench.sensor_text import is_sensor, read_sensor
 from truing.simulation.cause import Cause

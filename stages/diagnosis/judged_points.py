@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import PosePoints, number_column, positions, text_column
-from truing.estimation.diagnosis.in_time import alone_in_time
 from truing.estimation.labels.exchanges import Exchange, exchanges, residuals_once_exchanged
+from truing.inference.screening import alone_in_time
 from truing.simulation.causes.targets import TargetsSwapped
 
 if TYPE_CHECKING:

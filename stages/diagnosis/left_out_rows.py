@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.diagnosis.mechanism_points import Gathered
-    from truing.estimation.diagnosis.acceptance import Diagnosis
-    from truing.estimation.diagnosis.fitted_model import ScreenedPoint
+    from truing.inference.fitted_model import ScreenedPoint
+    from truing.inference.selection import Diagnosis
 
 _WHY = "gross error: its residual is far outside those of its target"
 
@@ -20,7 +20,7 @@ def left_out_table(diagnosis: Diagnosis, gathered: Gathered) -> dict[str, pa.Tab
     """The artifact ``diagnosis_left_out``; empty where nothing was taken out."""
     import pyarrow as pa
 
-    from truing.estimation.diagnosis.screening import least_gross
+    from truing.inference.screening import least_gross
 
     if not diagnosis.screened:
         return {}

@@ -13,10 +13,9 @@ from stages.common.point_arrays import number_column, pose_ids, pose_points, pos
 from stages.common.pose_conditions import chosen, pose_conditions
 from stages.diagnosis.judged_points import judged_points, swapped_targets
 from stages.diagnosis.shown import Channels
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
+from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.cause import Cause
 from truing.simulation.causes.following import ORDER
 from truing.simulation.causes.targets import TargetsSwapped

@@ -14,14 +14,14 @@ from schemas.covariates import own_name
 from stages.diagnosis.next_candidates import possible
 from stages.diagnosis.next_plan import Plan, Reach, plan_table
 from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.inference.observations import Frames, MeasuredPoints
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from truing.estimation.diagnosis.acceptance import Diagnosis
-    from truing.estimation.diagnosis.fitted_model import Stand
+    from truing.inference.fitted_model import Stand
+    from truing.inference.selection import Diagnosis
 
 ODDS = 20.0
 _HALF = 0.5

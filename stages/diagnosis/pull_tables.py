@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.rows import Rows
-from truing.estimation.diagnosis.pulls import Pulls, pulls
+from truing.inference.pulls import Pulls, pulls
 from truing.simulation.identified import IdentifiedGeometry, identified_geometry
 
 if TYPE_CHECKING:

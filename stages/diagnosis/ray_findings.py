@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.declaration import Progress
-    from truing.estimation.diagnosis.acceptance import Diagnosis, Settings
-    from truing.estimation.diagnosis.fitted_model import Poses
+    from truing.inference.observations import Poses
+    from truing.inference.selection import Diagnosis, Settings
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, rule: Setti
 
 def searched(gathered: Gathered, rule: Settings, progress: Progress) -> Diagnosis:
     """All that the search for causes of rays decides; ``rule`` is the whole campaign's."""
-    from truing.estimation.diagnosis.acceptance import Acceptance
+    from truing.inference.selection import Acceptance
 
     search = Acceptance(
         gathered.model,

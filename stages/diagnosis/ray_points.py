@@ -15,10 +15,9 @@ from stages.diagnosis.body_points import known_of_poses
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Shown
 from truing.estimation.bundle.ray_channels import RayChannels, ray_channels
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.estimation.diagnosis.prediction_error import PredictionError
 from truing.estimation.rotation import exp_so3
+from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.prediction import PredictionError
 from truing.simulation.photographs.ray_model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.diagnosis.ray_findings import RayFindings
-    from truing.estimation.diagnosis.acceptance import Settings
+    from truing.inference.selection import Settings
 
 _ORDER = ("found", "indistinguishable", "rejected")
 _UM = 1e6

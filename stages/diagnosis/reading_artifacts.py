@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.diagnosis.shown import Channels
-    from truing.estimation.diagnosis.acceptance import Diagnosis
-    from truing.estimation.diagnosis.fitted_model import Stand
-    from truing.estimation.diagnosis.prediction_error import PredictionError
+    from truing.inference.fitted_model import Stand
+    from truing.inference.prediction import PredictionError
+    from truing.inference.selection import Diagnosis
 
 
 def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, Any]:

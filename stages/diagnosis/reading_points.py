@@ -17,8 +17,7 @@ from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from stages.sensor.exchanged_rows import exchanged_rows
 from stages.sensor.run_starts import zeros_of_runs
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged

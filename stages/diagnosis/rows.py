@@ -16,11 +16,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.diagnosis.ray_points import RayShown
-    from truing.estimation.diagnosis.acceptance import Diagnosis
-    from truing.estimation.diagnosis.fitted_model import Stand
-    from truing.estimation.diagnosis.noise_following import NoiseFollowing
-    from truing.estimation.diagnosis.noise_level import NoiseLevel
-    from truing.estimation.diagnosis.verdicts import Verdict
+    from truing.inference.fitted_model import Stand
+    from truing.inference.noise import NoiseFollowing, NoiseLevel
+    from truing.inference.selection import Diagnosis
+    from truing.inference.verdicts import Verdict
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from stages.common.point_arrays import number_column, positions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.estimation.diagnosis.fitted_model import Poses
+    from truing.inference.observations import Poses
 
 _SI = 1e-3
 _EXACT_MM = 1e-6  # bars without any uncertainty count alike

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from truing.estimation.diagnosis.prediction_error import NoiseFloor, PredictionError
+    from truing.inference.prediction import NoiseFloor, PredictionError
 
 # A channel is concerned where an effect moves it by this share of what it moves the most, in units of the noise.
 _CONCERNED = 0.2

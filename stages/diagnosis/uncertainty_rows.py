@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stages.common.rows import Rows
-from truing.estimation.diagnosis.uncertainty_sources import EARLIER, PLAUSIBLE, POINTS, READINGS, WIDE
+from truing.inference.linear_problem import EARLIER, PLAUSIBLE, POINTS, READINGS, WIDE
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.estimation.diagnosis.acceptance import Diagnosis
-    from truing.estimation.diagnosis.fitted_model import Stand
-    from truing.estimation.diagnosis.uncertainty_sources import Given
+    from truing.inference.fitted_model import Stand
+    from truing.inference.linear_problem import Given
+    from truing.inference.selection import Diagnosis
     from truing.simulation.cause import Cause
 
 # Sources in words, by how a model calls its kinds of unknowns.

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from stages.power import Curve, Question, Rate
-from truing.estimation.diagnosis.detectable import POWER
+from truing.inference.detectable import POWER
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -25,8 +25,8 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.estimation.diagnosis.candidate_round import score_round
-from truing.estimation.diagnosis.fitted_model import Fitter
+from truing.inference.fitted_model import Fitter
+from truing.inference.rounds import score_round
 from truing.simulation.cause import Effect
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.causes.platform_deformation import LinearPlatformDeformation

@@ -21,11 +21,11 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.hidden_twice import Ground, as_hidden
 from tests.blind.judging import UNLUCKY
 from tests.blind.two_rates import Pair, unlike
-from truing.estimation.diagnosis.acceptance import Acceptance
-from truing.estimation.diagnosis.candidate_proposals import search_of
-from truing.estimation.diagnosis.detectable import sights
-from truing.estimation.diagnosis.fitted_model import Fitter
-from truing.estimation.diagnosis.verdicts import FOUND
+from truing.inference.detectable import sights
+from truing.inference.fitted_model import Fitter
+from truing.inference.search import search_of
+from truing.inference.selection import Acceptance
+from truing.inference.verdicts import FOUND
 from truing.simulation.cause import Effect
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.causes.leg_drift import LegDrift

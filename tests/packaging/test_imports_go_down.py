@@ -14,9 +14,10 @@ FORBIDDEN = {
     "truing": ("stages", "pipeline"),
     "stages": ("pipeline",),
     "truing/estimation": ("truing.simulation", "truing.formats", "truing.report", "truing.runs"),
+    "truing/inference": ("truing.simulation", "truing.formats", "truing.report", "truing.runs"),
     "truing/simulation": ("truing.formats", "truing.report", "truing.runs"),
-    "truing/formats": ("truing.estimation", "truing.simulation", "truing.report", "truing.runs"),
-    "truing/report": ("truing.estimation", "truing.simulation", "truing.formats", "truing.runs"),
+    "truing/formats": ("truing.estimation", "truing.inference", "truing.simulation", "truing.report", "truing.runs"),
+    "truing/report": ("truing.estimation", "truing.inference", "truing.simulation", "truing.formats", "truing.runs"),
     "truing/runs": ("truing.formats",),
     "tests/blind/generator": ("truing", "stages", "pipeline", "schemas"),
 }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_close
-from truing.estimation.diagnosis.changes import compare
+from truing.inference.changes import compare
 from truing.simulation.prior_campaign import Earlier
 from truing.simulation.told_numbers import Number, Told, figures
 

@@ -11,10 +11,9 @@ import pytest
 from schemas.interferometer import Interferometer
 from stages.common.declared_optics import declared_optics
 from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
-from truing.estimation.diagnosis.acceptance import Acceptance, Settings
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.estimation.diagnosis.verdicts import FOUND, Verdict
+from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.selection import Acceptance, Settings
+from truing.inference.verdicts import FOUND, Verdict
 from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.reading_state import AIR
 from truing.simulation.cause import Cause

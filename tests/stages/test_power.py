@@ -24,7 +24,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.estimation.diagnosis.detectable import Rule, Sight
+from truing.inference.detectable import Rule, Sight
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.hidden_effects import Size, Sort
 

@@ -19,7 +19,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Geometry, Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
-from truing.estimation.diagnosis.fitted_model import Fitter, Stand
+from truing.inference.fitted_model import Fitter, Stand
 from truing.simulation.cause import Cause
 from truing.simulation.extended_model import extended
 from truing.simulation.model_text import write_model

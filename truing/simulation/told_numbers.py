@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.changes import LEVEL, Comparison
+from truing.inference.changes import LEVEL, Comparison
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.identified import identified_geometry, name_and_leg
 from truing.simulation.prior_campaign import Earlier, Part

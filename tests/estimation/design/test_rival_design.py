@@ -19,8 +19,9 @@ from truing.estimation.design.rival_design import (
     narrowed,
     told_apart,
 )
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
 from truing.estimation.rotation import exp_so3
+from truing.inference.fit import PointFit, fit_points
+from truing.inference.observations import Frames, MeasuredPoints
 
 SIGMA = 0.01
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.5]])

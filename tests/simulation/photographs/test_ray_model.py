@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.photographs.told_by_rays import NUMBERS, POSES, place, ray_poses, told
 from tests.tolerance import assert_close
-from truing.estimation.diagnosis.acceptance import Acceptance, Diagnosis, Settings
+from truing.inference.selection import Acceptance, Diagnosis, Settings
 from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue_of_rays
 from truing.simulation.causes.photographs.camera_instability import CameraInstability

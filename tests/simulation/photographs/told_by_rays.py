@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.photographs.ray_poses import RayParameter, RayPoses
 
 NUMBERS = (

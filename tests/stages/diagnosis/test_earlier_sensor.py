@@ -22,8 +22,8 @@ from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_close
-from truing.estimation.diagnosis.fitted_model import Fitter, Poses, Stand
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
+from truing.inference.fitted_model import Fitter, Stand
+from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.bench.extended_sensor import ExtendedSensor, extended_sensor
 from truing.simulation.bench.known_readings import zeros_of
 from truing.simulation.bench.sensor_text import read_sensor, write_sensor

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.simulation.bench.sensor_benches import SIGMA, bench
-from truing.estimation.diagnosis.fitted_model import Fitter, Poses, Stand
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
-from truing.estimation.diagnosis.pulls import pulls
+from truing.inference.fitted_model import Fitter, Stand
+from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.pulls import pulls
 from truing.simulation.bench.bench_simulation import draw_readings
 
 

@@ -22,9 +22,10 @@ from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_between
 from truing.estimation.design.rival_design import Fitted
-from truing.estimation.diagnosis.acceptance import Diagnosis
-from truing.estimation.diagnosis.fitted_model import Fitter, Stand
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
+from truing.inference.fit import PointFit, fit_points
+from truing.inference.fitted_model import Fitter, Stand
+from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.selection import Diagnosis
 from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.causes.bench.stiffness import Hysteresis

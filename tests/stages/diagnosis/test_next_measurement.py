@@ -17,8 +17,9 @@ from tests.conftest import PROJECT
 from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_between
 from truing.estimation.design.rival_design import Fitted
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, PointFit, fit_points
 from truing.estimation.rotation import exp_so3
+from truing.inference.fit import PointFit, fit_points
+from truing.inference.observations import Frames, MeasuredPoints
 from truing.report.diagnosis.effect_units import plain_size
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.causes.leg_drift import LegDrift

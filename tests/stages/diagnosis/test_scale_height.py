@@ -7,9 +7,8 @@ import pyarrow as pa
 import pytest
 
 from stages.diagnosis.scale_height import scale_height
-from truing.estimation.diagnosis.fitted_model import Poses
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints
 from truing.estimation.rotation import exp_so3
+from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.unknowns import Conditions
 
 RNG = np.random.default_rng(4)

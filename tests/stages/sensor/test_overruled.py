@@ -18,7 +18,7 @@ from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
-from truing.estimation.diagnosis.fitted_model import Fitter
+from truing.inference.fitted_model import Fitter
 from truing.report.exclusion_section import excluded
 
 LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)

@@ -22,7 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.point_fit import Frames, MeasuredPoints, linearise
+from truing.inference.fit import linearise
+from truing.inference.observations import Frames, MeasuredPoints
 
 # Directions of the unknowns in which all candidates together see less than this share of the noise's variance are left
 # out: they change no squared distance by as much.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.diagnosis.changes import compare
+from truing.inference.changes import compare
 from truing.runs.comparison.step import LEVEL, NAMES, Step, beyond_chance, held_at_zero, not_judged
 from truing.simulation.cause import Cause
 from truing.simulation.earlier import earlier_knowledge

@@ -1,0 +1,235 @@
+"""What is accepted first, and what the data cannot tell from it: alone, or beside what else is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.inference import toy_campaign as toy
+from tests.tolerance import assert_close
+from truing.inference.noise import components
+from truing.inference.rounds import Round, scored
+from truing.inference.search import Candidate, Search
+from truing.inference.selection import Choice, choose, confirmed
+from truing.inference.signatures import signature
+
+LEVEL = 0.02
+# What a drive does wrong at each pose: three courses that have nothing to do with one another.
+COURSES = np.random.default_rng(1).uniform(-1, 1, (3, toy.POSES))
+
+
+def _cause(name: str, catalogued: bool) -> Any:
+    return SimpleNamespace(
+        key=name,
+        catalogued=catalogued,
+        alike=lambda legs: (),
+        one_sided=lambda legs: (0,) if name.startswith("gap") else (),
+        further=lambda scene: (),
+        goes_on=name.startswith("further"),
+        subject=name.partition(" of ")[2] or name,
+    )
+
+
+def _design(course: NDArray, drive: int) -> dict[str, NDArray]:
+    return {"drive": course[:, None, None] * np.eye(toy.DRIVES)[:, [drive]]}
+
+
+def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unnamed: tuple[str, ...]) -> Round:
+    """A round over candidates, each a kind of its own, in data that hold some at a signal-to-noise."""
+    clean = toy.channels(toy.measured(np.random.default_rng(0)))
+    effect = np.zeros(toy.TEMPLATE.residual.shape)
+    for name, size in sizes.items():
+        columns = toy.TEMPLATE.by_local[..., toy.READINGS] @ designs[name]["drive"]
+        effect += columns[..., 0] * size / signature(clean, designs[name]).strengths[0]
+    whitened = toy.measured(np.random.default_rng(2), effect)
+    own, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
+    stand: Any = SimpleNamespace(
+        noise=noise, model=SimpleNamespace(leg_count=0), fit=SimpleNamespace(whitened=whitened), causes=(), scene=None
+    )
+    found = [Candidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
+    shares = dict.fromkeys(designs, 1.0)
+    return scored(stand, Search(own, noise, found, [], shares, 99, np.random.default_rng(3)))
+
+
+@pytest.fixture(scope="module")
+def both() -> Round:
+    """An effect with a name and a stronger one without, and a twin that does on the same drive what the weak does."""
+    weak, strong = _design(COURSES[0], 0), _design(COURSES[1], 1)
+    twin = _design(COURSES[0] + 0.02 * COURSES[2], 0)
+    return _round({"weak": weak, "strong": strong, "twin": twin}, {"weak": 20.0, "strong": 25.0}, ("strong",))
+
+
+def test_what_is_there_beside_a_cause_is_no_rival_of_it(both: Round) -> None:
+    choice = choose(both, set(), LEVEL)
+    assert choice is not None
+    assert choice.candidate.key in ("weak", "twin")
+    assert "strong" not in [rival.key for rival, _ in choice.rivals]
+
+
+def test_of_two_causes_that_are_there_the_rivals_are_those_that_do_as_well_beside_the_other(both: Round) -> None:
+    choice = choose(both, set(), LEVEL)
+    assert choice is not None
+    assert {choice.candidate.key, *(rival.key for rival, _ in choice.rivals)} == {"weak", "twin"}
+    assert all(abs(lead) < np.log(20.0) for _, lead in choice.rivals)
+
+
+def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() -> None:
+    designs = {"own": _design(COURSES[0], 0), "twin": _design(COURSES[0] + 0.02 * COURSES[2], 0)}
+    designs["other"] = _design(COURSES[1], 1)
+    choice = choose(_round(designs, {"own": 12.0}, ()), set(), LEVEL)
+    assert choice is not None
+    names = [rival.key for rival, _ in choice.rivals]
+    assert {choice.candidate.key, *names} == {"own", "twin"}
+
+
+@pytest.mark.parametrize(("size", "expected"), [(15.0, "gap"), (-15.0, "form")])
+def test_a_name_is_not_given_to_what_has_the_sign_that_nature_does_not_have(size: float, expected: str) -> None:
+    designs = {"gap": _design(COURSES[0], 0), "form": _design(COURSES[0] + 0.3 * COURSES[2], 0)}
+    choice = choose(_round(designs, {"gap": size}, ("form",)), set(), LEVEL)
+    assert choice is not None
+    assert choice.candidate.key == expected
+
+
+def test_a_name_goes_first_only_where_another_form_of_the_same_does_not_explain_as_much_beside_what_is_stronger() -> (
+    None
+):
+    designs = {"weak": _design(COURSES[0], 0), "strong of x": _design(COURSES[1], 1)}
+    twin = _design(COURSES[0] + 0.02 * COURSES[2], 0)
+    sizes = {"weak": 20.0, "strong of x": 25.0}
+    for other, expected in (("other of x", "strong of x"), ("other of y", "weak")):
+        choice = choose(_round({**designs, other: twin}, sizes, ("strong of x", other)), set(), LEVEL)
+        assert choice is not None
+        assert choice.candidate.key == expected
+
+
+@pytest.mark.parametrize(("held", "late", "expected"), [(20.0, False, True), (20.0, True, False), (6.0, False, False)])
+def test_what_is_small_beside_a_form_that_the_model_holds_is_a_remainder_where_it_acts_on_the_same(
+    held: float, late: bool, expected: bool
+) -> None:
+    """The form acts on the first half of the poses; a signal of 8 is small beside one of 20, not of 6."""
+    first = np.arange(toy.POSES) < toy.POSES // 2
+    own = _design(np.where(first ^ late, COURSES[0], 0.0), 0)
+    current = _round({"name": own}, {"name": 8.0}, ())
+    form = _design(np.where(first, COURSES[1], 0.0), 0)
+    stand: Any = current.stand
+    stand.causes, stand.designer = (_cause("form", False),), lambda cause: form
+    stand.values = lambda cause: (np.array([held]), np.eye(1))
+    assert current.is_remainder(current.candidates[0]) is expected
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A round of which only the log posterior odds of its candidates are known; all are real, unless ``p`` is large."""
+
+    odds: dict[str, float]
+    unnamed: tuple[str, ...] = ()
+    accepted: tuple[Any, ...] = ()
+    kinds: dict[str, str] = field(default_factory=dict)
+    best_pair: Any = None
+    p: float = 1e-9
+    small: tuple[str, ...] = ()  # beside a form without a name that the model holds
+
+    @property
+    def stand(self) -> Any:
+        return SimpleNamespace(causes=self.accepted)
+
+    @cached_property
+    def candidates(self) -> tuple[Any, ...]:
+        own = SimpleNamespace(parameters=1)
+        return tuple(
+            SimpleNamespace(cause=_cause(n, n not in self.unnamed), key=n, kind=self.kinds.get(n, n), signature=own)
+            for n in self.odds
+        )
+
+    @property
+    def best(self) -> dict[str, Any]:
+        return {c.kind: c for c in sorted(self.candidates, key=self.posterior)}
+
+    @property
+    def scores(self) -> dict[str, Any]:
+        return {name: SimpleNamespace(log_evidence=1.0) for name in self.odds}
+
+    def posterior(self, candidate: Any) -> float:
+        return self.odds[candidate.key]
+
+    def p_value(self, candidate: Any) -> float:
+        return self.p
+
+    def is_remainder(self, candidate: Any) -> bool:
+        return candidate.key in self.small
+
+
+def _accepted(told: _Told) -> str | None:
+    choice = choose(cast("Round", told), set(), LEVEL)
+    return None if choice is None else choice.candidate.key
+
+
+@pytest.mark.parametrize(("lead", "expected"), [(0.5, "name"), (2.0, "form"), (9.0, "form")])
+def test_a_name_is_given_unless_a_form_without_one_is_three_times_as_probable(lead: float, expected: str) -> None:
+    assert _accepted(_Told({"name": 10.0, "form": 10.0 + lead}, ("form",))) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "further", "expected"), [(2.0, 0.0, None), (4.0, 2.0, "further"), (4.0, 0.0, "name"), (9.0, 5.0, "name")]
+)
+def test_what_is_left_of_a_form_without_a_name_is_given_none(name: float, further: float, expected: str | None) -> None:
+    """Beside an accepted one, a name has to be twenty times as probable as none, and as that form's further terms."""
+    odds = {"name": name, **({"further": further} if further else {})}
+    assert _accepted(_Told(odds, ("further",), (_cause("form", False),))) == expected
+    assert _accepted(_Told(odds, ("further",))) == ("name" if name > further else expected)
+
+
+@pytest.mark.parametrize(
+    ("other", "small", "expected"),
+    [("other of x", (), "other of x"), ("other of y", (), "name"), ("other of y", ("name",), "other of y")],
+)
+def test_beside_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
+    other: str, small: tuple[str, ...], expected: str
+) -> None:
+    told = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
+    assert _accepted(told) == expected
+
+
+@pytest.mark.parametrize(("beside", "expected"), [(23.0, False), (28.0, True)])
+def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once_fitted(
+    beside: float, expected: bool
+) -> None:
+    """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
+    current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
+    choice = Choice(current.candidates[0], (), of_two=True)
+    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
+
+
+def test_a_name_that_leaves_nothing_real_needs_no_other_however_probable_one_form_seemed_before_the_fit() -> None:
+    """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
+    current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
+    choice = Choice(current.candidates[0], (), of_two=True)
+    assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set())
+
+
+def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> None:
+    kinds = dict.fromkeys(("leg2 leg5", "", "leg2", "leg1"), "gain")
+    odds = {"leg2 leg5": 9.0, "": 8.0, "leg2": 9.0 - np.log(10.0), "leg1": 5.0, "other": 8.9}
+    choice = choose(cast("Round", _Told(odds, kinds=kinds)), set(), LEVEL)
+    assert choice is not None
+    assert [subject for subject, _ in choice.subjects] == ["", "leg2"]
+    assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")
+
+
+def test_what_predicts_worse_leaves_the_place_to_what_is_real_and_less_probable() -> None:
+    """A periodic error whose pitch fits the levels of the drives may swallow a gain, and fail between the levels."""
+    designs = {"refused": _design(COURSES[0], 0), "less": _design(COURSES[0] + 0.5 * COURSES[2], 0)}
+    current = _round(designs, {"refused": 20.0}, ())
+    first, left = choose(current, set(), LEVEL), choose(current, {"refused"}, LEVEL)
+    assert first is not None
+    assert left is not None
+    assert (first.candidate.key, left.candidate.key) == ("refused", "less")
+    assert current.posterior(left.candidate) < current.posterior(first.candidate) - np.log(20.0)
+    assert [rival.key for rival, _ in left.rivals] == ["less"]
+    assert choose(current, {"refused", "less"}, LEVEL) is None

@@ -1,0 +1,73 @@
+"""What legs have in common is learned, and pulls stay in their band, however alike nature made the legs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truing.inference.noise import told_share
+from truing.inference.pulls import Pulls, pulls
+
+LEGS, PARTS, ROWS, DRAWS = 6, 3, 60, 1200
+COMMON = np.arange(PARTS * (1 + LEGS)) < PARTS
+HALF = 0.5
+
+
+def widths(share: float) -> np.ndarray:
+    return np.sqrt(np.where(COMMON, share, 1.0 - share))
+
+
+@pytest.fixture(scope="module")
+def jacobian() -> np.ndarray:
+    """Rows by parameters: of the legs' own, the data tell one part well, one hardly and one not at all."""
+    rng = np.random.default_rng(3)
+    of_legs = rng.normal(size=(ROWS, LEGS, PARTS)) * [30.0, 1.0, 0.0]
+    common = of_legs.sum(1) + rng.normal(size=(ROWS, PARTS)) * [0.0, 3.0, 10.0]
+    return np.concatenate([common, of_legs.reshape(ROWS, -1)], 1)
+
+
+def fit(jacobian: np.ndarray, rows: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shift and covariance in prior sigmas at a share."""
+    own = jacobian * widths(share)
+    covariance = np.linalg.inv(np.eye(own.shape[1]) + own.T @ own)
+    return covariance @ own.T @ rows, covariance
+
+
+def drawn(jacobian: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
+    return jacobian @ (widths(share) * rng.normal(size=len(COMMON))) + rng.normal(size=ROWS)
+
+
+def judged(jacobian: np.ndarray, rows: np.ndarray, share: float) -> Pulls:
+    shift, covariance = fit(jacobian, rows, share)
+    return pulls(shift, np.eye(len(shift)), covariance)
+
+
+def test_pulls_are_in_their_band_as_often_as_it_says(jacobian: np.ndarray) -> None:
+    rng = np.random.default_rng(8)
+    inside: dict[str, list[bool]] = {"learned": [], "half": []}
+    for angle in rng.uniform(0.0, np.pi / 2, DRAWS):
+        rows = drawn(jacobian, np.cos(angle) ** 2, rng)
+        learned = told_share(*fit(jacobian, rows, HALF), COMMON, HALF)
+        for name, share in (("learned", learned), ("half", HALF)):
+            one = judged(jacobian, rows, share)
+            inside[name].append(one.lower <= one.chi_square <= one.upper)
+    spread = np.sqrt(0.95 * 0.05 / DRAWS)
+    assert abs(np.mean(inside["learned"]) - 0.95) < 3.3 * spread
+    assert np.mean(inside["half"]) < 0.95 - 5.0 * spread  # what would be so without learning
+
+
+@pytest.mark.parametrize(("share", "low", "high"), [(1.0, 0.999, 1.0), (0.0, 0.0, 0.2), (0.9, 0.75, 0.99)])
+def test_the_share_is_told(jacobian: np.ndarray, share: float, low: float, high: float) -> None:
+    rng = np.random.default_rng(2)
+    rows = [drawn(jacobian, share, rng) for _ in range(15)]
+    assert low < np.median([told_share(*fit(jacobian, one, HALF), COMMON, HALF) for one in rows]) <= high
+
+
+def test_it_does_not_hang_on_the_share_of_the_fit(jacobian: np.ndarray) -> None:
+    rows = drawn(jacobian, 0.8, np.random.default_rng(4))
+    found = [told_share(*fit(jacobian, rows, share), COMMON, share) for share in (0.02, 0.3, 0.999)]
+    np.testing.assert_allclose(found, found[1], rtol=1e-6)
+
+
+def test_data_that_tell_nothing_leave_it_as_it_is() -> None:
+    assert told_share(np.zeros(len(COMMON)), np.eye(len(COMMON)), COMMON, HALF) == HALF

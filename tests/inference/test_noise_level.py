@@ -1,0 +1,70 @@
+"""Noise as declared is accepted within what the declaration is worth; noise far above it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.tolerance import assert_between
+from truing.inference.linear_problem import Linearised, Whitened, whiten
+from truing.inference.noise import NoiseLevel, noise_level
+from truing.inference.observations import MeasuredPoints
+
+
+def _fitted(level: float, seed: int) -> Whitened:
+    rng = np.random.default_rng(seed)
+    poses, rows, local, shared = 20, 30, 2, 3
+    noise = level * rng.normal(size=(poses, rows))
+    # Unknowns of which little is known beforehand, so that their priors add nothing to the level.
+    by_local, by_shared = 1e3 * rng.normal(size=(poses, rows, local)), 1e3 * rng.normal(size=(poses, rows, shared))
+    none = np.zeros((poses, local)), np.zeros(shared), np.zeros(0), np.zeros((0, shared))
+    return whiten(
+        Linearised(
+            noise,
+            by_local,
+            by_shared,
+            *none,
+            np.ones((poses, rows), bool),
+            np.zeros(local, bool),
+            np.zeros(shared, bool),
+        )
+    )
+
+
+def _level(level: float, seed: int) -> NoiseLevel:
+    """Ten points a pose whose declared noise is that of the fit."""
+    unit = np.tile(np.eye(3), (20, 10, 1, 1))
+    measured = MeasuredPoints(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
+    return noise_level(_fitted(level, seed), measured, unit)
+
+
+def test_the_level_is_over_what_was_declared_and_not_over_what_was_used() -> None:
+    unit = np.tile(np.eye(3), (20, 10, 1, 1))
+    used = MeasuredPoints(np.zeros((20, 10, 3)), 4.0 * unit, np.ones((20, 10), bool))
+    assert noise_level(_fitted(1.0, 4), used, unit).ratio == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("level", [0.8, 1.0, 1.3])
+def test_the_ratio_covers_the_truth(level: float) -> None:
+    found = [_level(level, seed) for seed in range(200)]
+    pulls = np.array([(one.ratio - level) / one.sigma for one in found])
+    assert_between(float(np.mean(pulls)), -0.3, 0.3, what="mean pull")  # four standard deviations of the mean
+    assert_between(float(np.std(pulls)), 0.8, 1.2, what="spread of pulls")
+
+
+def test_a_tenth_too_much_is_no_finding_and_a_half_is() -> None:
+    assert _level(1.1, 1).p_value > 0.05
+    assert _level(1.5, 2).p_value < 0.001
+    assert _level(0.5, 3).p_value > 0.999
+
+
+def test_one_target_s_level_is_its_own() -> None:
+    """Ten points a pose, the first with twice the noise: its own level is told, and that of the others."""
+    unit = np.tile(np.eye(3), (20, 10, 1, 1))
+    whitened, measured = _fitted(1.0, 5), MeasuredPoints(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
+    quieter = unit.copy()
+    quieter[:, 0] /= 4.0
+    first = np.arange(10) == 0
+    own, others = (noise_level(whitened, measured, quieter, targets) for targets in (first, ~first))
+    assert_between(own.ratio, 2.0 - 4 * own.sigma, 2.0 + 4 * own.sigma, what="level of the first")
+    assert_between(others.ratio, 1.0 - 4 * others.sigma, 1.0 + 4 * others.sigma, what="level of the others")

@@ -1,0 +1,50 @@
+"""Held-out poses have a veto: what predicts them worse than chance would is no model of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.tolerance import assert_between
+from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.prediction import PredictionError, predicts_worse
+
+TRIALS, TARGETS = 4000, 8
+
+
+def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
+    poses, whitened = len(gap), gap / sigma
+    seen = np.ones(gap.shape[:2], bool)
+    measured = MeasuredPoints(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
+    frames = Frames(np.broadcast_to(np.eye(3), (poses, 3, 3)), np.zeros((poses, 3)))
+    none = np.zeros((poses, 0))
+    return PredictionError(gap, measured, whitened, frames, none, none[..., None], none[..., None], None, none[0])
+
+
+def _vetoes(poses: int, size: float, share: float) -> float:
+    """Return how often an effect is refused that moves each pose by size sigmas, of which a share is there."""
+    rng = np.random.default_rng(7)
+    count = 0
+    for noise in rng.standard_normal((TRIALS, poses, TARGETS, 3)):
+        told = rng.standard_normal(noise.shape)
+        told *= size / np.sqrt(np.sum(told**2, (1, 2), keepdims=True))
+        before, after = _error(noise + share * told), _error(noise + (share - 1.0) * told)
+        count += predicts_worse(before, after, np.ones(poses, bool))
+    return count / TRIALS
+
+
+@pytest.mark.parametrize("poses", [3, 6, 20])
+def test_what_is_half_right_is_refused_as_rarely_as_stated(poses: int) -> None:
+    """It predicts as well as nothing does: 0.6 %, within four standard errors of that many trials."""
+    assert_between(_vetoes(poses, 2.0, 0.5), 0.001, 0.011, what="refused")
+
+
+def test_what_is_right_is_never_refused_and_what_is_wrong_is_though_poses_are_few() -> None:
+    assert _vetoes(3, 2.0, 1.0) == 0.0
+    assert _vetoes(3, 8.0, 0.0) > 0.99
+
+
+def test_noise_that_is_told_smaller_with_the_cause_makes_no_prediction_worse() -> None:
+    noise = np.random.default_rng(3).standard_normal((40, TARGETS, 3))
+    assert not predicts_worse(_error(noise), _error(0.999 * noise, sigma=0.9), np.ones(40, bool))

@@ -1,0 +1,65 @@
+"""Pulls are unit normal, and their sum is a chi-square, where model and priors are right, and not elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from truing.inference.pulls import pulls
+
+PARAMETERS, ROWS, DRAWS = 8, 12, 2000
+UNLUCKY = 1e-3
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A linear problem with correlated parameters, some of which the data hardly tell."""
+    rng = np.random.default_rng(5)
+    prior = np.diag(rng.uniform(0.5, 2.0, PARAMETERS) ** 2)
+    jacobian = rng.normal(size=(ROWS, PARAMETERS)) @ np.diag([20.0, 20.0, 20.0, 20.0, 5.0, 5.0, 0.3, 0.0])
+    jacobian[:, 1] += 0.98 * jacobian[:, 0]
+    posterior = np.linalg.inv(np.linalg.inv(prior) + jacobian.T @ jacobian)
+    return prior, jacobian, posterior
+
+
+def drawn(problem, count, prior_scale=1.0, seed=7):
+    prior, jacobian, posterior = problem
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        truth = prior_scale * np.sqrt(np.diag(prior)) * rng.normal(size=PARAMETERS)
+        shift = posterior @ jacobian.T @ (jacobian @ truth + rng.normal(size=ROWS))
+        yield pulls(shift, prior, posterior)
+
+
+def test_pulls_are_unit_normal_and_their_sum_a_chi_square(problem):
+    found = list(drawn(problem, DRAWS))
+    told = found[0].identifiable
+    assert told.sum() == 6
+    assert np.isnan(found[0].pull[~told]).all()
+    each = np.array([one.pull[told] for one in found])
+    assert all(kstest(column, "norm").pvalue > UNLUCKY for column in each.T)
+    assert 0 < found[0].freedom <= told.sum()
+    assert kstest([one.p_value for one in found], "uniform").pvalue > UNLUCKY
+    within = np.mean([one.lower <= one.chi_square <= one.upper for one in found])
+    assert abs(within - 0.95) < 3.3 * np.sqrt(0.95 * 0.05 / DRAWS)
+
+
+def test_parts_beyond_their_tolerances_leave_the_band(problem):
+    assert np.mean([one.chi_square > one.upper for one in drawn(problem, 200, prior_scale=4.0)]) > 0.9
+
+
+def test_units_do_not_matter(problem):
+    prior, jacobian, posterior = problem
+    shift = posterior @ jacobian.T @ np.linspace(-3, 3, ROWS)
+    scale = np.geomspace(1e-3, 1e3, PARAMETERS)
+    turned = np.outer(scale, scale)
+    a, b = pulls(shift, prior, posterior), pulls(shift * scale, prior * turned, posterior * turned)
+    np.testing.assert_allclose(a.pull, b.pull, rtol=1e-6)
+    np.testing.assert_allclose(a.chi_square, b.chi_square, rtol=1e-6)
+
+
+def test_data_that_tell_nothing_leave_no_pull():
+    nothing = pulls(np.zeros(3), np.eye(3), 0.99 * np.eye(3))
+    assert np.isnan(nothing.pull).all()
+    assert (nothing.freedom, nothing.p_value) == (0, 1.0)

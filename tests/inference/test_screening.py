@@ -1,0 +1,43 @@
+"""Gross errors stand out; points that an effect moves do not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truing.inference.screening import gross_errors
+
+
+def test_gross_errors_are_taken_out_and_little_else() -> None:
+    rng = np.random.default_rng(1)
+    rest, seen = rng.normal(size=(40, 50, 3)), rng.random((40, 50)) > 0.05
+    wrong = np.zeros(seen.shape, bool)
+    wrong[rng.integers(0, 40, 20), rng.integers(0, 50, 20)] = True
+    found = gross_errors(np.where(wrong[..., None], rest + 12.0, rest), seen)
+    assert (found == (wrong & seen)).all()
+
+
+def test_a_target_that_moves_with_an_effect_is_kept() -> None:
+    rng = np.random.default_rng(2)
+    rest = rng.normal(size=(40, 10, 3))
+    rest[:, 3] += 20.0 * rng.uniform(-1, 1, (40, 1))
+    rest[20:, 5] += 15.0
+    assert not gross_errors(rest, np.ones((40, 10), bool)).any()
+
+
+def test_nothing_seen_is_nothing_wrong() -> None:
+    assert not gross_errors(np.zeros((2, 3, 3)), np.zeros((2, 3), bool)).any()
+
+
+def test_readings_of_a_run_are_held_against_that_run() -> None:
+    """An effect that one run in ten shows widens that run, and not the channel's others; a gross error stands out."""
+    rng = np.random.default_rng(3)
+    load = np.tile(np.concatenate([np.linspace(-1, 1, 11), np.linspace(0.8, -1, 10)]), 10)
+    run = np.repeat(np.arange(10), 21)
+    rest = rng.normal(size=(210, 2, 1))
+    rest[run == 4, 0, 0] += 30.0 * load[run == 4]
+    rest[100, 1] += 12.0
+    zeros, seen = run[:, None] * 2 + np.arange(2), rng.random((210, 2)) > 0.05
+    seen[100, 1] = True
+    axes, order = np.ones((210, 2, 1, 1)), np.arange(210.0)
+    assert gross_errors(rest, seen, axes, order)[run == 4, 0].any()
+    assert np.argwhere(gross_errors(rest, seen, axes, order, zeros)).tolist() == [[100, 1]]

@@ -1,0 +1,90 @@
+"""Signatures by channel are those of the dense columns, of one target at a time too."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.inference import toy_campaign as toy
+from tests.tolerance import assert_close
+from truing.inference.signatures import joint, profile_signatures, signature, turned_points
+
+RNG = np.random.default_rng(3)
+FOUND = toy.measured(RNG)
+CHANNELS = toy.channels(FOUND)
+
+
+def dense(columns: NDArray) -> NDArray:
+    """Columns (B, M, P) as rows of the whole problem, free of everything unknown: one large least-squares fit."""
+    poses, rows, local = toy.TEMPLATE.by_local.shape
+    height = rows + local
+    whole = np.zeros((poses * height + toy.SHARED, toy.SHARED + poses * local))
+    full = np.zeros((len(whole), columns.shape[-1]))
+    for pose in range(poses):
+        own, place = slice(pose * height, pose * height + rows), toy.SHARED + pose * local
+        whole[own, : toy.SHARED] = toy.TEMPLATE.by_shared[pose]
+        whole[own, place : place + local] = toy.TEMPLATE.by_local[pose]
+        whole[own.stop : own.stop + local, place : place + local] = np.eye(local)
+        full[own] = columns[pose]
+    whole[poses * height :, : toy.SHARED] = np.eye(toy.SHARED)
+    return full - whole @ np.linalg.lstsq(whole, full, rcond=None)[0]
+
+
+def columns_of_gain() -> NDArray:
+    motion = toy.TEMPLATE.by_local[..., toy.READINGS]
+    return motion @ toy.gain()["drive"]
+
+
+def test_a_signature_has_the_strengths_of_its_dense_columns() -> None:
+    own = signature(CHANNELS, toy.gain())
+    assert_close(np.sort(own.strengths)[::-1], np.linalg.svd(dense(columns_of_gain()), compute_uv=False), atol=1e-7)
+
+
+def test_its_scores_fit_the_parameters_as_least_squares_does() -> None:
+    own = signature(CHANNELS, toy.gain())
+    scores = CHANNELS.along(FOUND.rest[None])[0][:, own.index].ravel() @ own.unit_design
+    wanted = np.linalg.lstsq(dense(columns_of_gain()), FOUND.rest, rcond=None)[0]
+    assert_close(own.fitted(scores), wanted, atol=1e-9)
+
+
+def test_half_the_digits_are_enough_for_draws() -> None:
+    rows = RNG.normal(size=(4, len(FOUND.rest)))
+    assert_close(CHANNELS.along(rows.astype(np.float32)), CHANNELS.along(rows), atol=2e-3)
+
+
+def test_a_target_that_was_moved_is_scored_as_its_dense_columns_are() -> None:
+    shapes, point = toy.onsets(), 4
+    turns = np.linalg.qr(RNG.normal(size=(toy.POSES, toy.POINTS, 3, 3)))[0]
+    usable = np.ones((len(shapes), toy.POINTS), bool)
+    own = profile_signatures(turned_points(CHANNELS, np.arange(toy.POINTS), turns), shapes, usable)
+    squares = own.squares(own.points.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]]))[0]
+    columns = np.zeros((toy.POSES, toy.POINTS, 3, 3))
+    columns[:, point] = shapes[7][:, :, None] * turns[:, point]
+    left = dense(columns.reshape(toy.POSES, -1, 3))
+    explained = left @ np.linalg.lstsq(left, FOUND.rest, rcond=None)[0]
+    assert_close(squares[7, point], explained @ explained, atol=1e-7)
+
+
+def test_points_that_hold_together_are_scored_as_their_dense_columns_are() -> None:
+    shapes, members = toy.onsets(), np.array([[0, 2, 5], [1, 3, 4]])
+    turns = np.linalg.qr(RNG.normal(size=(toy.POSES, toy.POINTS, 3, 3)))[0]
+    patterns, usable = RNG.normal(size=(2, 3, 3, 4)), np.ones((len(shapes), 2), bool)
+    own = profile_signatures(turned_points(CHANNELS, members, turns, patterns), shapes, usable)
+    squares = own.squares(own.points.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]]))[0]
+    columns = np.zeros((toy.POSES, toy.POINTS, 3, 4))
+    columns[:, members[1]] = shapes[7][:, :, None, None] * (turns[:, members[1]] @ patterns[1])
+    left = dense(columns.reshape(toy.POSES, -1, 4))
+    explained = left @ np.linalg.lstsq(left, FOUND.rest, rcond=None)[0]
+    assert_close(squares[7, 1], explained @ explained, atol=1e-7)
+
+
+def test_two_candidates_together_span_what_their_columns_span() -> None:
+    design = toy.gain()["drive"]
+    first, second = (signature(CHANNELS, {"drive": design[..., part]}) for part in (slice(0, 1), slice(1, 3)))
+    strengths, _ = joint(CHANNELS, first, second)
+    assert_close(np.sort(strengths), np.sort(signature(CHANNELS, toy.gain()).strengths), atol=1e-7)
+
+
+def test_a_candidate_that_acts_on_nothing_is_not_seen() -> None:
+    assert signature(CHANNELS, {}).rank == 0
+    assert signature(CHANNELS, {"drive": np.zeros((toy.POSES, toy.DRIVES, 1))}).rank == 0

@@ -1,0 +1,123 @@
+"""Elimination pose by pose and one QR give what one dense least-squares problem gives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.tolerance import assert_between, assert_close
+from truing.inference.linear_problem import Linearised, Whitened, rows_by_source, whiten
+
+POSES, ROWS, LOCAL, SHARED, EXTRA = 5, 12, 3, 4, 2
+
+
+def draw(seed: int, missing: bool = False) -> Linearised:
+    rng = np.random.default_rng(seed)
+    present = rng.random((POSES, ROWS)) > 0.2 * missing
+    kept = present.astype(float)
+    return Linearised(
+        residual=rng.normal(size=(POSES, ROWS)) * kept,
+        by_local=rng.normal(size=(POSES, ROWS, LOCAL)) * kept[..., None],
+        by_shared=rng.normal(size=(POSES, ROWS, SHARED)) * kept[..., None],
+        local_value=rng.normal(size=(POSES, LOCAL)),
+        shared_value=rng.normal(size=SHARED),
+        extra_residual=rng.normal(size=EXTRA),
+        extra_by_shared=rng.normal(size=(EXTRA, SHARED)),
+        present=present,
+        local_known=np.ones(LOCAL, bool),
+        shared_known=np.ones(SHARED, bool),
+    )
+
+
+def dense(problem: Linearised) -> tuple[NDArray, NDArray]:
+    """The whole problem as one matrix, unknowns: shared, then each pose's local ones."""
+    rows, right = [], []
+    for pose in range(POSES):
+        place = np.zeros((LOCAL, POSES * LOCAL))
+        place[:, pose * LOCAL : (pose + 1) * LOCAL] = np.eye(LOCAL)
+        rows.append(np.hstack([problem.by_shared[pose], problem.by_local[pose] @ place]))
+        rows.append(np.hstack([np.zeros((LOCAL, SHARED)), place]))
+        right += [problem.residual[pose], -problem.local_value[pose]]
+    rows.append(np.hstack([problem.extra_by_shared, np.zeros((EXTRA, POSES * LOCAL))]))
+    rows.append(np.hstack([np.eye(SHARED), np.zeros((SHARED, POSES * LOCAL))]))
+    return np.vstack(rows), np.concatenate([*right, problem.extra_residual, -problem.shared_value])
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_step_and_covariance_are_those_of_the_dense_problem(missing: bool) -> None:
+    problem = draw(1, missing)
+    matrix, right = dense(problem)
+    solution = np.linalg.lstsq(matrix, right)[0]
+    shared, local = whiten(problem).step()
+    assert_close(shared, solution[:SHARED], atol=1e-12, what="shared step")
+    assert_close(local.ravel(), solution[SHARED:], atol=1e-12, what="local step")
+    covariance = np.linalg.inv(matrix.T @ matrix)[:SHARED, :SHARED]
+    assert_close(whiten(problem).covariance(), covariance, atol=1e-12, what="covariance")
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_each_source_gives_what_errors_of_its_rows_do_in_the_dense_problem(missing: bool) -> None:
+    problem = draw(3, missing)
+    known = np.array([True, True, True, False])
+    problem = replace(problem, shared_known=known, local_known=np.arange(LOCAL) > 0)
+    whitened, layout = whiten(problem), {"a": slice(0, 2), "shape": slice(2, 2), "b": slice(2, 3), "cause": slice(3, 4)}
+    rows = rows_by_source(whitened, layout, {"cause"}, slice(1, LOCAL))
+    assert set(rows) == {"points", "readings", "earlier", "plausible", "a", "b", "wide"}
+    assert np.all(np.sum(list(rows.values()), axis=0) == 1)
+    assert [int(own.sum()) for own in rows.values()] == [POSES * ROWS, POSES * (LOCAL - 1), EXTRA, 1, 2, 1, POSES]
+    shared = replace(problem, local_known=np.ones(LOCAL, bool))  # an error that the points of a pose share
+    assert int(rows_by_source(whiten(shared), layout, {"cause"}, slice(1, LOCAL))["points"].sum()) == POSES * (ROWS + 1)
+    found = whitened.covariance_from(rows, slice(1, SHARED))
+    assert_close(sum(found.values()), whitened.covariance()[1:, 1:], atol=1e-12, what="sum")
+    follows = np.linalg.pinv(dense(problem)[0])[1:SHARED]  # d estimate / d each row
+    for name, own in rows.items():
+        assert_close(found[name], follows[:, own] @ follows[:, own].T, atol=1e-12, what=name)
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_rest_leverage_and_freedom_are_those_of_the_dense_problem(missing: bool) -> None:
+    problem = draw(2, missing)
+    matrix, right = dense(problem)
+    hat = matrix @ np.linalg.pinv(matrix)
+    found = whiten(problem)
+    assert_close(found.rest, right - hat @ right, atol=1e-12, what="rest")
+    assert_close(found.leverage, np.diag(hat), atol=1e-12, what="leverage")
+    assert_close(found.explained, float(right @ hat @ right), atol=1e-10, what="explained")
+    missed = int(np.sum(~problem.present))
+    assert_close(found.freedom, len(right) - missed - np.trace(hat), atol=1e-10, what="freedom")
+
+
+def test_a_prior_that_is_no_knowledge_counts_as_no_observation() -> None:
+    problem = draw(7)
+    wide = replace(problem, by_local=problem.by_local * 1e4, local_known=np.zeros(LOCAL, bool))
+    measured = POSES * ROWS + EXTRA + SHARED
+    assert_close(whiten(wide).freedom, measured - SHARED - POSES * LOCAL, atol=1e-4, what="freedom")
+
+
+def test_the_rest_of_pure_noise_has_the_variance_of_noise() -> None:
+    """Truth drawn from the prior, noise of unit variance: squares of the rest sum to the degrees of freedom."""
+    rng, template = np.random.default_rng(5), draw(6)
+    ratios = []
+    for _ in range(200):
+        shared, local = rng.normal(size=SHARED), rng.normal(size=(POSES, LOCAL))
+        measured = template.by_shared @ shared + np.einsum("bmh,bh->bm", template.by_local, local)
+        found: Whitened = whiten(
+            Linearised(
+                measured + rng.normal(size=(POSES, ROWS)),
+                template.by_local,
+                template.by_shared,
+                np.zeros((POSES, LOCAL)),
+                np.zeros(SHARED),
+                template.extra_by_shared @ shared + rng.normal(size=EXTRA),
+                template.extra_by_shared,
+                template.present,
+                template.local_known,
+                template.shared_known,
+            )
+        )
+        ratios.append(found.rest @ found.rest / found.freedom)
+    # 62 degrees of freedom, 200 draws: sigma of the mean sqrt(2 / 62 / 200) = 1.3 %.
+    assert_between(float(np.mean(ratios)), 1 - 4 * 0.013, 1 + 4 * 0.013, what="variance ratio")

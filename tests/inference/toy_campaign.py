@@ -1,0 +1,100 @@
+"""A whitened problem of poses with points, readings and shared unknowns that stands for no machine: random columns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.linear_problem import Linearised, Whitened, whiten
+from truing.inference.noise import components
+from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.search import Candidate, Profiles, Search
+from truing.inference.signatures import Channels, channels_of, profile_signatures, signature, turned_points
+
+POSES, POINTS, SHARED, DRIVES = 24, 6, 5, 3
+FRAME = 6  # unknowns of each pose before its readings
+READINGS = slice(FRAME, FRAME + DRIVES)
+MEASURED = MeasuredPoints(
+    np.zeros((POSES, POINTS, 3)), np.tile(np.eye(3), (POSES, POINTS, 1, 1)), np.ones((POSES, POINTS), bool)
+)
+FRAMES = Frames(np.tile(np.eye(3), (POSES, 1, 1)), np.zeros((POSES, 3)))
+
+
+def template() -> Linearised:
+    rng = np.random.default_rng(0)
+    rows, local = 3 * POINTS, FRAME + DRIVES
+    known = np.arange(local) >= FRAME
+    return Linearised(
+        np.zeros((POSES, rows)),
+        rng.normal(size=(POSES, rows, local)) * np.where(known, 1.0, 20.0),
+        rng.normal(size=(POSES, rows, SHARED)),
+        np.zeros((POSES, local)),
+        np.zeros(SHARED),
+        np.zeros(0),
+        np.zeros((0, SHARED)),
+        np.ones((POSES, rows), bool),
+        known,
+        np.ones(SHARED, bool),
+    )
+
+
+TEMPLATE = template()
+
+
+def measured(
+    rng: np.random.Generator,
+    effect: NDArray | float = 0.0,
+    heavy: bool = False,
+    points: float = 1.0,
+    readings: float = 1.0,
+) -> Whitened:
+    """What a fit leaves of noise, of everything unknown, and of an effect on the points' rows."""
+    rows = TEMPLATE.residual.shape
+    noise = points * (rng.standard_t(5, rows) / np.sqrt(5 / 3) if heavy else rng.normal(size=rows))
+    local = rng.normal(size=TEMPLATE.local_value.shape)
+    local[:, READINGS] *= readings
+    unknown = TEMPLATE.by_shared @ rng.normal(size=SHARED) + np.einsum("bmh,bh->bm", TEMPLATE.by_local, local)
+    return whiten(replace(TEMPLATE, residual=unknown + noise + effect))
+
+
+def channels(whitened: Whitened) -> Channels:
+    """One channel, ``drive``, that acts as the readings do, and the points."""
+    motion = TEMPLATE.by_local[..., READINGS].reshape(POSES, POINTS, 3, DRIVES)
+    return channels_of(whitened, MEASURED, FRAMES, {"drive": motion}, READINGS)
+
+
+def gain() -> dict[str, NDArray]:
+    """A candidate with one parameter for each drive: in proportion to what was asked of it."""
+    asked = np.random.default_rng(1).uniform(-1, 1, (POSES, DRIVES))
+    return {"drive": asked[..., None] * np.eye(DRIVES)}
+
+
+def onsets() -> NDArray:
+    """Steps (S, B, 1) from the fourth pose on to the fourth from the end."""
+    starts = np.arange(3, POSES - 2)
+    return (np.arange(POSES) >= starts[:, None]).astype(float)[..., None]
+
+
+def search(whitened: Whitened, draws: int, rng: np.random.Generator) -> Search:
+    """A search over the gain of each and of all drives, and over targets that were moved."""
+    own, design = channels(whitened), gain()["drive"]
+    one = [
+        Candidate(_Cause(f"one {d}"), "gain", signature(own, {"drive": design[..., d : d + 1]}), 0.2) for d in (0, 1, 2)
+    ]
+    whole = Candidate(_Cause("all"), "gain", signature(own, gain()), 0.4)
+    shapes = onsets()
+    usable = np.ones((len(shapes), POINTS), bool)
+    turns = np.tile(np.eye(3), (POSES, POINTS, 1, 1))
+    moved = profile_signatures(turned_points(own, np.arange(POINTS), turns), shapes, usable)
+    noise = components(whitened, 3 * POINTS, READINGS)
+    shares = {"gain": 1.0, "moved": 1.0}
+    return Search(own, noise, [*one, whole], [Profiles(None, "moved", moved)], shares, draws, rng)
+
+
+class _Cause:
+    """What the search asks of a cause: a name."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key

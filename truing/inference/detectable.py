@@ -1,0 +1,166 @@
+"""How large an effect has to be for a search to find it: linear theory, from a candidate's signature.
+
+Along the directions in which a campaign sees a candidate, an effect of a size shifts unit normals by the size times the
+strengths; the search's F test then has a noncentral distribution, and its power follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.search import Candidate, Profiles, Search
+
+POWER = 0.8
+# Patterns of an effect's parameters, over which its power is averaged.
+_PATTERNS = 64
+_HALVINGS = 40
+_SMALLEST, _LARGEST = 1e-6, 1e4  # plausible scales; beyond the larger one an effect counts as never seen
+# Power is tabulated up to this signal-to-noise; beyond it everything is found.
+_ROOTS = np.linspace(0.0, 40.0, 401)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When a search accepts a candidate: its F test of ``rank`` directions gives a p, not corrected, below a threshold.
+
+    ``freedom`` are the degrees of freedom behind the noise, the candidate's included.
+    """
+
+    rank: int
+    freedom: float
+    threshold: float
+
+    @cached_property
+    def _table(self) -> NDArray:
+        """Return the power at the tabulated signal-to-noise ratios."""
+        from scipy.special import fdtri, ncfdtr
+
+        left = max(self.freedom - self.rank, 1.0)
+        critical = fdtri(self.rank, left, 1.0 - min(self.threshold, 1.0 - 1e-12))
+        return np.nan_to_num(1.0 - ncfdtr(self.rank, left, _ROOTS**2, critical), nan=1.0)
+
+    def power(self, signal_to_noise: NDArray) -> NDArray:
+        """Return the probability (...) of being accepted at a root of the non-centrality (...)."""
+        return np.interp(signal_to_noise, _ROOTS, self._table, right=1.0)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How well a campaign sees one sort of effect: ``per_scale`` (D,) are the signal-to-noise ratios of patterns of its
+    parameters, in no particular direction, whose root mean square is one plausible scale."""
+
+    cause: Any  # a typical one of its sort
+    kind: str
+    rule: Rule
+    per_scale: NDArray
+
+    def power(self, size: float) -> float:
+        """Return the probability of being found at a size in plausible scales; none of what cannot be seen."""
+        if self.rule.rank == 0:
+            return 0.0
+        return float(self.rule.power(size * self.per_scale).mean())
+
+    def smallest(self, power: float = POWER) -> float | None:
+        """Return the size, in plausible scales, that is found with a probability; None where none is."""
+        low, high = np.log(_SMALLEST), np.log(_LARGEST)
+        if self.power(_LARGEST) < power:
+            return None
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.power(float(np.exp(middle))) >= power else (middle, high)
+        return float(np.exp(high))
+
+    def signal_to_noise(self, size: float) -> float:
+        """Return the root of the mean non-centrality at a size in plausible scales."""
+        return size * float(np.sqrt(np.mean(self.per_scale**2)))
+
+
+def per_scale(strengths: NDArray, loadings: NDArray) -> NDArray:
+    """Return the signal-to-noise ratios (D,) of random patterns; strengths (r,), loadings (P, r) of a signature."""
+    return np.asarray(np.linalg.norm(_patterns(len(loadings)) @ loadings * strengths, axis=1))
+
+
+@lru_cache(maxsize=256)
+def _patterns(parameters: int) -> NDArray:
+    """Return random patterns (D, P) whose root mean square is one."""
+    pattern = np.random.default_rng(0).standard_normal((_PATTERNS if parameters > 1 else 1, parameters))
+    return np.asarray(pattern * np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True))
+
+
+def sights(search: Search, level: float) -> list[Sight]:
+    """Return how well a search sees every sort of effect: per kind, subject (the whole, or a single one), parameters.
+
+    Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
+    """
+    sorts: dict[tuple[Any, ...], list[Sight]] = {}
+    for sight in (*_of_candidates(search, level, search.candidates), *_of_profiles(search, level)):
+        sorts.setdefault((sight.kind, *_sort(sight.cause)), []).append(sight)
+    return [_middling(own) for own in sorts.values()]
+
+
+def sight(search: Search, cause: Any, level: float) -> Sight | None:
+    """Return how well a search sees one of its candidates; None where it has no such candidate."""
+    key = cause.key
+    own = (candidate for candidate in search.candidates if candidate.key == key)
+    return next(_of_candidates(search, level, own), None)
+
+
+def _of_candidates(search: Search, level: float, candidates: Iterable[Candidate]) -> Iterator[Sight]:
+    rules: dict[tuple[str, int], Rule] = {}
+    for candidate in candidates:
+        own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
+        if not candidate.cause.catalogued or _is_of_several(candidate.cause.subject):
+            continue
+        if sort not in rules:
+            rules[sort] = _rule(search, *sort, level)
+        yield Sight(candidate.cause, candidate.kind, rules[sort], per_scale(own.strengths, own.loadings))
+
+
+def _of_profiles(search: Search, level: float) -> Iterator[Sight]:
+    """Yield how well single targets are seen, each at its middling shape."""
+    for profiles in search.profiles:
+        own = profiles.signatures
+        if own.seen.any():
+            rule = _rule(search, profiles.kind, own.parameters, level)
+            found = (_of_target(profiles, target, rule) for target in range(len(own.points.targets)))
+            yield from (sight for sight in found if sight is not None and sight.cause.catalogued)
+
+
+def _of_target(profiles: Profiles, target: int, rule: Rule) -> Sight | None:
+    own = profiles.signatures
+    shapes = np.flatnonzero(own.seen[:, target])
+    if not len(shapes):
+        return None
+    strength = np.trace(own.gram[shapes, target], axis1=-2, axis2=-1)
+    shape = int(shapes[np.argsort(strength)[len(shapes) // 2]])
+    values, vectors = np.linalg.eigh(own.gram[shape, target])
+    cause = profiles.cause.member(target, shape)
+    return Sight(cause, profiles.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
+
+
+def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
+    if rank == 0:
+        return Rule(0, 1.0, level)
+    group = search.judge.group_of(kind, rank)
+    return Rule(rank, search.noise.freedom(group.reading_share), search.judge.threshold(group, level))
+
+
+def _is_of_several(subject: str) -> bool:
+    """Return whether a subject names several things: ``leg1 leg4``, and not ``leg3`` or ``run 4 channel dz``."""
+    return subject.startswith("targets ") or (subject.startswith("leg") and len(subject.split()) > 1)
+
+
+def _sort(cause: Any) -> tuple[Any, ...]:
+    """Return what effects of one sort have in common: their subject, and their parameters' names and units."""
+    return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(6)))
+
+
+def _middling(own: Sequence[Sight]) -> Sight:
+    ranked = sorted(own, key=lambda s: float(np.mean(s.per_scale**2)) if s.rule.rank else 0.0)
+    return ranked[len(ranked) // 2]

@@ -1,0 +1,102 @@
+"""How much a residual speaks for an effect: its marginal likelihood over that of the model without it.
+
+Parameters are N(0, size^2) in plausible scales. The size is shared by an effect's parameters and marginalised, so that
+the answer hangs on no one scale; the noise level is free, with declared knowledge as prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Effects may be this many times as large as plausible, all equally likely beforehand.
+SIZES = (3.0, 1.0, 1 / 3, 1 / 10, 1 / 30)
+_LEAST_LEFT = 1e-12
+# Sizes in plausible scales, all equally likely beforehand; neighbours overlap by the smallest spread about them.
+_SIZES = tuple(3.0 / 2.0 ** (step / 2) for step in range(13))
+# Parameters of like size scatter by one of these shares of it, each as likely: parts of one batch, or of one make only.
+_SPREADS = (0.15, 0.45)
+# Half the probability is that of one sign for all; with more parameters than these there is no other.
+_ONE_SIGN, _MOST_SIGNS = 0.5, 8
+
+
+def log_evidence(
+    along: NDArray, strengths: NDArray, total: NDArray | float, freedom: float, stretch: float = 1.0
+) -> NDArray:
+    """Return the log ratio of marginal likelihoods with and without an effect, (...).
+
+    ``along`` (..., r) are a residual's parts along directions of strengths (..., r), ``total`` (...) its sum of squares
+    and ``freedom`` its degrees of freedom, declared knowledge included; ``stretch`` multiplies the plausible scales.
+    """
+    power = np.square(stretch) * np.multiply.outer(strengths**2, np.square(SIZES))  # (..., r, sizes)
+    before = np.asarray(total)[..., None]
+    after = before - np.sum(np.square(along)[..., None] * (power / (1.0 + power)), -2)
+    after = np.maximum(after, _LEAST_LEFT * before)  # what is all but the whole residual may round to more than that
+    logs = -0.5 * np.sum(np.log1p(power), -2) - freedom / 2.0 * np.log(after / before)
+    largest = logs.max(-1, keepdims=True)
+    return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
+
+
+def log_possible(values: NDArray, covariance: NDArray, places: Sequence[int]) -> float:
+    """Return what log evidence gains where parameters at some places are known to be no less than zero.
+
+    Half of what is probable beforehand is not, so the gain is twice the probability that the data, values (P,) in units
+    of the noise with covariance (P, P), leave to what is: a hundredth at two and a half sigma on the wrong side.
+    """
+    from scipy.special import log_ndtr
+
+    at = list(places)
+    sigma = np.sqrt(np.maximum(covariance[at, at], _LEAST_LEFT))
+    return float(np.sum(np.log(2.0) + log_ndtr(values[at] / sigma)))
+
+
+def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:
+    """Return the probability of each candidate, and of none of them, all equally likely beforehand."""
+    values = np.array([0.0, *log_evidence.values()])
+    weights = np.exp(values - values.max())
+    return dict(zip(log_evidence, (float(w) for w in weights[1:] / weights.sum()), strict=True))
+
+
+def alike_log_evidence(
+    scores: NDArray, gram: NDArray, alike: Sequence[int], total: float, freedom: float, stretch: float = 1.0
+) -> float:
+    """Return the log ratio of marginal likelihoods with and without an effect with parameters of like size.
+
+    scores (P,): products of the parameters' columns with the residual, gram (P, P): with each other, in plausible
+    scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``, ``freedom`` and
+    ``stretch`` as in `evidence.log_evidence`.
+    """
+    sizes, places = stretch * np.array(_SIZES), list(alike)
+    signs, weights = _patterns(len(alike))
+    spreads = np.ones((len(_SPREADS), len(scores)))
+    spreads[:, places] = np.array(_SPREADS)[:, None]
+    values, vectors = np.linalg.eigh(spreads[:, :, None] * gram * spreads[:, None])
+    power = np.multiply.outer(sizes**2, np.maximum(values, 0.0))  # (S, 2, P), for both spreads
+    # Squares gained by a mean, size times a pattern: 2 g.m - m'Am; then by what is left along the spread.
+    pulled = signs @ gram[places]  # (N, P)
+    linear, square = signs @ scores[places], np.sum(pulled[:, places] * signs, 1)
+    of_scores = np.einsum("p,zp,zpq->zq", scores, spreads, vectors)
+    of_patterns = (pulled * spreads[:, None]) @ vectors  # (2, N, P)
+    held = (sizes[:, None, None] ** 2 / (1 + power)).transpose(1, 2, 0)  # (2, P, S)
+    gained = of_scores[:, None] ** 2 @ held + of_patterns**2 @ (held * sizes**2)
+    gained -= 2 * ((of_scores[:, None] * of_patterns) @ (held * sizes))
+    gained += 2 * np.outer(linear, sizes) - np.outer(square, sizes**2)  # (2, N, S)
+    after = np.maximum(total - gained, 1e-9 * total)
+    logs = -0.5 * np.sum(np.log1p(power), -1).T[:, None] - freedom / 2 * np.log(after / total)
+    logs += np.log(weights / (len(sizes) * len(_SPREADS)))[:, None]
+    largest = logs.max()
+    return float(largest + np.log(np.sum(np.exp(logs - largest))))
+
+
+@lru_cache(maxsize=64)
+def _patterns(parts: int) -> tuple[NDArray, NDArray]:
+    """Return signs (N, parts) and their probabilities; either sign of all is as likely as the other."""
+    if not 1 < parts <= _MOST_SIGNS:
+        return np.array([[1.0], [-1.0]]) * np.ones(parts), np.full(2, 0.5)
+    signs = np.array(list(product((1.0, -1.0), repeat=parts)))
+    one = np.abs(signs.sum(1)) == parts
+    return signs, np.where(one, _ONE_SIGN / one.sum(), (1 - _ONE_SIGN) / (~one).sum())

@@ -1,0 +1,245 @@
+"""One whitened linear problem: what was measured, what is not known exactly, and the projection onto what is left.
+
+Rows are measurements and priors, each divided by its standard deviation; unknowns are counted in prior standard
+deviations (so a prior is a row of the identity). Unknowns of one pose are eliminated pose by pose, those that all poses
+share by one QR: `Whitened.rest` is then what no nuisance explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Zero rows of missing points are left out of products where more than the rest of them would be.
+_FEW_MISSING = 0.9
+# Sources beside the kinds of shared unknowns, which bring their own names.
+POINTS, READINGS, EARLIER = "points", "readings", "earlier"
+PLAUSIBLE, WIDE = "plausible", "wide"
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing."""
+
+    residual: NDArray  # (B, M) rows of each pose
+    by_local: NDArray  # (B, M, H)
+    by_shared: NDArray  # (B, M, G)
+    local_value: NDArray  # (B, H) present distance from the prior's mean, in prior sigmas
+    shared_value: NDArray  # (G,)
+    extra_residual: NDArray  # (E,) rows that concern no pose
+    extra_by_shared: NDArray  # (E, G)
+    present: NDArray  # (B, M) which rows were measured
+    local_known: NDArray  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
+    shared_known: NDArray  # (G,)
+
+    @property
+    def squares(self) -> float:
+        """Return the sum of squares of all rows, those of priors among them."""
+        parts = (self.residual, self.local_value, self.shared_value, self.extra_residual)
+        return float(sum(np.sum(np.square(part)) for part in parts))
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """The problem with its local unknowns eliminated; rows: those of poses with local priors, extra ones, priors."""
+
+    problem: Linearised
+    local_basis: NDArray  # (B, M + H, H) orthonormal
+    local_factor: NDArray  # (B, H, H) triangular
+    rows: NDArray  # (N, G) shared derivatives
+    residual: NDArray  # (N,)
+
+    @cached_property
+    def _inverse(self) -> NDArray:
+        """Return the inverse (G, G) of the rows' triangular factor: all that a step needs of them.
+
+        The priors among the rows keep their products regular; the condition of these is the square of the rows', which
+        leaves nine digits.
+        """
+        return _inverse_factor(self._telling)
+
+    @cached_property
+    def _along(self) -> NDArray:
+        """Return the parts (G,) of the residual along the basis."""
+        return self._inverse.T @ (self.rows.T @ self.residual)
+
+    @cached_property
+    def basis(self) -> NDArray:
+        """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
+        nearly = _times_upper(self._telling, self._inverse)
+        told = _times_upper(nearly, _inverse_factor(nearly))
+        if len(told) == len(self.rows):
+            return told
+        basis = np.zeros_like(self.rows)
+        basis[self._tells] = told
+        return basis
+
+    @property
+    def _telling(self) -> NDArray:
+        """Return the rows (n, G) without those of missing points, which are zero, where these are many."""
+        return self.rows if self._tells.mean() > _FEW_MISSING else self.rows[self._tells]
+
+    @cached_property
+    def _tells(self) -> NDArray:
+        tells = np.ones(len(self.rows), bool)
+        poses, count = self.problem.local_value.shape
+        own = np.concatenate([self.problem.present, np.ones((poses, count), bool)], 1).ravel()
+        tells[: len(own)] = own
+        return tells
+
+    @cached_property
+    def rest(self) -> NDArray:
+        """Return the residual (N,) that is left after all unknowns were fitted."""
+        return self.residual - self.basis @ (self.basis.T @ self.residual)
+
+    @cached_property
+    def explained(self) -> float:
+        """Return by how much the unknowns' next step lowers the sum of squares."""
+        local = np.einsum(
+            "bmh,bm->bh", self.local_basis, _with_priors(self.problem.residual, -self.problem.local_value)
+        )
+        return float(np.sum(local**2) + np.sum(self._along**2))
+
+    @cached_property
+    def leverage(self) -> NDArray:
+        """Return the share (N,) of each row that the unknowns follow; 1 where nothing of it is left to test."""
+        local = np.sum(self.local_basis**2, -1).ravel()
+        shared = np.sum(self.basis**2, -1)
+        shared[: len(local)] += local
+        return np.minimum(shared, 1.0)
+
+    @cached_property
+    def present(self) -> NDArray:
+        """Return which rows (N,) say something: what was measured, and priors that are knowledge."""
+        priors = np.broadcast_to(self.problem.local_known, self.problem.local_value.shape)
+        pose_rows = np.concatenate([self.problem.present, priors], 1).ravel()
+        extra = np.ones(len(self.problem.extra_residual), bool)
+        return np.concatenate([pose_rows, extra, self.problem.shared_known])
+
+    @cached_property
+    def freedom(self) -> float:
+        """Return the degrees of freedom of `rest`."""
+        return float(np.sum((1.0 - self.leverage)[self.present]))
+
+    def step(self) -> tuple[NDArray, NDArray]:
+        """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
+        shared = self._inverse @ self._along
+        left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
+        local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
+        return shared, local[..., 0]
+
+    def fitted(self, rows: NDArray) -> NDArray:
+        """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
+        return self._inverse @ (self._inverse.T @ (self.rows.T @ rows))
+
+    def from_basis(self, parts: NDArray) -> NDArray:
+        """Return the shared unknowns (G, ...) whose rows are the basis times parts (G, ...), in prior sigmas."""
+        return self._inverse @ parts
+
+    def covariance(self) -> NDArray:
+        """Return the covariance (G, G) of the shared unknowns, in prior sigmas squared."""
+        return self._inverse @ self._inverse.T
+
+    def covariance_from(self, rows: Mapping[str, NDArray], place: slice) -> dict[str, NDArray]:
+        """Return the covariance (P, P) of shared unknowns that the errors of each group of rows (N,) give to them.
+
+        Rows err independently, each by one; groups that hold every row sum to `covariance`.
+        """
+        follows = (self._inverse[place] @ self._inverse.T) @ self.rows.T
+        return {name: follows[:, own] @ follows[:, own].T for name, own in rows.items()}
+
+    def without_local(self, columns: NDArray) -> NDArray:
+        """Return columns (B, M + H, P) less what the local unknowns explain of them."""
+        explained = self.local_basis @ (np.swapaxes(self.local_basis, 1, 2) @ columns)
+        return np.subtract(columns, explained, out=explained)
+
+
+def whiten(problem: Linearised) -> Whitened:
+    """Return the problem with its local unknowns eliminated (batched QR of each pose's rows and priors)."""
+    poses, _, count = problem.by_local.shape
+    identity = np.broadcast_to(np.eye(count), (poses, count, count))
+    basis, factor = np.linalg.qr(np.concatenate([problem.by_local, identity], 1))
+    bare = Whitened(problem, basis, factor, np.empty(0), np.empty(0))
+    residual = _with_priors(problem.residual, -problem.local_value)[..., None]
+    rows = _shared_rows(problem, basis)
+    stacked = np.concatenate([bare.without_local(residual).ravel(), problem.extra_residual, -problem.shared_value])
+    return Whitened(problem, basis, factor, rows, stacked)
+
+
+def _shared_rows(problem: Linearised, basis: NDArray) -> NDArray:
+    """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
+    of all, so that each is written in its place at once."""
+    poses, height, size = problem.by_shared.shape
+    tall = basis.shape[1]
+    rows = np.empty((poses * tall + len(problem.extra_by_shared) + size, size))
+    own = rows[: poses * tall].reshape(poses, tall, size)
+    np.matmul(-basis, np.swapaxes(basis[:, :height], 1, 2) @ problem.by_shared, out=own)
+    own[:, :height] += problem.by_shared
+    rows[poses * tall : len(rows) - size] = problem.extra_by_shared
+    rows[len(rows) - size :] = np.eye(size)
+    return rows
+
+
+def _inverse_factor(rows: NDArray) -> NDArray:
+    """Return the inverse (G, G) of the upper triangular factor of rows (N, G)."""
+    from scipy.linalg.lapack import dtrtri
+
+    return np.asarray(dtrtri(np.linalg.cholesky(rows.T @ rows).T)[0])
+
+
+def _times_upper(rows: NDArray, upper: NDArray) -> NDArray:
+    """Return rows (N, G) times an upper triangular matrix (G, G), at half the cost of any other."""
+    from scipy.linalg.blas import dtrmm
+
+    return np.asarray(dtrmm(1.0, upper, rows.T, trans_a=1)).T
+
+
+def _with_priors(rows: NDArray, priors: NDArray) -> NDArray:
+    return np.concatenate([rows, priors], 1)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What one source gives to the covariance (P, P) of some parameters, SI, and what a fit leaves of its rows."""
+
+    source: str
+    covariance: NDArray
+    freedom: float
+
+
+def rows_by_source(
+    whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], readings: slice
+) -> dict[str, NDArray]:
+    """Return which rows (N,) of a whitened problem are of each source; every row is of one.
+
+    Priors of causes are ``PLAUSIBLE`` sizes, those that are no knowledge ``WIDE``, others are called as in the layout.
+    """
+    problem = whitened.problem
+    poses, height = problem.residual.shape
+    tall = height + problem.local_value.shape[1]
+    first, extra = poses * tall, len(problem.extra_residual)
+    places = np.arange(len(whitened.rows))
+    within, of_pose = places % tall, places < first
+    shared = places - first - extra
+    # What measurements of a pose share is an error of theirs, though it has an unknown of its own.
+    of_points = np.concatenate([np.ones(height, bool), problem.local_known])
+    of_points[height + readings.start : height + readings.stop] = False
+    found = {
+        POINTS: of_pose & of_points[within],
+        READINGS: of_pose & (within >= height + readings.start) & (within < height + readings.stop),
+        EARLIER: ~of_pose & (shared < 0),
+        PLAUSIBLE: np.zeros(len(places), bool),
+    }
+    known = np.concatenate([np.zeros(first + extra, bool), problem.shared_known])
+    for name, own in layout.items():
+        mine = (shared >= own.start) & (shared < own.stop)
+        if name in causes:
+            found[PLAUSIBLE] |= mine
+        else:
+            found[name] = mine & known
+    found[WIDE] = ~np.any(list(found.values()), axis=0)
+    return {name: own for name, own in found.items() if own.any()}

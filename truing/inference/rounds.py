@@ -1,0 +1,314 @@
+"""What one fitted model leaves for every candidate cause: a search, evidence one by one, and evidence in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
+from truing.inference.fitted_model import Stand
+from truing.inference.search import FURTHER_SHARE, Candidate, Judge, Search, candidate_of, opened, search_of, total_of
+from truing.inference.signatures import Channels, Signature, joint, signature
+
+# How many of the most probable candidates are tried in pairs.
+_PAIRED = 20
+_OF_A_KIND = 3
+# Beside a form that nobody declared, on most of what it acts on, a name explains at least this share of its squares:
+# half its amplitude.
+_OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
+# A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
+NAMED = float(np.log(3.0))
+# Rivals within this factor of the best in evidence cannot be told from it.
+RIVAL_FACTOR = 20.0
+# Plausible scales are also tried this many times as large.
+STRETCH = 3.0
+# The probability that parameters of parts that were made alike are of like size, and not independent of each other.
+_ALIKE = 0.7
+
+
+def is_form_of_a_subject(cause: Any) -> bool:
+    """Return whether a cause is a form that nobody declared, of something in particular: what concerns all is about
+    nothing in particular, and no name's rival for its subject."""
+    return not cause.catalogued and bool(cause.subject)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two candidates that together explain what no single one does, the one to be accepted first before the other.
+
+    ``rivals`` would explain it as well in place of the first, beside the second, with their log odds over the first.
+    """
+
+    first: Candidate
+    second: Candidate
+    rivals: tuple[tuple[Candidate, float], ...]
+
+
+@dataclass(frozen=True)
+class Round:
+    """A fitted model, the candidates that are still open, and what the data say of each."""
+
+    stand: Stand
+    judge: Judge
+    candidates: tuple[Candidate, ...]
+    scores: dict[str, Score] = field(repr=False)  # by the cause's key
+    tried: int  # how many candidates there were
+    search: Search | None = field(repr=False)  # None once the round is over
+
+    def p_value(self, candidate: Candidate) -> float:
+        """Return a candidate's p-value, corrected for everything that was tried."""
+        if not candidate.signature.rank:
+            return 1.0
+        group = self.judge.group_of(candidate.kind, candidate.signature.rank)
+        return self.judge.corrected(self.scores[candidate.key].squares, group)
+
+    @cached_property
+    def best(self) -> dict[str, Candidate]:
+        """Return the most probable candidate of every kind."""
+        found: dict[str, Candidate] = {}
+        for candidate in self.candidates:
+            rival = found.setdefault(candidate.kind, candidate)
+            if self.posterior(candidate) > self.posterior(rival):
+                found[candidate.kind] = candidate
+        return found
+
+    def closed(self) -> Round:
+        """Return the round as it was decided, without what is needed only to decide: large campaigns fill memory."""
+        kept = tuple(candidate.light() for candidate in self.best.values())
+        return replace(self, candidates=kept, search=None)
+
+    def posterior(self, candidate: Candidate) -> float:
+        """Return a candidate's log posterior odds against the model without it."""
+        return self.scores[candidate.key].log_posterior
+
+    @cached_property
+    def probabilities(self) -> dict[str, float]:
+        """Return the probability of every kind of cause, among them and none."""
+        return probabilities({kind: self.posterior(candidate) for kind, candidate in self.best.items()})
+
+    def scale_holds(self, candidate: Candidate, rivals: Sequence[Candidate]) -> bool:
+        """Return whether a candidate stays the most probable where plausible scales are tripled."""
+        own = self._stretched(candidate)
+        return all(own >= self._stretched(rival) for rival in rivals)
+
+    def _stretched(self, candidate: Candidate) -> float:
+        """Return a candidate's log posterior odds with plausible scales tripled."""
+        score = self.scores[candidate.key]
+        if not candidate.signature.rank:
+            return score.log_posterior
+        beforehand = score.log_posterior - score.log_evidence
+        return log_evidence_of(candidate, self.stand, score.along, STRETCH) + score.log_signs + beforehand
+
+    @cached_property
+    def best_pair(self) -> Pair | None:
+        """Return the pair of candidates with the most evidence, the stronger one first, if it beats any single one."""
+        if len(self.candidates) < 2 or self.search is None:
+            return None
+        tried = self._paired
+        odds = {(i, j): self._pair_evidence(self.search.channels, tried[i], tried[j]) for i, j in _index_pairs(tried)}
+        least = max((self.posterior(candidate) for candidate in tried), default=0.0) + np.log(RIVAL_FACTOR)
+        for best in sorted(odds, key=lambda pair: odds[pair] - NAMED * _unnamed(tried[i] for i in pair), reverse=True):
+            if odds[best] < least:
+                return None
+            if odds[best] >= self._least_of_pair([tried[i] for i in best]):
+                break
+        else:
+            return None
+        first, second = sorted(best, key=lambda i: (_unnamed([tried[i]]), -self.posterior(tried[i])))
+        behind = {sum(pair) - second: own - odds[best] for pair, own in odds.items() if second in pair}
+        rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
+        return Pair(tried[first], tried[second], tuple(rivals))
+
+    def _least_of_pair(self, pair: Sequence[Candidate]) -> float:
+        """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
+        that what is left of it is its own further terms, or another form of the same subject, unless the name is far
+        more probable."""
+        unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
+        if len(unnamed) != 1 or not is_form_of_a_subject(unnamed[0].cause):
+            return -np.inf
+        return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
+
+    def _with_rest(self, form: Candidate) -> float:
+        """Return the log odds of a form that nobody declared with what speaks most for it in forms of its subject."""
+        if form.key not in self._rests:
+            assert self.search is not None
+            channels = self.search.channels
+            others = [c for c in self._unnamed_best if c is not form and c.cause.subject == form.cause.subject]
+            beside = [self._pair_evidence(channels, form, c) for c in (*self._further(form), *others)]
+            self._rests[form.key] = max([self.posterior(form), *beside])
+        return self._rests[form.key]
+
+    def is_remainder(self, candidate: Candidate) -> bool:
+        """Return whether a candidate is small beside a form that nobody declared and that the model holds, where it
+        acts on the same."""
+        if self.search is None:
+            return False
+        channels, squares = self.search.channels, self.scores[candidate.key].squares
+        larger = (own for own, held in self._forms_held if squares < _OF_ITS_SIZE * held)
+        return any(candidate.signature.share_on(channels, own) > _SAME_GROUND for own in larger)
+
+    @cached_property
+    def _forms_held(self) -> list[tuple[Signature, float]]:
+        """Return the forms that nobody declared and that the model holds, of something in particular: how they act, and
+        their squares.
+        """
+        assert self.search is not None
+        found = []
+        for cause in self.stand.causes:
+            if not cause.catalogued and cause.subject:
+                values, covariance = self.stand.values(cause)
+                squares = float(values @ np.linalg.solve(covariance, values))
+                found.append((signature(self.search.channels, self.stand.designer(cause)), squares))
+        return found
+
+    @cached_property
+    def _rests(self) -> dict[str, float]:
+        return {}
+
+    @cached_property
+    def _unnamed_best(self) -> list[Candidate]:
+        """Return the most probable forms that nobody declared, those of an accepted one's further terms among them."""
+        ranked = sorted(self.candidates, key=self.posterior, reverse=True)
+        unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
+        return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.goes_on]
+
+    def _further(self, form: Candidate) -> list[Candidate]:
+        """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
+        assert self.search is not None
+        channels, proposed = self.search.channels, opened(self.stand, form.cause.further(self.stand.scene))
+        prior = FURTHER_SHARE / max(len(proposed), 1)
+        found = [candidate_of(self.stand, channels, cause, form.kind, prior) for cause in proposed]
+        return [candidate for candidate in found if candidate.signature.rank]
+
+    def _score(self, candidate: Candidate) -> Score:
+        """Return what the data say of a candidate, of one that is not yet proposed as well."""
+        if candidate.key in self.scores or self.search is None:
+            return self.scores[candidate.key]
+        channels = self.search.channels
+        along = channels.along(self.stand.fit.whitened.rest[None])[0]
+        return score_of(candidate, self.stand, channels, along)
+
+    @cached_property
+    def _paired(self) -> list[Candidate]:
+        """Return the most probable candidates, a few of each kind."""
+        taken: list[Candidate] = []
+        for candidate in sorted(self.candidates, key=self.posterior, reverse=True):
+            if candidate.signature.rank and sum(c.kind == candidate.kind for c in taken) < _OF_A_KIND:
+                taken.append(candidate)
+        return taken[:_PAIRED]
+
+    def _pair_evidence(self, channels: Channels, *pair: Candidate) -> float:
+        strengths, loadings = joint(channels, pair[0].signature, pair[1].signature)
+        raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
+        along = (raw @ loadings) / strengths
+        total, freedom = total_of(self.stand)
+        beforehand = sum(np.log(c.prior) + self._of_likeness(c) for c in pair)
+        values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
+        signs = self._signs(pair, values, covariance)
+        return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
+
+    def _signs(self, pair: Sequence[Candidate], values: NDArray, covariance: NDArray) -> float:
+        """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
+        legs, first, found = self.stand.model.leg_count, 0, 0.0
+        for candidate in pair:
+            own = np.s_[first : first + candidate.signature.parameters]
+            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(legs))
+            first = own.stop
+        return found
+
+    def _of_likeness(self, candidate: Candidate) -> float:
+        """Return what a candidate's log evidence owes to parameters of like size."""
+        score, (total, freedom) = self._score(candidate), total_of(self.stand)
+        owed = score.log_evidence - score.log_signs
+        return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
+
+
+def _index_pairs(tried: Sequence[Candidate]) -> list[tuple[int, int]]:
+    """Return the pairs worth trying: of two kinds, or of two single targets."""
+    return [
+        (i, j)
+        for i, j in combinations(range(len(tried)), 2)
+        if tried[i].kind != tried[j].kind or _apart(tried[i], tried[j])
+    ]
+
+
+def _unnamed(candidates: Iterable[Candidate]) -> int:
+    """Return how many candidates are dependences in a form that nobody declared."""
+    return sum(not candidate.cause.catalogued for candidate in candidates)
+
+
+def _apart(first: Candidate, second: Candidate) -> bool:
+    """Return whether two candidates act on channels none of which they share, as two single targets do."""
+    return not np.isin(first.signature.index, second.signature.index).any()
+
+
+def score_round(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Round:
+    """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
+    return scored(stand, search_of(stand, kinds, draws, rng))
+
+
+def scored(stand: Stand, search: Search) -> Round:
+    """Return what a fitted model leaves for all candidates of a search."""
+    along = search.channels.along(stand.fit.whitened.rest[None])[0]
+    scores = {c.key: score_of(c, stand, search.channels, along) for c in search.candidates}
+    return Round(stand, search.judge, tuple(search.candidates), scores, len(search.candidates), search)
+
+
+@dataclass(frozen=True)
+class Score:
+    """What the data say of one candidate."""
+
+    squares: float  # by which it lowers the sum of squares
+    log_evidence: float  # marginal likelihood over that of the model without it
+    log_posterior: float  # the same with what was probable beforehand
+    along: NDArray  # (r,) scores along its directions
+    log_signs: float = 0.0  # what of the evidence is owed to signs that nature does not have
+
+    @property
+    def signal_to_noise(self) -> float:
+        """Return the root of the reduction of the sum of squares."""
+        return float(np.sqrt(self.squares))
+
+
+def score_of(candidate: Candidate, stand: Stand, channels: Channels, along: NDArray) -> Score:
+    own = candidate.signature
+    if not own.rank:
+        return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
+    parts = along[:, own.index].ravel() @ own.unit_design
+    signs = signs_of(candidate, stand, parts)
+    odds = log_evidence_of(candidate, stand, parts) + signs
+    return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts, signs)
+
+
+def signs_of(candidate: Candidate, stand: Stand, parts: NDArray) -> float:
+    """Return what a candidate's log evidence owes to the signs of parameters that nature makes on one side only."""
+    places = candidate.cause.one_sided(stand.model.leg_count)
+    if not places:
+        return 0.0
+    own = candidate.signature
+    covariance = (own.loadings / own.strengths**2) @ own.loadings.T
+    return log_possible(own.fitted(parts), covariance, places)
+
+
+def log_evidence_of(candidate: Candidate, stand: Stand, parts: NDArray, stretch: float = 1.0) -> float:
+    """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
+    own, (total, freedom) = candidate.signature, total_of(stand)
+    independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
+    members = candidate.cause.alike(stand.model.leg_count)
+    if not members:
+        return independent
+    scores = own.loadings @ (parts * own.strengths)
+    gram = (own.loadings * own.strengths**2) @ own.loadings.T
+    alike = alike_log_evidence(scores, gram, members, total, freedom, stretch)
+    return float(np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + independent))
+
+
+def raw_scores(own: Signature, score: Score) -> NDArray:
+    """Return the scores (P,) of a candidate's parameters, from those along its directions."""
+    return np.asarray(own.loadings @ (score.along * own.strengths))

@@ -1,0 +1,132 @@
+"""Gross errors by what a fit leaves: a point far outside its own target's spread, whatever effect widens that."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Unit normals are longer than the limit once in some 1e6 points.
+_BY_CHANCE = 1.2e-6
+_ENOUGH = 8  # points of a target that give a spread of its own
+# Of so many poses before, or after, so many must agree; of the second and the last but one, both neighbours will do.
+_NEIGHBOURS, _AGREE = 3, 2
+# Points agree within so many of the target's own spread from pose to pose; one that is suspect already, within fewer.
+_REACH, _SUSPECT_REACH = 12.0, 3.5
+# Suspects scatter more, being no part of the fit that they are judged by; they agree within this share of how far off
+# they are: no two gross errors do.
+_ALIKE = 0.25
+
+
+def gross_errors(
+    rest: NDArray,
+    seen: NDArray,
+    axes: NDArray | None = None,
+    order: NDArray | None = None,
+    zeros: NDArray | None = None,
+) -> NDArray:
+    """Return which points (B, K) are grossly wrong, from whitened residuals rest (B, K, d).
+
+    A target's spread is its median length over the poses, and at least that of unit noise; a target that was seen in
+    few poses takes the median over all targets. Where ``axes`` (B, K, d, d) tell how whitened residuals follow shifts
+    along the body's own axes (m), and ``order`` (B,) the poses' ranks in time, a point that agrees with its neighbours
+    in time is right: its target was moved. Readings (d = 1) with the same number in ``zeros`` (B, K) count as a target
+    of their own: an effect widens the runs that show it, and not what else the same channel read.
+    """
+    if zeros is not None:
+        return _by_run(rest, seen, axes, order, zeros)
+    far = _far(rest, seen)
+    if axes is None or order is None or not far.any():
+        return far
+    known = seen & (np.abs(np.linalg.det(axes)) > 0)
+    values = np.linalg.solve(np.where(known[..., None, None], axes, np.eye(rest.shape[-1])), rest[..., None])[..., 0]
+    return far & alone_in_time(np.where(known[..., None], values, np.nan), order, far, 0.0)
+
+
+def least_gross(size: int) -> float:
+    """Return the length of a whitened residual (d coordinates) from which on a point of ordinary spread is gross."""
+    from scipy.special import chdtri
+
+    return float(np.sqrt(chdtri(size, _BY_CHANCE)))
+
+
+def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray | None, zeros: NDArray) -> NDArray:
+    """Return the gross errors (B, K) where every run's readings of a channel stand for a target."""
+    step, channel = np.nonzero(seen & (zeros >= 0))
+    in_time = np.lexsort((step if order is None else order[step], zeros[step, channel]))
+    step, channel = step[in_time], channel[in_time]
+    group = np.unique(zeros[step, channel], return_inverse=True)[1]
+    place = np.arange(len(group)) - np.searchsorted(group, group)
+    shape = (int(place.max(initial=-1)) + 1, int(group.max(initial=-1)) + 1)
+    known = np.zeros(shape, bool)
+    known[place, group] = True
+    values = np.zeros((*shape, 1))
+    values[place, group] = rest[step, channel]
+    unit = np.ones((*shape, 1, 1))
+    if axes is not None:
+        unit[place, group] = axes[step, channel]
+    wrong = np.zeros(seen.shape, bool)
+    if known.any():
+        in_run = None if order is None else np.arange(shape[0])
+        wrong[step, channel] = gross_errors(values, known, None if axes is None else unit, in_run)[place, group]
+    return wrong
+
+
+def _far(rest: NDArray, seen: NDArray) -> NDArray:
+    length, limit = lengths(rest, seen)
+    return np.asarray(np.nan_to_num(length) > limit)
+
+
+def lengths(rest: NDArray, seen: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and the limits (K,) on them."""
+    length = np.where(seen, np.sqrt(np.sum(rest**2, -1)), np.nan)
+    if not seen.any():
+        return length, np.full(seen.shape[1], np.inf)
+    from scipy.special import chdtri
+
+    size = rest.shape[-1]
+    gross, middle = np.sqrt(chdtri(size, [_BY_CHANCE, 0.5]))
+    common = np.nanmedian(length)
+    own = np.array([np.nanmedian(column) if np.isfinite(column).any() else common for column in length.T])
+    spread = np.where(seen.sum(0) >= _ENOUGH, own, np.maximum(own, common)) / middle
+    return length, gross * np.maximum(spread, 1.0)
+
+
+def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: float = 1e-6) -> NDArray:
+    """Return which points (B, T) agree with no others of their target just before or just after them.
+
+    values (B, T, d): where each target was, less where it should be, along the body's axes, m; NaN where it was not
+    seen. order (B,): the poses' ranks in time. suspect (B, T): points that another test rejected. least (m): targets
+    scatter by no less than this. A target seen in fewer than four poses tells nothing: only its suspects count.
+    """
+    alone = np.zeros(suspect.shape, bool)
+    known = np.isfinite(values).all(-1)
+    in_time = np.argsort(order, kind="stable")
+    for target in range(values.shape[1]):
+        rows = in_time[known[in_time, target]]
+        own, doubted = values[rows, target], suspect[rows, target]
+        alone[rows, target] = doubted if len(rows) <= _NEIGHBOURS else _alone(own, doubted, least)
+    return alone
+
+
+def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
+    """Return which of a target's points (N, d), in time order, are alone."""
+    from scipy.special import chdtri
+
+    steps = _lengths(np.diff(own, axis=0))
+    median = float(np.sqrt(chdtri(own.shape[1], 0.5)))  # length of as many unit normals
+    spread = max(float(np.median(steps)) / median / np.sqrt(2.0), least)
+    reach = np.sqrt(2.0) * spread * np.where(doubted, _SUSPECT_REACH, _REACH)
+    reach = np.maximum(reach, doubted * _ALIKE * _lengths(own))
+    agree, between = np.zeros((2, len(own)), int), np.zeros(len(own), bool)
+    for distance in range(1, _NEIGHBOURS + 1):
+        near = _lengths(own[distance:] - own[:-distance])
+        agree[0, distance:] += near <= reach[distance:]
+        agree[1, :-distance] += near <= reach[:-distance]
+        if distance == 1:
+            between |= agree.all(0)
+    between[2:-2] = False
+    return np.asarray((agree < _AGREE).all(0) & ~between)
+
+
+def _lengths(vectors: NDArray) -> NDArray:
+    return np.sqrt(np.sum(vectors**2, -1))

@@ -1,0 +1,388 @@
+"""The search over all candidates of all kinds on one residual, and how often it finds as much where there is nothing.
+
+Each kind of cause is judged by its own best candidate; the statistic is the smallest p-value over kinds, each
+multiplied by what its choice among candidates costs and divided by its share of the budget. Its null distribution
+comes from simulated residuals and from sign-flipped ones, both pushed through the same search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.evidence import log_evidence
+from truing.inference.fitted_model import Stand
+from truing.inference.noise import NoiseComponents
+from truing.inference.signatures import (
+    POINTS,
+    Channels,
+    ProfileSignatures,
+    Signature,
+    TurnedPoints,
+    profile_signatures,
+    signature,
+    turned_points,
+)
+
+# Numbers drawn at a time.
+_BLOCK = 2_500_000
+# Standardised residuals that are flipped are not larger than this: beyond it they are effects, not noise.
+_LARGEST = 5.0
+# What choosing among candidates costs is told from this quantile of the null distribution.
+_QUANTILE = 0.02
+# Below this share of the draws, p-values are extrapolated from it.
+_TAIL = 0.01
+# No noise is known to be so normal that smaller p-values would mean anything.
+LEAST_P = 1e-9
+# Single targets with the most evidence that become candidates of their own.
+_BEST_MEMBERS = 4
+# The probability, within its kind, that what is left of a form that nobody declared is its further terms.
+FURTHER_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate: its cause, the kind it belongs to, its signature, and its probability beforehand in its kind."""
+
+    cause: Any
+    kind: str
+    signature: Signature
+    prior: float
+
+    @cached_property
+    def key(self) -> str:
+        """Return the name that tells it from all others."""
+        return str(self.cause.key)
+
+    def light(self) -> Candidate:
+        """Return it without its design, which only a search needs."""
+        return replace(self, signature=replace(self.signature, design=np.zeros((0, self.signature.parameters))))
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Candidates over single targets: the kind they belong to, and their signatures."""
+
+    cause: Any  # which makes the candidate of a target and a shape
+    kind: str
+    signatures: ProfileSignatures
+
+    @property
+    def prior(self) -> float:
+        """Return the probability beforehand of each in its kind."""
+        return 1.0 / max(int(self.signatures.seen.sum()), 1)
+
+
+@dataclass(frozen=True)
+class Search:
+    """All candidates on one fit; ``shares`` (by kind) are their parts of the budget of false alarms."""
+
+    channels: Channels
+    noise: NoiseComponents
+    candidates: Sequence[Candidate]
+    profiles: Sequence[Profiles]
+    shares: dict[str, float]
+    draws: int
+    rng: np.random.Generator
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Return the groups: those of candidates, then one for every set of profiles."""
+        found: dict[tuple[str, int], list[float]] = {}
+        for candidate in self._seen:
+            own = candidate.signature
+            found.setdefault((candidate.kind, own.rank), []).append(own.reading_share)
+        listed = [Group(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
+        listed += [Group(p.kind, p.signatures.parameters, 0.0) for p in self.profiles]
+        return tuple(listed)
+
+    @cached_property
+    def _seen(self) -> list[Candidate]:
+        return [candidate for candidate in self.candidates if candidate.signature.rank]
+
+    @cached_property
+    def _banks(self) -> list[tuple[NDArray | slice, list[tuple[NDArray, list[int]]]]]:
+        """Return where candidates on the same channels stand, and, for those of them of one rank r, all unit designs
+        (r * n, B * C), first directions first, and which candidates (n,)."""
+        by_index: dict[bytes, dict[int, list[int]]] = {}
+        for number, candidate in enumerate(self._seen):
+            own = candidate.signature
+            by_index.setdefault(own.index.tobytes(), {}).setdefault(own.rank, []).append(number)
+        return [
+            (_place(self._seen[next(iter(ranks.values()))[0]].signature.index), [self._bank(n) for n in ranks.values()])
+            for ranks in by_index.values()
+        ]
+
+    def _bank(self, numbers: list[int]) -> tuple[NDArray, list[int]]:
+        designs = np.stack([self._seen[n].signature.unit_design.T.astype(np.float32) for n in numbers], 1)
+        return designs.reshape(-1, designs.shape[-1]), numbers
+
+    def squares(self, along: NDArray) -> NDArray:
+        """Return by how much each candidate that can be seen lowers the sum of squares, (D, candidates)."""
+        found = np.empty((len(along), len(self._seen)))
+        for place, banks in self._banks:
+            own = along[:, :, place].reshape(len(along), -1)
+            for designs, numbers in banks:
+                scores = own @ designs.T
+                np.square(scores, out=scores)
+                found[:, numbers] = scores.reshape(len(along), -1, len(numbers)).sum(1)
+        return found
+
+    def maxima(self, along: NDArray) -> NDArray:
+        """Return the largest square of every group, (D, groups)."""
+        squares = self.squares(along)
+        columns = [squares[:, members].max(1) for members in self._members]
+        columns += self._of_profiles(along[:, :, self.channels.places[POINTS]])
+        return np.column_stack(columns) if columns else np.zeros((len(along), 0))
+
+    def _of_profiles(self, points: NDArray) -> list[NDArray]:
+        """Return the largest square (D,) of every set of profiles, from parts (D, B, C) along the channel of points."""
+        found: list[NDArray] = []
+        last, along = None, points
+        for own in (profiles.signatures for profiles in self.profiles):
+            if own.points is not last:
+                last, along = own.points, own.points.along(points)
+            found.append(own.squares(along).reshape(len(points), -1).max(1))
+        return found
+
+    @cached_property
+    def _members(self) -> list[list[int]]:
+        found: dict[tuple[str, int], list[int]] = {}
+        for number, candidate in enumerate(self._seen):
+            found.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
+        return list(found.values())
+
+    def by_kind(self, maxima: NDArray, noise: tuple[NDArray, NDArray]) -> NDArray:
+        """Return the smallest p of every kind (D, kinds), not corrected; noise levels of points and readings (D,)."""
+        kinds = kinds_of(self.groups)
+        found = np.ones((len(maxima), len(kinds)))
+        for number, group in enumerate(self.groups):
+            level = (1.0 - group.reading_share) * noise[0] + group.reading_share * noise[1]
+            column = kinds.index(group.kind)
+            own = f_test(maxima[:, number], group, level, self.noise)
+            found[:, column] = np.minimum(found[:, column], own)
+        return found
+
+    @cached_property
+    def judge(self) -> Judge:
+        """Return what judges the candidates: the same search on drawn and on flipped residuals."""
+        drawn, flipped = [], []
+        height = len(self.channels.whitened.rest)
+        block = max(_BLOCK // height, 1)
+        for first in range(0, self.draws, block):
+            count = min(block, self.draws - first)
+            drawn.append(self._drawn(count, height))
+            flipped.append(self._flipped(count))
+        for needed_no_more in ("_banks", "_standard", "_best_rows"):
+            self.__dict__.pop(needed_no_more, None)
+        return Judge(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
+
+    def _drawn(self, count: int, height: int) -> NDArray:
+        rows = self.rng.standard_normal((count, height), np.float32)
+        rows *= self.channels.whitened.present
+        levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.points, self.noise.readings))
+        return self.by_kind(self.maxima(self.channels.along(rows)), (levels[0], levels[1]))
+
+    def _flipped(self, count: int) -> NDArray:
+        rows = _signs(self.rng, count, len(self._standard)) * self._standard.astype(np.float32)
+        level = np.full(count, self._flipped_level)
+        return self.by_kind(self.maxima(self.channels.along(rows)), (level, level))
+
+    @cached_property
+    def _standard(self) -> NDArray:
+        """Return standardised residuals without what the best candidate explains, as noise would leave them.
+
+        An effect would else widen its own null distribution.
+        """
+        whitened, rows = self.channels.whitened, self._best_rows
+        rest = whitened.rest - rows @ (rows.T @ whitened.rest)
+        leverage = whitened.leverage + np.sum(rows**2, 1)
+        standard = np.where(leverage < 0.999, rest / np.sqrt(np.maximum(1.0 - leverage, 1e-3)), 0.0)
+        return np.clip(standard * whitened.present, -_LARGEST, _LARGEST)
+
+    @cached_property
+    def _best_rows(self) -> NDArray:
+        """Return the directions (N, r) of the candidate that the residual speaks for most by itself."""
+        along = self.channels.along(self.channels.whitened.rest[None])
+        squares, found = self.squares(along)[0], []
+        for number, candidate in enumerate(self._seen):
+            group = Group(candidate.kind, candidate.signature.rank, candidate.signature.reading_share)
+            noise = self.noise.without(float(squares[number]), group.rank, group.reading_share)
+            found.append(float(f_test(squares[number], group, noise, self.noise)))
+        if not found:
+            return np.zeros((len(self.channels.whitened.rest), 0))
+        best = min(range(len(found)), key=lambda number: (found[number], -squares[number]))
+        return self._seen[best].signature.rows(self.channels)
+
+    @cached_property
+    def _flipped_level(self) -> float:
+        tested = self.channels.whitened.present & (self.channels.whitened.leverage < 0.999)
+        return float(np.mean(self._standard[tested] ** 2))
+
+
+def _place(index: NDArray) -> NDArray | slice:
+    """Return where channels stand (n,) as a slice where they are neighbours, which are picked without a copy."""
+    return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
+
+
+def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:
+    bits = np.unpackbits(rng.integers(0, 256, (count, (size + 7) // 8), np.uint8), axis=1, count=size)
+    return bits.astype(np.float32) * 2.0 - 1.0
+
+
+@dataclass(frozen=True)
+class Group:
+    """Candidates of one kind with the same number of directions: comparable by their squares alone."""
+
+    kind: str
+    rank: int
+    reading_share: float
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The null distribution of a search: ``drawn`` and ``flipped`` (draws, kinds) hold the smallest p of every kind on
+    simulated and on sign-flipped residuals; ``shares`` (by kind) are the parts of the budget of false alarms."""
+
+    groups: tuple[Group, ...]
+    noise: NoiseComponents
+    shares: dict[str, float]
+    drawn: NDArray
+    flipped: NDArray
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the kinds of cause of which the campaign could see any."""
+        return kinds_of(self.groups)
+
+    def raw(self, squares: NDArray | float, group: Group, noise: NDArray | float) -> NDArray:
+        """Return the F test's p of squares (...) of a group, at a level of the noise estimated without them."""
+        return f_test(squares, group, noise, self.noise)
+
+    @cached_property
+    def cost(self) -> NDArray:
+        """Return what the choice among its candidates costs each kind, over its share of the budget, (kinds,)."""
+        quantile = (
+            np.quantile(self.drawn, _QUANTILE, axis=0) if len(self.drawn) else np.full(len(self.kinds), _QUANTILE)
+        )
+        whole = sum(self.shares[kind] for kind in self.kinds)
+        return np.array([_QUANTILE / q for q in quantile]) * [whole / self.shares[kind] for kind in self.kinds]
+
+    @cached_property
+    def _minima(self) -> tuple[NDArray, NDArray]:
+        return np.min(self.drawn * self.cost, 1), np.min(self.flipped * self.cost, 1)
+
+    def corrected(self, squares: float, group: Group) -> float:
+        """Return the p-value of a candidate's squares: how often a search of everything finds as much by chance."""
+        noise = self.noise.without(squares, group.rank, group.reading_share)
+        statistic = float(self.raw(squares, group, noise) * self.cost[self.kinds.index(group.kind)])
+        return min(1.0, max(_share(minima, statistic) for minima in self._minima))
+
+    def group_of(self, kind: str, rank: int) -> Group:
+        """Return the group of a kind's candidates with so many directions."""
+        return next(group for group in self.groups if group.kind == kind and group.rank == rank)
+
+    def threshold(self, group: Group, level: float) -> float:
+        """Return the p, not corrected, that a candidate of the group must stay below for a p-value of level."""
+        limits = [float(np.quantile(minima, level)) for minima in self._minima]
+        return min(limits) / float(self.cost[self.kinds.index(group.kind)])
+
+
+def kinds_of(groups: Sequence[Group]) -> tuple[str, ...]:
+    """Return the kinds of some groups, each once."""
+    return tuple(dict.fromkeys(group.kind for group in groups))
+
+
+def f_test(squares: NDArray | float, group: Group, noise: NDArray | float, components: NoiseComponents) -> NDArray:
+    """Return the F test's p of squares (...) of a group's candidates, at a level of the noise."""
+    from scipy.special import fdtrc
+
+    freedom = components.freedom(group.reading_share)
+    return np.asarray(fdtrc(group.rank, max(freedom - group.rank, 1.0), np.asarray(squares) / group.rank / noise))
+
+
+def _share(minima: NDArray, statistic: float) -> float:
+    """Return how often a null search finds as much; beyond what was drawn, in proportion to the statistic.
+
+    It is a p-value up to what correlations between candidates and tails of the noise make of it, which the lowest
+    drawn quantile shows.
+    """
+    drawn = float((1 + np.sum(minima <= statistic)) / (1 + len(minima)))
+    if drawn > _TAIL:
+        return drawn
+    extrapolated = statistic * max(_TAIL / float(np.quantile(minima, _TAIL)), 1.0)
+    return max(min(drawn, extrapolated), LEAST_P)
+
+
+def search_of(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Search:
+    """Return the search over all candidates that the kinds of cause propose, on what a fitted model leaves."""
+    channels = stand.channels()
+    candidates, profiles = _proposed(stand, channels, kinds), _profiles(stand, channels, kinds)
+    along = channels.along(stand.fit.whitened.rest[None])[0]
+    for own in profiles:
+        candidates += _best_members(stand, channels, own, along)
+    shares = {kind.id: kind.share for kind in kinds}
+    return Search(channels, stand.noise, candidates, profiles, shares, draws, rng)
+
+
+def _proposed(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Candidate]:
+    found = []
+    for kind in kinds:
+        further = opened(stand, [c for own in stand.causes if own.id == kind.id for c in own.further(stand.scene)])
+        for proposed in (opened(stand, kind.candidates(stand.scene)), further):
+            weights = np.array([cause.prior(stand.scene) for cause in proposed])
+            whole = max(weights.sum(), 1e-300) / (FURTHER_SHARE if further else 1.0)
+            for cause, weight in zip(proposed, weights / whole, strict=True):
+                found.append(candidate_of(stand, channels, cause, kind.id, float(weight)))
+    return found
+
+
+def opened(stand: Stand, proposed: Sequence[Any]) -> list[Any]:
+    """Return the causes that the model of a stand has a place for."""
+    return [cause for cause in proposed if not any(own.excludes(cause) for own in stand.causes)]
+
+
+def candidate_of(stand: Stand, channels: Channels, cause: Any, kind: str, prior: float) -> Candidate:
+    return Candidate(cause, kind, signature(channels, stand.designer(cause)), prior)
+
+
+def _profiles(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Profiles]:
+    found = []
+    turns, scene = stand.model.turns(stand.fit.shared, stand.fit.local), stand.scene
+    points: dict[tuple[tuple[int, ...], bytes], TurnedPoints] = {}  # mostly the same for all
+    for kind in kinds:
+        for own in kind.profiles(scene):
+            key = own.targets.shape, own.targets.tobytes()
+            points[key] = points.get(key) or turned_points(channels, own.targets, turns, own.patterns)
+            signatures = profile_signatures(points[key], own.values * own.scale, own.usable)
+            if signatures.seen.any():
+                found.append(Profiles(own, kind.id, signatures))
+    return found
+
+
+def _best_members(stand: Stand, channels: Channels, own: Profiles, along: NDArray) -> list[Candidate]:
+    """Return the candidates over single targets with the most evidence, each target at its best shape."""
+    signatures = own.signatures
+    scores = signatures.scores(signatures.points.along(along[None][:, :, channels.places[POINTS]]))[..., 0]
+    values, vectors = np.linalg.eigh(signatures.gram)
+    strengths = np.sqrt(np.maximum(values, 1e-12))
+    parts = np.einsum("stpr,stp->str", vectors, scores) / strengths
+    total, freedom = total_of(stand)
+    odds = np.where(signatures.seen, log_evidence(parts, strengths, total, freedom), -np.inf)
+    found = []
+    for target in np.argsort(-odds.max(0), kind="stable")[:_BEST_MEMBERS]:
+        shape = int(np.argmax(odds[:, target]))
+        cause = own.cause.member(int(target), shape) if np.isfinite(odds[shape, target]) else None
+        if cause is not None and cause.key not in stand.model.layout:
+            found.append(candidate_of(stand, channels, cause, own.kind, own.prior))
+    return found
+
+
+def total_of(stand: Stand) -> tuple[float, float]:
+    noise = stand.noise
+    return noise.points_total + noise.readings_total, noise.points + noise.readings

@@ -1,0 +1,440 @@
+"""Which causes are accepted into a model of points: forward, the most probable first, everything refitted each time.
+
+A cause has to be real (the search's p-value), the most probable of those that are (evidence, in pairs where two explain
+what a third would swallow), and must not predict held-out poses worse. In the end each is asked whether the others
+could do without it, and what is left whether its size follows something: then everything is weighted and judged anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.fitted_model import Fitter, ScreenedPoint, Stand
+from truing.inference.model import CausalModel
+from truing.inference.noise import NoiseFollowing, NoiseLevel, noise_level
+from truing.inference.observations import Poses
+from truing.inference.prediction import predicts_worse
+from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_form_of_a_subject, score_round
+from truing.inference.search import Candidate, Search
+from truing.inference.verdicts import FOUND, INDISTINGUISHABLE, REJECTED, Verdict, certain, first_order, fitted
+
+# Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
+# that is larger than declared, and of noise that follows something.
+_CAUSES, _NOISE, _FOLLOWING = 0.45, 0.05, 0.1
+_MOST_ROUNDS = 8
+_MOST_FOLLOWED = 2
+_MOST_SUBJECTS = 3
+# So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
+_REACH, _WIDEST = 2.0, 4.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How sure a finding must be, and how the null distribution is drawn."""
+
+    false_alarm: float
+    draws: int
+    seed: int
+
+    @property
+    def level(self) -> float:
+        """Return the p-value below which a cause is real."""
+        return _CAUSES * self.false_alarm
+
+    @property
+    def noise_level(self) -> float:
+        """Return the p-value below which noise is larger than declared."""
+        return _NOISE * self.false_alarm
+
+    @property
+    def following_level(self) -> float:
+        """Return the p-value below which noise follows something."""
+        return _FOLLOWING * self.false_alarm
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All verdicts, found ones first; the plain and the final model; all rounds; what was left out."""
+
+    verdicts: tuple[Verdict, ...]
+    plain: Stand
+    final: Stand
+    rounds: tuple[Round, ...] = field(repr=False)
+    search: Search = field(repr=False)  # the last one, in which nothing was left to be found
+    screened: tuple[ScreenedPoint, ...]  # points taken out as gross errors
+    noise: NoiseLevel  # what the final model leaves, over what was declared
+    noisy: tuple[tuple[int, NoiseLevel], ...]  # single targets with noise of their own that is larger than declared
+    following: tuple[NoiseFollowing, ...]  # what the noise follows; points were weighted accordingly
+    held_out: Poses | None
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    """A cause that was accepted: what was chosen, the round in which it was, and the model with it."""
+
+    chosen: Choice
+    round: Round
+    cause: Any  # in the form that was fitted
+    after: Stand
+
+    @property
+    def candidate(self) -> Candidate:
+        """Return the candidate that was accepted."""
+        return self.chosen.candidate
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """A search from the plain model to one in which nothing is left to be found."""
+
+    plain: Stand
+    kept: list[_Accepted]
+    refused: list[Verdict]  # which predict worse, or which the others can do without
+    rounds: list[Round]
+    final: Stand
+
+    @property
+    def search(self) -> Search:
+        """Return the last round's search, which alone is still open."""
+        found = self.rounds[-1].search
+        assert found is not None
+        return found
+
+
+class Acceptance:
+    """The search over a catalogue for one campaign; ``run`` returns every verdict and the final model.
+
+    ``given`` are causes that are certain before any search (labels that were exchanged): in every model from the start.
+    """
+
+    def __init__(
+        self,
+        model: CausalModel,
+        calibration: Poses,
+        held_out: Poses | None,
+        settings: Settings,
+        progress: Callable[[str], None] = lambda what: None,
+        given: Sequence[Any] = (),
+    ) -> None:
+        self._fitter = Fitter(model, calibration, held_out, settings.seed, progress)
+        self._settings, self._progress, self._given = settings, progress, tuple(given)
+
+    def run(self, kinds: Sequence[Any]) -> Diagnosis:
+        """Return what is decided on all kinds of cause of a catalogue."""
+        following: list[NoiseFollowing] = []
+        searched = self._searched(kinds)
+        while more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(following)):
+            following += more
+            searched = self._searched(kinds)
+        fitter, final = self._fitter, searched.final
+        return Diagnosis(
+            tuple(sorted(self._verdicts(searched), key=lambda verdict: verdict.rank)),
+            searched.plain,
+            final,
+            tuple(searched.rounds),
+            searched.search,
+            tuple(fitter.screened),
+            noise_level(final.fit.whitened, final.measured, fitter.declared_points),
+            tuple(self._noisy_targets(final)),
+            tuple(following),
+            fitter.held_out,
+        )
+
+    def _noisy_targets(self, final: Stand) -> Iterator[tuple[int, NoiseLevel]]:
+        """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;
+        of single points there are too few to tell."""
+        own = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
+        for target in own:
+            only = np.arange(final.measured.seen.shape[1]) == target
+            level = noise_level(final.fit.whitened, final.measured, self._fitter.declared_points, only)
+            if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
+                yield int(target), replace(level, p_value=p_value)
+
+    def _noise_follows(self, final: Stand, most: int) -> list[NoiseFollowing]:
+        """Return what the noise follows, one after the other, each time with the same causes fitted to points that are
+        weighted accordingly: only once nothing more is found is it worth a search."""
+        found: list[NoiseFollowing] = []
+        while len(found) < most and (more := self._fitter.following(final, self._settings.following_level)):
+            found.append(more)
+            self._fitter.reweight(more.factor)
+            if len(found) < most:
+                final = self._fitter.settled(final.causes, final)
+        return found
+
+    def _searched(self, kinds: Sequence[Any]) -> _Searched:
+        plain = self._fitter.prepared(self._given)
+        rounds = [self._round(plain, kinds, 0)]
+        found, worse = self._forward(rounds, kinds)
+        kept, dropped, final = self._dropped(found, plain)
+        return _Searched(plain, kept, [*worse, *dropped], rounds, final)
+
+    def _verdicts(self, searched: _Searched) -> list[Verdict]:
+        """Return one verdict per kind of cause, and one per further subject that was found."""
+        final, held_out = searched.final, self._fitter.held_out
+        verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
+        for step in searched.kept:
+            plain = first_order(step.round, step.candidate, FOUND, held_out)
+            told = fitted(plain, step.cause, step.round.stand, step.after, final)
+            spread = both_sides(self._fitter, final, step.cause, step.candidate.signature.parameters)
+            verdicts.append(replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects))
+        others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
+        for verdict in others:  # one row per cause: the first thing that is to be said of it
+            if verdict.cause.id not in {told.cause.id for told in verdicts}:
+                verdicts.append(verdict)
+        return verdicts
+
+    def _round(self, stand: Stand, kinds: Sequence[Any], number: int) -> Round:
+        self._progress(f"scoring the candidates of {len(kinds)} kinds of cause")
+        return score_round(stand, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
+
+    def _forward(self, rounds: list[Round], kinds: Sequence[Any]) -> tuple[list[_Accepted], list[Verdict]]:
+        """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
+        found: list[_Accepted] = []
+        worse: list[Verdict] = []
+        pairs = True
+        while len(found) < _MOST_ROUNDS:
+            current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
+            if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
+                break
+            chosen, cause, after = self._fitted(chosen, current)
+            together = self._together(after)
+            if predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after), together):
+                worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
+                continue
+            following = self._round(after, kinds, len(rounds))
+            pairs = not chosen.of_two or confirmed(current, chosen, following, self._settings.level, refused)
+            if not pairs:
+                continue
+            rounds[-1] = current.closed()
+            found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
+            rounds.append(following)
+        return found, worse
+
+    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Any, Stand]:
+        """Return what was chosen in the form that is fitted, and the model with it; without those of its parts that do
+        nothing then."""
+        while True:
+            own = chosen.candidate.cause
+            cause, size = own.refined(), chosen.candidate.signature.parameters
+            after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
+            values, covariance = after.values(cause)
+            least = own.narrowed(values[:size], covariance[:size, :size], after.model.leg_count)
+            narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
+            if narrower is chosen.candidate or not is_real(current, narrower, self._settings.level):
+                return chosen, cause, after
+            chosen = replace(chosen, candidate=narrower, subjects=())
+
+    def _covered(self, cause: Any, after: Stand) -> NDArray:
+        """Return at which held-out poses (B,) a cause claims to hold."""
+        held = self._fitter.held_out
+        if held is None:
+            return np.ones(len(after.measured.seen), bool)
+        return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
+
+    def _together(self, after: Stand) -> NDArray | None:
+        """Return which held-out poses (B,) err together."""
+        held = self._fitter.held_out
+        model = after.model if held is None else after.model.at(held.conditions)
+        return model.together  # type: ignore[no-any-return]
+
+    def _dropped(self, found: list[_Accepted], plain: Stand) -> tuple[list[_Accepted], list[Verdict], Stand]:
+        """Return what is kept once every accepted cause had to show that the others cannot do without it."""
+        final, kept = found[-1].after if found else plain, list(found)
+        dropped: list[Verdict] = []
+        for step in found[:-1]:
+            if len(kept) > 1 and not self._is_needed(step, final, [other.cause for other in kept if other is not step]):
+                kept.remove(step)
+                dropped.append(first_order(step.round, step.candidate, REJECTED, self._fitter.held_out, "dropped"))
+                final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
+        return kept, dropped, final
+
+    def _is_needed(self, step: _Accepted, final: Stand, others: Sequence[Any]) -> bool:
+        """Return whether an accepted cause is still real in the final model, at the search's threshold: by Wald's test,
+        or by what a fit of the others without it leaves, since a shape that the data hardly tell widens amplitudes."""
+        values, covariance = final.values(step.cause)
+        size = step.candidate.signature.parameters
+        judge = step.round.judge
+        group = judge.group_of(step.candidate.kind, step.candidate.signature.rank)
+        limit = judge.threshold(group, self._settings.level)
+        squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
+        if judge.raw(squares, group, 1.0) <= limit:
+            return True
+        if step.cause.key == step.candidate.key:  # no shape of its own
+            return False
+        without = self._fitter.stand((*self._given, *others), final)
+        gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
+        return bool(judge.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
+
+    def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
+        """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
+        found, held_out = [], self._fitter.held_out
+        for step in kept:
+            for rival, lead in step.chosen.rivals:
+                if rival.kind != step.candidate.kind and _is_told(rival, lead):
+                    own = self._fitter.stand((*step.round.stand.causes, rival.cause.refined()), step.round.stand)
+                    plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, step.cause.key)
+                    odds = step.round.posterior(step.candidate) + lead
+                    found.append(replace(plain, own=own, log_odds=odds))
+        return found
+
+    def _rejected(self, rounds: Sequence[Round]) -> list[Verdict]:
+        """Return the verdicts on the best of every kind that the final model does without.
+
+        What speaks for them is told of the first round, where they competed with what was found.
+        """
+        closing, first, found = rounds[-1], rounds[0], []
+        for kind, candidate in closing.best.items():
+            before = first.best.get(kind)
+            if candidate.signature.rank or before is None or not before.signature.rank:
+                reason = "" if candidate.signature.rank else "unseen"
+                verdict = first_order(closing, candidate, REJECTED, self._fitter.held_out, reason)
+            else:
+                verdict = first_order(first, before, REJECTED, self._fitter.held_out, "contained")
+            found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
+        return found
+
+
+def _is_told(rival: Candidate, lead: float) -> bool:
+    """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
+    return rival.cause.catalogued or lead >= 0.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidate to accept, and which ones the data cannot tell from it, with their log odds over it.
+
+    ``of_two``: it is accepted as one of two that together explain what one would swallow; ``subjects``: what else it
+    may concern, with the odds against each.
+    """
+
+    candidate: Candidate
+    rivals: tuple[tuple[Candidate, float], ...]
+    of_two: bool = False
+    subjects: tuple[tuple[str, float], ...] = ()
+
+    def light(self) -> Choice:
+        """Return it without designs, which only a search needs."""
+        rivals = tuple((rival.light(), lead) for rival, lead in self.rivals)
+        return replace(self, candidate=self.candidate.light(), rivals=rivals)
+
+
+def choose(current: Round, refused: set[str], level: float, *, pairs: bool = True) -> Choice | None:
+    """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
+    parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
+    stronger of them, whose rivals are those that do as well beside the other.
+
+    None where nothing is real, at the p-value ``level``, that is not of a kind among ``refused``: what is out for
+    another reason sets no standard that the others would have to meet.
+    """
+    rivals = _equals(current, level, refused)
+    if not rivals:
+        return None
+    pair = current.best_pair if pairs else None
+    if pair is not None and pair.first.kind not in refused and _leads(current, pair.first, level):
+        also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
+        return Choice(pair.first, also, True, _other_subjects(current, pair.first))
+    unnamed = [c for c in rivals if not c.cause.catalogued]
+    least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
+    named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
+    chosen = min(named or unnamed, key=lambda c: (c.signature.parameters, -current.posterior(c)), default=None)
+    if chosen is None:
+        return None
+    also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
+    return Choice(chosen, also, False, _other_subjects(current, chosen))
+
+
+def confirmed(current: Round, choice: Choice, following: Round, level: float, refused: set[str]) -> bool:
+    """Return whether what was chosen as one of two, and the best beside it once everything was fitted anew, are still
+    more probable than any single one that was not refused: before, the evidence of two is an estimate.
+
+    So is that of a single one, which is linear in the effect; what leaves nothing real beside it needs no other.
+    """
+    left = following.best.values()
+    if not any(is_real(following, c, level) for c in left):
+        return True
+    alone = max(current.posterior(c) for kind, c in current.best.items() if kind not in refused)
+    beside = max((following.posterior(c) for c in left), default=0.0)
+    return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
+
+
+def is_real(current: Round, candidate: Candidate, level: float) -> bool:
+    """Return whether chance is ruled out, and the data speak for the cause rather than for none.
+
+    The second is no matter of course: many parameters may be far from zero together, and of no plausible size in any
+    direction.
+    """
+    speaks = current.scores[candidate.key].log_evidence > 0.0
+    return speaks and current.p_value(candidate) <= level
+
+
+def _equals(current: Round, level: float, refused: set[str]) -> list[Candidate]:
+    """Return the best candidates of those kinds that stand and are within a factor 20 of the best in evidence."""
+    real = [c for c in current.best.values() if c.kind not in refused and _stands(current, c, level)]
+    best = max((current.posterior(c) for c in real), default=0.0)
+    return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
+
+
+def _stands(current: Round, candidate: Candidate, level: float) -> bool:
+    """Return whether a candidate is real, and a name no remainder of a form that nobody declared.
+
+    Such forms are rough, so that something is left of them: beside one, a name has to be told from its further terms,
+    real or not, from other forms of its subject, and from chance, and must not be small beside it where it acts on the
+    same.
+    """
+    if not is_real(current, candidate, level):
+        return False
+    forms = [cause for cause in current.stand.causes if not cause.catalogued]
+    if not candidate.cause.catalogued or not forms:
+        return True
+    told = {cause.subject for cause in forms if cause.subject}  # what concerns all is about nothing in particular
+    unnamed = [c for c in current.candidates if not c.cause.catalogued]
+    rests = (current.posterior(c) for c in unnamed if c.cause.goes_on or c.cause.subject in told)
+    least = max(max(rests, default=0.0), 0.0) + float(np.log(RIVAL_FACTOR))
+    return current.posterior(candidate) >= least and not current.is_remainder(candidate)
+
+
+def _leads(current: Round, first: Candidate, level: float) -> bool:
+    """Return whether the first of a pair is accepted: beside forms of a subject as if it came alone."""
+    if any(is_form_of_a_subject(cause) for cause in current.stand.causes):
+        return _stands(current, first, level)
+    return is_real(current, first, level)
+
+
+def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float], ...]:
+    """Return what else a named cause may concern, the most probable first, with the odds against each."""
+    if not chosen.cause.catalogued:
+        return ()
+    logs: dict[str, float] = {}
+    for candidate in current.candidates:
+        if candidate.kind == chosen.kind:
+            own = candidate.cause.subject
+            logs[own] = float(np.logaddexp(logs.get(own, -np.inf), current.posterior(candidate)))
+    best = logs.pop(chosen.cause.subject)
+    near = sorted((best - log, subject) for subject, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
+    return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
+
+
+def both_sides(fitter: Fitter, final: Stand, cause: Any, size: int) -> NDArray:
+    """Return factors (P, P) on the covariance of a cause in the final model, all of whose parameters but the first
+    ``size`` are its shape: those that make sigmas of shapes what the wider side's rise of the sum of squares says."""
+    values, covariance = final.values(cause)
+    wider = np.ones(len(values))
+    for place in range(size, len(values)):
+        step = _REACH * np.sqrt(covariance[place, place]) * (np.arange(len(values)) == place)
+        held = [cause.held_at((values + way * step)[size:]) for way in (-1.0, 1.0)]
+        rises = [_rise(fitter, final, cause, own) for own in held if own is not None]
+        least = min((np.sqrt(max(rise, 0.0)) for rise in rises), default=_REACH)
+        wider[place] = np.clip(_REACH / max(least, 1e-9), 1.0, _WIDEST)
+    return np.outer(wider, wider)
+
+
+def _rise(fitter: Fitter, final: Stand, cause: Any, held: Any) -> float:
+    """Return by how much the sum of squares rises, in those of the noise, where a cause's shape is held."""
+    causes = tuple(held if other is cause else other for other in final.causes)
+    without = fitter.stand(causes, final)
+    return float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2)) / final.noise_ratio**2

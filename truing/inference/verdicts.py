@@ -1,0 +1,167 @@
+"""What was decided on each candidate cause, on what grounds, and what it does to predictions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.fitted_model import Stand
+from truing.inference.observations import MeasuredPoints, Poses, whitened_columns
+from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
+from truing.inference.rounds import Round
+from truing.inference.search import LEAST_P, Candidate
+from truing.inference.signatures import POINTS, Signature
+
+FOUND, INDISTINGUISHABLE, REJECTED = "found", "indistinguishable", "rejected"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One candidate cause: what was decided, on what grounds, and what predictions miss without and with it."""
+
+    cause: Any
+    verdict: str  # found, indistinguishable, rejected
+    p_value: float
+    probability: float
+    log_odds: float  # over the model without it: where it was found, or where it first competed
+    signal_to_noise: float
+    scale_holds: bool | None
+    before: PredictionError  # all found causes of smaller rank accepted
+    after: PredictionError
+    held_out: tuple[PredictionError | None, PredictionError | None]
+    floor: NoiseFloor
+    values: NDArray  # (P,) SI
+    covariance: NDArray  # (P, P)
+    candidates: int  # how many were tried together
+    own: Stand | None = None  # the model with it: of a found cause when it was found, of a rival in place of that one
+    reason: str = ""  # indistinguishable: from which cause; rejected: "held-out", "dropped", "contained" or "unseen"
+    subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Return what verdicts are sorted by: found ones in order of acceptance, the others by probability."""
+        order = (FOUND, INDISTINGUISHABLE, REJECTED).index(self.verdict)
+        return order, (0.0 if order == 0 else -self.probability)
+
+
+def first_order(
+    current: Round, candidate: Candidate, verdict: str, held_out: Poses | None, reason: str = ""
+) -> Verdict:
+    """Return a verdict on a candidate with what it would do to a round's model, to first order."""
+    stand, score, own = current.stand, current.scores[candidate.key], candidate.signature
+    values = own.fitted(score.along)
+    sigma = stand.noise_ratio * own.loadings / own.strengths
+    scale = np.array([p.scale for p in candidate.cause.parameters(stand.model.leg_count)])
+    others = [c for c in current.best.values() if c.kind != candidate.kind]
+    return Verdict(
+        candidate.cause,
+        verdict,
+        current.p_value(candidate),
+        current.probabilities[candidate.kind],
+        current.posterior(candidate),
+        score.signal_to_noise,
+        current.scale_holds(candidate, others) if verdict == FOUND else None,
+        stand.error,
+        after_first_step(stand, candidate.cause, own, values),
+        _held_out(stand, candidate, values, held_out),
+        stand.floor,
+        values * scale,
+        (sigma @ sigma.T) * np.outer(scale, scale),
+        current.tried,
+        reason=reason,
+    )
+
+
+def _held_out(
+    stand: Stand, candidate: Candidate, values: NDArray, held_out: Poses | None
+) -> tuple[PredictionError | None, PredictionError | None]:
+    """Return what is predicted wrongly of held-out poses, without and with a candidate; of blocks only fits tell."""
+    after = held_out_after_first_step(stand, candidate.cause, candidate.signature, values, held_out)
+    return (None if after is None else stand.held_out), after
+
+
+def fitted(verdict: Verdict, cause: Any, before: Stand, after: Stand, final: Stand) -> Verdict:
+    """Return the verdict on a cause that was accepted: as fitted where it was, with its values in the final model."""
+    values, covariance = final.values(cause)
+    return replace(
+        verdict,
+        cause=cause,
+        after=after.error,
+        held_out=(before.held_out, after.held_out),
+        floor=after.floor,
+        values=values,
+        covariance=covariance,
+        own=after,
+    )
+
+
+def certain(cause: Any, plain: Stand, held_out: Poses | None) -> Verdict:
+    """Return the verdict on a cause that was certain before any search, and is in the plain model."""
+    others = tuple(other for other in plain.causes if other is not cause)
+    model = plain.model.with_causes(others)
+    shared = plain.model.widened(plain.fit.shared, model)
+    before = prediction_error(model, plain.measured, plain.fit.frames, shared, model.unpredicted, by_shared=False)
+    held = None
+    if held_out is not None:
+        there = model.at(held_out.conditions)
+        held = prediction_error(there, held_out.measured, held_out.frames, shared, model.unpredicted, by_shared=False)
+    gain = float(np.sum(before.squares) - np.sum(plain.error.squares))
+    values, covariance = plain.values(cause)
+    return Verdict(
+        cause,
+        FOUND,
+        LEAST_P,
+        1.0,
+        gain / 2.0,
+        float(np.sqrt(max(gain, 0.0))),
+        True,
+        before,
+        plain.error,
+        (held, plain.held_out),
+        plain.floor,
+        values,
+        covariance,
+        1,
+        own=plain,
+    )
+
+
+def after_first_step(stand: Stand, cause: object, own: Signature, values: NDArray) -> PredictionError:
+    """Return the error on calibration poses once a candidate's parameters (P,), in plausible scales, are taken in."""
+    step = _shared_step(stand, own, values)
+    return _moved(stand.error, stand.measured, cause, values, step)
+
+
+def held_out_after_first_step(
+    stand: Stand, cause: object, own: Signature, values: NDArray, held_out: Poses | None
+) -> PredictionError | None:
+    """Return the same on held-out poses, None where there are none."""
+    if held_out is None or stand.held_out is None:
+        return None
+    return _moved(stand.held_out, held_out.measured, cause, values, _shared_step(stand, own, values))
+
+
+def _shared_step(stand: Stand, own: Signature, values: NDArray) -> NDArray:
+    """Return by how much the shared unknowns (G,) give way to a candidate, in prior sigmas."""
+    return -stand.fit.whitened.from_basis(own.explained @ values)
+
+
+def _moved(
+    error: PredictionError, measured: MeasuredPoints, cause: object, values: NDArray, step: NDArray
+) -> PredictionError:
+    motion = _points_motion(error, cause) @ values
+    columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
+    return error.less(columns + error.by_shared @ step)
+
+
+def _points_motion(error: PredictionError, cause: object) -> NDArray:
+    """Return how the points (B, K, d, P) follow a candidate's parameters, per plausible scale."""
+    designs, poses, size = error.designer(cause), len(error.local), error.measured.size
+    parts = [error.channels[name] @ design[:, None] for name, design in designs.items() if name != POINTS]
+    if POINTS in designs:
+        own = designs[POINTS]
+        parts.append(np.broadcast_to(own, (poses, *own.shape[1:])).reshape(poses, -1, size, own.shape[-1]))
+    return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
