@@ -187,7 +187,7 @@ def run(tables, settings, progress):
 _PROSPECTS = """
 from collections import namedtuple
 
-Found = namedtuple("Found", "tables targets is_photographed")
+Found = namedtuple("Found", "tables targets is_photographed given names")
 
 
 def prospects(settings, found):
@@ -286,6 +286,8 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
         "stages/prospects.py": _PROSPECTS,
         "stages/belonging.py": "def failed_relations(tables):\n    return ()\n",
         "stages/attention.py": "def attention(settings, found):\n    return ()\n",
+        "stages/ingestion/__init__.py": "",
+        "stages/ingestion/loading_tables.py": "TABLES = ()\n",
         "truing/estimation/__init__.py": "",
         "truing/estimation/mean.py": "def mean(values):\n    return sum(values) / len(values)\n",
         "truing/estimation/unused.py": "",
