@@ -29,13 +29,13 @@ def opened_run(folder: Path) -> Run:
         raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
     except ValueError as broken:
         raise CampaignFaults(broken_run(folder, broken)) from None
+    ledger = read_ledger(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
+    if faults := [*_changed(folder, ledger), *_mixed(folder, ledger)]:
+        raise CampaignFaults(faults)
     try:
         run.model  # noqa: B018 (read once, here, so that its faults are the run's)
     except (OSError, ValueError, RecursionError):
         raise CampaignFaults([Fault(str(folder), "a model.toml that `truing run` has written")]) from None
-    ledger = read_ledger(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
-    if faults := [*_changed(folder, ledger), *_mixed(folder, ledger)]:
-        raise CampaignFaults(faults)
     return run
 
 
