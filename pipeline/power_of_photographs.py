@@ -32,7 +32,7 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
     """What the run in a folder tells of causes that are not drawn; None where no point comes from photographs."""
     if not campaign.has_photographs:
         return None
-    from truing.report.diagnosis.judged import cause_words
+    from truing.report.wordings.catalogue import cause_words
     from truing.simulation.causes import catalogue_of_rays, of_photographed_points
 
     kinds = {**catalogue_of_rays(), **of_photographed_points()}
@@ -60,8 +60,8 @@ def _detectable(run: Path) -> pd.DataFrame | None:
 def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
     from truing.report.diagnosis.findings import subject_words
     from truing.report.diagnosis.hidden import size_words
-    from truing.report.diagnosis.judged import cause_words
     from truing.report.tables import cell
+    from truing.report.wordings.catalogue import cause_words
 
     return tuple(
         (cause_words(str(row.cause)), subject_words(cell(row.subject)) or "the whole", f"{row.parameter} {size}")

@@ -244,7 +244,13 @@ QUALITY = (
         "result of the test of a relation",
         choices=("ok", "attention", "fails", "not tested"),
     ),
-    Column("reason_code", "text", "code of the reason for the state"),
+    Column(
+        "reason_code",
+        "text",
+        "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
+        "it worse), dropped (not needed next to others), contained (in what was found) or unseen (the campaign cannot "
+        "show it)",
+    ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),
     Column("slips", "text", "JSON list of the slips that together explain the data: kind, quantity, subjects, factor"),

@@ -31,6 +31,27 @@ DIAGNOSIS = (
         "noise_floor", "unit", "what the declared noise leaves after the fitted parameters", minimum=0.0, nullable=True
     ),
     Column("explanation", "text", "what, where, how large, how sure"),
+    Column("rival", "text", "the cause from which this campaign cannot tell it", nullable=True),
+    Column(
+        "settings",
+        "text",
+        "JSON: which candidate of its kind it is, by the fields of the cause as in model.toml; and the step of the "
+        "chain at which it acts",
+        nullable=True,
+    ),
+    Column("clause", "text", "what nature does, without sizes: it completes a sentence", nullable=True),
+    real("largest_motion", "unit", "how far the effect moves anything that was measured", minimum=0.0, nullable=True),
+    Column(
+        "advice_kind",
+        "text",
+        "what the next measurement is for: tell it from its rival, or by another kind of measurement; confirm it; know "
+        "its size better, or not by any number of repeats",
+        nullable=True,
+        choices=("separate", "another kind", "confirm", "sharpen", "in vain"),
+    ),
+    Column(
+        "next_in_short", "text", "next_measurement without the settings that a table holds; else empty", nullable=True
+    ),
     Column("next_measurement", "text", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
     real("signal_to_noise", "", "the effect over its noise, all nuisances taken out of it", minimum=0.0, nullable=True),
     real("log_evidence", "", "logarithm of the odds against the model without it", nullable=True),

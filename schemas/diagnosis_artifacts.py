@@ -28,7 +28,10 @@ DIAGNOSIS = (
             "explanation",
             "next_measurement",
         ),
-        optional=("signal_to_noise", "log_evidence", "scale_holds"),
+        optional=(
+            *("signal_to_noise", "log_evidence", "scale_holds", "reason_code", "rival", "settings", "clause"),
+            *("largest_motion", "advice_kind", "next_in_short"),
+        ),
         key=("rank",),
     ),
     Artifact("model", "model.toml", "the extended model: nominal, identified parameters, accepted effects"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -268,7 +269,9 @@ def _found(table: pa.Table) -> str:
     """What was found, in words."""
     found = [row for row in table.to_pylist() if row["verdict"] == "found"]
     # What is found of the noise has no name of its own among the causes.
-    names = ["noise not as declared" if '"noise_ratio"' in row["parameters"] else row["cause"] for row in found]
+    names = [
+        "noise not as declared" if "noise_ratio" in json.loads(row["parameters"]) else row["cause"] for row in found
+    ]
     return f"found {', '.join(dict.fromkeys(names))}" if names else "nothing found"
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from truing.inference.fitted_model import Stand
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis, Settings
+    from truing.report.wordings.claim import Advice
 
 
 def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, settings: Campaign) -> dict[str, Any]:
@@ -29,17 +30,17 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
     found["cause_uncertainty"] = uncertainty_table(diagnosis, legs)
     found |= left_out_table(diagnosis, gathered)
-    sentences: dict[str, str] = {}
+    advice: dict[str, Advice] = {}
     if gathered.shown is not None:
         found |= of_readings(diagnosis, gathered.shown, settings) | _changes(diagnosis)
-        sentences = _next_loads(found, diagnosis, settings)
+        advice = _next_loads(found, diagnosis, settings)
     else:
         found["prediction"] = _prediction_table(diagnosis, gathered)
     if settings.mechanism.is_legged:
         found |= _of_mechanism(diagnosis, settings)
-        sentences = _next(found, diagnosis, settings)
+        advice = _next(found, diagnosis, settings)
     remark = _remark(gathered, diagnosis.final)
-    words = Words(detectable_words(last, rule.level, causes, legs), sentences, remark, gathered.shown)
+    words = Words(detectable_words(last, rule.level, causes, legs), advice, remark, gathered.shown)
     return {"diagnosis": diagnosis_table(diagnosis, words, rule.noise_level), **found}
 
 
@@ -64,22 +65,22 @@ def _changes(diagnosis: Diagnosis) -> dict[str, Any]:
     return {} if changes is None else {"changes": changes}
 
 
-def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, str]:
-    """The sentences on what to measure next, by a cause's key; its table goes with what was ``found``."""
+def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, Advice]:
+    """The advice on what to measure next, by a cause's key; its table goes with what was ``found``."""
     from stages.diagnosis.next_measurement import next_of
 
     following = next_of(diagnosis, settings)
     found["next_poses"] = following.table
-    return following.sentences
+    return following.advice
 
 
-def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, str]:
+def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, Advice]:
     """The same of a bench."""
     from stages.diagnosis.next_measurement import next_loads_of
 
     following = next_loads_of(diagnosis, settings)
     found["next_loads"] = following.table
-    return following.sentences
+    return following.advice
 
 
 def _remark(gathered: Gathered, final: Stand) -> str:

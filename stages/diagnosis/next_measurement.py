@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.covariates import own_name
+from stages.diagnosis.claims import claim_of
 from stages.diagnosis.next_candidates import possible
 from stages.diagnosis.next_plan import Plan, Reach, plan_table
 from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
 from truing.inference.observations import Frames, MeasuredPoints
+from truing.report.wordings.catalogue import confirming
+from truing.report.wordings.claim import Advice, AdviceKind
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -69,10 +72,10 @@ class Rivals:
 
 @dataclass(frozen=True)
 class Next:
-    """What to measure next: next_poses.parquet or next_loads.parquet, and by a cause's key the sentence on it."""
+    """What to measure next: next_poses.parquet or next_loads.parquet, and by a cause's key the advice on it."""
 
     table: pa.Table
-    sentences: dict[str, str]
+    advice: dict[str, Advice]
 
 
 def next_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
@@ -89,9 +92,9 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
     from stages.diagnosis.next_loads import next_run, possible_runs
 
     found, rivals = _asked(diagnosis, next_run)
-    plans, sentences = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
+    plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
     told = {cause.key for pair in rivals for cause in (pair.cause, pair.other)}
-    return Next(plan_table("next_loads", plans), {key: said for key, said in sentences.items() if key in told})
+    return Next(plan_table("next_loads", plans), {key: said for key, said in advice.items() if key in told})
 
 
 def _asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
@@ -100,7 +103,7 @@ def _asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[lis
     rivals = [
         Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
         for other in diagnosis.verdicts
-        if other.verdict == "indistinguishable" and (own := found.get(other.reason)) and own.own and other.own
+        if other.verdict == "indistinguishable" and (own := found.get(other.rival.key)) and own.own and other.own
     ]
     final = fitted(diagnosis.final)
     return [(own.cause, final) for own in found.values()], rivals
@@ -115,35 +118,35 @@ def next_measurements(
 ) -> Next:
     """Return which configurations to measure next; as `planned`."""
     instrument = measured.instrument()
-    plans, sentences = planned(lambda models: possible(settings, models, instrument), found, rivals)
-    return Next(plan_table("next_poses", plans), sentences)
+    plans, advice = planned(lambda models: possible(settings, models, instrument), found, rivals)
+    return Next(plan_table("next_poses", plans), advice)
 
 
 def planned(
     reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
-) -> tuple[list[Plan], dict[str, str]]:
-    """Return what to measure next, and the sentence on it by a cause's key: for each found cause without rivals, and
+) -> tuple[list[Plan], dict[str, Advice]]:
+    """Return what to measure next, and the advice on it by a cause's key: for each found cause without rivals, and
     for each pair of rivals.
 
     ``found`` are causes with the model that holds them, of which the largest parameter is to be known better, or the
     least known. A cause with several rivals is told the hardest of them.
     """
     plans: list[Plan] = []
-    sentences: dict[str, str] = {}
+    advice: dict[str, Advice] = {}
     judged = [(_apart(reach, pair), pair) for pair in rivals]
     for plan, pair in sorted(judged, key=lambda found: found[0].effort):
         plans.append(plan)
         for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
-            sentences[own.key] = _told_apart(plan, other, pair.legs)
+            advice[own.key] = _told_apart(plan, other, pair.legs)
     for cause, fitted in found:
-        if cause.key not in sentences:
+        if cause.key not in advice:
             largest = _largest(cause, fitted, least_known)
             if largest is None:
-                sentences[cause.key] = cause.confirm
+                advice[cause.key] = _confirming(cause, fitted.model.leg_count)
                 continue
-            plan, sentences[cause.key] = _sharper(reach, largest, fitted)
+            plan, advice[cause.key] = _sharper(reach, largest, fitted)
             plans.append(plan)
-    return plans, sentences
+    return plans, advice
 
 
 def _apart(reach: Reach, pair: Rivals) -> Plan:
@@ -169,16 +172,21 @@ def _own(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _told_apart(plan: Plan, other: Any, legs: int) -> str:
+def _told_apart(plan: Plan, other: Any, legs: int) -> Advice:
     if plan.leads:
-        return plan.sentence(f"To tell it from {_name(other, legs)}")
-    return (
+        return plan.advice(AdviceKind.SEPARATE, f"To tell it from {_name(other, legs)}")
+    return Advice(
+        AdviceKind.ANOTHER,
         f"No {plan.options.what[0]} within reach tells it from {_name(other, legs)}: both predict the same there. "
-        f"Another kind of measurement has to decide. {other.confirm}"
+        f"Another kind of measurement has to decide. {_confirming(other, legs).words}",
     )
 
 
-def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, str]:
+def _confirming(cause: Any, legs: int) -> Advice:
+    return confirming(claim_of(cause, legs), cause.confirm)
+
+
+def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Advice]:
     """Return what narrows down a parameter."""
     options = reach((fitted,))
     choice = narrowed(options.seen(fitted), largest.direction, _HALF, _MOST)
@@ -187,7 +195,8 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, str
     if not choice.times:
         given = f"but however often they are repeated, its uncertainty stays {largest.sure(choice.final)} or more"
     plan = Plan(f"{_name(largest.cause, fitted.model.leg_count)}: {name}", options, choice, expected, given)
-    return plan, plan.sentence(f"To know {name} twice as well")
+    kind = AdviceKind.SHARPEN if choice.times else AdviceKind.IN_VAIN
+    return plan, plan.advice(kind, f"To know {name} twice as well")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from schemas.artifacts import ARTIFACTS
 from truing.estimation.design.rival_design import Candidates, Choice, Fitted
+from truing.report.wordings.claim import Advice, AdviceKind
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -60,19 +61,16 @@ class Plan:
         """Return the number of poses or runs to measure; infinite where no number gives what is wanted."""
         return np.inf if self.choice.times is None else float(self.choice.times * len(self.choice.chosen))
 
-    def sentence(self, aim: str) -> str:
-        """Return what to measure for an aim ("To ..."), and what it gives."""
-        return f"{aim}, {self.options.do} {self._chosen}: {self.given}."
-
-    @property
-    def _chosen(self) -> str:
+    def advice(self, kind: AdviceKind, aim: str) -> Advice:
+        """Return what to measure for an aim ("To ..."), and what it gives; in short without the candidates' names."""
         count, places = len(self.choice.chosen), dict.fromkeys(self.choice.chosen)
         again = "" if self.choice.times in (1, None) else f", {self.choice.times} times each"
         named = self.options.between.join(self.options.named(k) for k in list(places)[:_TOLD])
         more = f"{self.options.between}.." if len(places) > _TOLD else ""
         one, several = self.options.what
         what = f"this {one}" if count == 1 else f"these {count} {several}"
-        return f"{what}{again} ({named}{more})"
+        said = f"{aim}, {self.options.do} {what}{again}"
+        return Advice(kind, f"{said} ({named}{more}): {self.given}.", f"{said}: {self.given}.")
 
 
 def plan_table(artifact: str, plans: Sequence[Plan]) -> pa.Table:

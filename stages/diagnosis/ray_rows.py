@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     level, noise_level = SHARE_OF_RAYS * rule.level, SHARE_OF_RAYS * rule.noise_level
     words = detectable_words(diagnosis.search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
     own = diagnosis_table(diagnosis, Words(words, {}, "", RayShown()), noise_level).to_pylist()
-    of_causes = [row for row in own if "noise_ratio" not in row["parameters"]]
+    of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
         if verdict.cause.key in rays.moves and row["verdict"] == "found":
             row["explanation"] += _on_points(rays.moves[verdict.cause.key])

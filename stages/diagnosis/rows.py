@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
 from schemas.covariates import listed, own_name
+from stages.diagnosis.claims import claim_of
 from stages.diagnosis.shown import POINTS, Channels, Shown
 from truing.simulation.causes.body_terms import CAME_FROM, ORDER, TIME
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from truing.inference.noise import NoiseFollowing, NoiseLevel
     from truing.inference.selection import Diagnosis
     from truing.inference.verdicts import Verdict
+    from truing.report.wordings.claim import Advice
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Words:
     a cause's key, and what limits all statements; ``channels`` of readings, None where all are points."""
 
     detectable: Mapping[str, str]
-    next_measurement: Mapping[str, str]
+    next_measurement: Mapping[str, Advice]
     remark: str
     channels: Channels | RayShown | None = None
 
@@ -67,14 +69,16 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
 
 def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]:
     from truing.report.diagnosis.findings import Facts, explanation
+    from truing.report.wordings.catalogue import clause, confirming
 
     cause, legs = verdict.cause, diagnosis.plain.model.leg_count
     parameters = told_parameters(verdict, legs)
     shown = words.of_verdict(verdict)
+    claim = claim_of(cause, legs)
     held = (shown.rms(verdict.held_out[0]), shown.rms(verdict.held_out[1]))
     facts = Facts(
         verdict.verdict,
-        cause.says,
+        clause(claim),
         parameters,
         verdict.p_value,
         verdict.candidates,
@@ -82,7 +86,8 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         shown.rms(verdict.after),
         held,
         shown.floor(verdict.floor),
-        verdict.reason,
+        str(verdict.reason or verdict.verdict),
+        "" if verdict.rival is None else verdict.rival.id,
         words.detectable.get(cause.key, ""),
         not cause.catalogued,
         words.remark,
@@ -95,6 +100,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         held_out_words=shown.held_out,
         drive=shown.drive,
     )
+    advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
     return {
         "cause": cause.id,
         "verdict": verdict.verdict,
@@ -110,7 +116,14 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "noise_floor": facts.floor,
         "unit": shown.unit,
         "explanation": explanation(facts),
-        "next_measurement": words.next_measurement.get(cause.key, cause.confirm),
+        "next_measurement": advice.words,
+        "advice_kind": advice.kind,
+        "next_in_short": advice.short or None,
+        "reason_code": facts.reason_code,
+        "rival": facts.rival or None,
+        "settings": json.dumps(claim.settings),
+        "clause": facts.clause,
+        "largest_motion": facts.largest,
         "signal_to_noise": verdict.signal_to_noise,
         "log_evidence": verdict.log_odds,
         "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
@@ -127,7 +140,8 @@ def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
     """How much more probable the found cause is than one that cannot be told from it."""
     import math
 
-    other = next((one for one in diagnosis.verdicts if one.cause.key == verdict.reason), None)
+    rival = None if verdict.rival is None else verdict.rival.key
+    other = next((one for one in diagnosis.verdicts if one.cause.key == rival), None)
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
@@ -182,6 +196,7 @@ def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand, shown: Shown) ->
     return {
         "cause": "unexplained",
         "verdict": "found",
+        "reason_code": "noise",
         "subject": "",
         "p_value": level.p_value,
         "probability": 1.0 - level.p_value,

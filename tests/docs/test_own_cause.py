@@ -108,7 +108,8 @@ def test_it_is_found_and_named_with_its_size(diagnosed: dict[str, Any]) -> None:
     told = json.loads(rows[0]["parameters"])["swelling"]
     assert told["unit"] == "1/%"
     assert_between((told["value"] - SWELLING) / told["sigma"], -3.9, 3.9, what="pull of the swelling")
-    assert "the legs swell with the humidity of the air" in rows[0]["explanation"]
+    assert rows[0]["clause"] == "the legs swell with the humidity of the air"
+    assert rows[0]["advice_kind"] == "confirm" or rows[0]["next_in_short"]
     assert rows[0]["rms_after"] < rows[0]["rms_before"]
 
 

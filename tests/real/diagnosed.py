@@ -11,7 +11,6 @@ import pandas as pd
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-_SAYS = re.compile(r"The data show that (.*?)(?:: |, and no cause| \(|\. )")
 _MM = ["x_mm", "y_mm", "z_mm"]
 _EDGE = 25  # poses at either end that tell where a target began and ended
 
@@ -33,11 +32,10 @@ def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
 
 
 def _finding(row: pd.Series) -> dict[str, Any]:
-    said = _SAYS.match(row["explanation"])
     return {
         "cause": row["cause"],
         "subject": row["subject"],
-        "says": said[1] if said else row["explanation"],
+        "says": row["clause"],
         "before": float(row["rms_before"]),
         "after": float(row["rms_after"]),
         "value": {name: told["value"] for name, told in json.loads(row["parameters"]).items()},

@@ -155,10 +155,14 @@ def test_the_linear_deformation_is_named_and_sized(linear: Diagnosed) -> None:
 
 
 def test_an_explanation_says_what_how_large_and_how_sure(linear: Diagnosed) -> None:
-    said = linear.rows[0]["explanation"]
-    for word in ("attachment", "kappa_1 = 1", "±", "um/mm", "um rms", "held-out", "probability"):
-        assert word in said, said
-    assert linear.rows[0]["next_measurement"]
+    row = linear.rows[0]
+    for word in (row["clause"], "kappa_1 = 1", "±", "um/mm", "um rms", "held-out", "probability"):
+        assert word in row["explanation"], row["explanation"]
+    assert row["reason_code"] == "found"
+    assert row["largest_motion"] > 10.0
+    assert json.loads(row["settings"]) == {"step": "structure", "legs": []}
+    assert row["advice_kind"] in ("sharpen", "in vain")
+    assert len(row["next_in_short"]) < len(row["next_measurement"])
     assert "platform-deformation-linear" in linear.figure
 
 
@@ -190,7 +194,10 @@ def test_nothing_hidden_nothing_found(tmp_path: Path) -> None:
     assert clean.found() == []
     assert clean.figure.startswith("nothing found")
     linear = next(row for row in clean.rows if row["cause"] == "platform-deformation-linear")
-    assert "would have been found with 80 % probability" in linear["explanation"]
+    assert linear["reason_code"] == "chance"
+    assert linear["largest_motion"] is None
+    assert linear["advice_kind"] == "confirm"
+    assert {row["reason_code"] for row in clean.rows} <= {"chance", "unseen"}
 
 
 def test_what_no_cause_explains_is_called_so_and_not_by_another_s_name(tmp_path: Path) -> None:
@@ -200,7 +207,7 @@ def test_what_no_cause_explains_is_called_so_and_not_by_another_s_name(tmp_path:
     row = coupled.rows[0]
     assert row["subject"] == "leg3"
     assert row["follows"] == "rho4_mm"
-    assert "no cause of the catalogue" in row["explanation"]
+    assert json.loads(row["settings"])["legs"] == [3]
     assert tomllib.loads(coupled.model)["effects"][0]["cause"] == "unexplained"
 
 

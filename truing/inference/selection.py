@@ -21,7 +21,7 @@ from truing.inference.observations import Poses
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_form_of_a_subject, score_round
 from truing.inference.search import Candidate, Search
-from truing.inference.verdicts import FOUND, INDISTINGUISHABLE, REJECTED, Verdict, certain, first_order, fitted
+from truing.inference.verdicts import FOUND, INDISTINGUISHABLE, REJECTED, Reason, Verdict, certain, first_order, fitted
 
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
 # that is larger than declared, and of noise that follows something.
@@ -204,7 +204,7 @@ class Acceptance:
             chosen, cause, after = self._fitted(chosen, current)
             together = self._together(after)
             if predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after), together):
-                worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, "held-out"))
+                worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
                 continue
             following = self._round(after, kinds, len(rounds))
             pairs = not chosen.of_two or confirmed(current, chosen, following, self._settings.level, refused)
@@ -249,7 +249,7 @@ class Acceptance:
         for step in found[:-1]:
             if len(kept) > 1 and not self._is_needed(step, final, [other.cause for other in kept if other is not step]):
                 kept.remove(step)
-                dropped.append(first_order(step.round, step.candidate, REJECTED, self._fitter.held_out, "dropped"))
+                dropped.append(first_order(step.round, step.candidate, REJECTED, self._fitter.held_out, Reason.DROPPED))
                 final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
         return kept, dropped, final
 
@@ -277,9 +277,9 @@ class Acceptance:
             for rival, lead in step.chosen.rivals:
                 if rival.kind != step.candidate.kind and _is_told(rival, lead):
                     own = self._fitter.stand((*step.round.stand.causes, rival.cause.refined()), step.round.stand)
-                    plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, step.cause.key)
+                    plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, Reason.RIVAL)
                     odds = step.round.posterior(step.candidate) + lead
-                    found.append(replace(plain, own=own, log_odds=odds))
+                    found.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
         return found
 
     def _rejected(self, rounds: Sequence[Round]) -> list[Verdict]:
@@ -291,10 +291,10 @@ class Acceptance:
         for kind, candidate in closing.best.items():
             before = first.best.get(kind)
             if candidate.signature.rank or before is None or not before.signature.rank:
-                reason = "" if candidate.signature.rank else "unseen"
+                reason = Reason.CHANCE if candidate.signature.rank else Reason.UNSEEN
                 verdict = first_order(closing, candidate, REJECTED, self._fitter.held_out, reason)
             else:
-                verdict = first_order(first, before, REJECTED, self._fitter.held_out, "contained")
+                verdict = first_order(first, before, REJECTED, self._fitter.held_out, Reason.CONTAINED)
             found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
         return found
 

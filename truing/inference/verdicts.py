@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,17 @@ from truing.inference.search import LEAST_P, Candidate
 from truing.inference.signatures import POINTS, Signature
 
 FOUND, INDISTINGUISHABLE, REJECTED = "found", "indistinguishable", "rejected"
+
+
+class Reason(StrEnum):
+    """Why a candidate was not found."""
+
+    CHANCE = "chance"
+    HELD_OUT = "held-out"
+    DROPPED = "dropped"
+    CONTAINED = "contained"
+    UNSEEN = "unseen"
+    RIVAL = "rival"
 
 
 @dataclass(frozen=True)
@@ -37,7 +49,8 @@ class Verdict:
     covariance: NDArray  # (P, P)
     candidates: int  # how many were tried together
     own: Stand | None = None  # the model with it: of a found cause when it was found, of a rival in place of that one
-    reason: str = ""  # indistinguishable: from which cause; rejected: "held-out", "dropped", "contained" or "unseen"
+    reason: Reason | None = None
+    rival: Any = None  # the cause from which it is indistinguishable
     subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
 
     @property
@@ -48,7 +61,7 @@ class Verdict:
 
 
 def first_order(
-    current: Round, candidate: Candidate, verdict: str, held_out: Poses | None, reason: str = ""
+    current: Round, candidate: Candidate, verdict: str, held_out: Poses | None, reason: Reason | None = None
 ) -> Verdict:
     """Return a verdict on a candidate with what it would do to a round's model, to first order."""
     stand, score, own = current.stand, current.scores[candidate.key], candidate.signature

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
-from truing.report.diagnosis.judged import cause_words
 from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
 from truing.report.numbers import count, printed, rough
 from truing.report.page import Head, Listing, Section
+from truing.report.wordings.catalogue import cause_words
 
 if TYPE_CHECKING:
     import pandas as pd

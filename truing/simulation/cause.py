@@ -154,13 +154,14 @@ class Cause:
 
     @property
     def says(self) -> str:
-        """Return what nature does, in words that fit "The data show that ..."."""
-        raise NotImplementedError
+        """Return what nature does, in words that fit "The data show that ..."; of a lab's own cause alone, as those of
+        the catalogue have their wording in the report."""
+        return ""
 
     @property
     def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        raise NotImplementedError
+        """Return what to measure to confirm it; of a lab's own cause alone."""
+        return ""
 
     @property
     def subject(self) -> str:

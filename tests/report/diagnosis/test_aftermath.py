@@ -61,7 +61,7 @@ def test_what_a_found_cause_includes_is_not_called_hidden():
     part_of_it = row(
         "thermal-expansion",
         "rejected",
-        explanation="The data show that heat, which is part of what is accepted and explains less.",
+        reason_code="contained",
     )
     part = part_of("hidden", diagnosis_tables(rows(row("leg-drift"), part_of_it)))
     assert "cannot show" not in part.lead
@@ -105,8 +105,9 @@ def test_each_purpose_has_its_own_table():
 
 
 def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
-    then = "To know K22 twice as well, measure these 2 configurations (rho 1 2 mm, rho 2 1 mm): it falls to 0.2 um/mm."
-    tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, next_measurement=then)))
+    short = "To know K22 twice as well, measure these 2 configurations: it falls to 0.2 um/mm."
+    then = {"next_measurement": "To know K22, move a lot.", "next_in_short": short, "advice_kind": "sharpen"}
+    tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, **then)))
     said = (
         "Next: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm. "
         "They stand under What to measure next."

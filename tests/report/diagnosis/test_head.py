@@ -65,7 +65,7 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             "base-deformation",
             "",
             {"driver": size("rho3"), "bowl": size(1e-3, 1e-4, "mm/mm")},
-            "The base deforms with rho3",
+            "The base deforms with actuator 3",
         ),
         ("flexure-shift", "", {"flexure_length": size(10.2, 0.3, "mm")}, "The flexures shift the joints"),
         (
@@ -74,7 +74,7 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             {"kappa_2": size(0.012, 1e-3)},
             "The platform deforms at leg 2 with its",
         ),
-        ("my-lab's-cause", "x", {"foo": size(1.0, 0.1, "mm")}, "My-lab's-cause is there: foo 1.00 ± 0.10 mm"),
+        ("my-lab's-cause", "x", {"foo": size(1.0, 0.1, "mm")}, "My lab's cause: foo 1.00 ± 0.10 mm"),
     ],
 )
 def test_every_cause_has_its_sentence(cause, subject, parameters, words):
@@ -147,10 +147,12 @@ def test_noise_alone_is_a_warning_and_no_effect():
 
 def test_what_no_cause_explains_names_what_it_follows():
     found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"))
-    found["explanation"] += " It moves what was measured by up to 12.3 um. By chance and so on."
+    found["largest_motion"] = 12.3
     mark, said = first_line(rows(found, *rejected()))
     assert mark == "found"
-    assert said.startswith("Something that no cause of the catalogue explains follows the temperature, by up to 12 µm;")
+    assert said.startswith(
+        "Something follows the temperature, by up to 12 µm, and no cause of the catalogue explains it;"
+    )
 
 
 def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
@@ -159,9 +161,7 @@ def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
     lines = build_head("c", diagnosis_tables(rows(gain, rival, *rejected()))).verdicts
     assert lines[1][0] == "warn"
     assert lines[1][1].startswith("It could as well be that the platform deforms at leg 3")
-    own = row(
-        "own", "indistinguishable", parameters={"k": size(0.2)}, explanation="It may be that a body bends: k = 0.2"
-    )
+    own = row("own", "indistinguishable", parameters={"k": size(0.2)}, clause="a body bends")
     said = build_head("c", diagnosis_tables(rows(gain, own, *rejected()))).verdicts[1][1]
     assert said.startswith("It could as well be that a body bends: k")
     part = part_of("evidence", diagnosis_tables(rows(gain, rival, *rejected())))

@@ -273,10 +273,8 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
         for run in (1, 2)
         for step, load in enumerate(levels)
     ]
-    then = (
-        "To tell it from hysteresis, apply these 2 runs of loads, 3 times each (fz 0 .. +10000 .. 0 N; ..): so it is."
-    )
-    found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, next_measurement=then)
+    short = "To tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is."
+    found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, next_in_short=short)
     tables = bench_tables(rows(found)) | {"next_loads": pd.DataFrame(steps)}
     part = part_of("next", tables)
     assert part.lead.startswith("2 runs of loads for 1 purpose.")

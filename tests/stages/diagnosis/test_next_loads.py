@@ -66,7 +66,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
         cause=RIVAL,
         verdict="indistinguishable",
         own=stand,
-        reason=found.cause.key,
+        rival=found.cause,
         log_odds=found.log_odds - 1.0,
     )
     alone = replace(diagnosis, verdicts=(found,))
@@ -85,8 +85,9 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
     assert [row["time_s"] for row in rows if row["step"] == 0] == [0.0] * len({row["run"] for row in rows})
     creep = case.diagnosis.verdicts[0].cause
     for key, other in ((creep.key, "hysteresis load fz"), (RIVAL.key, "creep load fz")):
-        assert told.sentences[key].startswith(f"To tell it from {other}")
-        assert "odds of 20:1 are expected after" in told.sentences[key]
+        assert told.advice[key].kind == "separate"
+        assert other in told.advice[key].words
+        assert "odds of 20:1 are expected after" in told.advice[key].words
 
 
 @pytest.fixture(scope="module")
@@ -179,4 +180,4 @@ def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_dow
     rows = told.table.to_pylist()
     assert {row["purpose"] for row in rows} == {"creep load fz: fraction"}
     assert all(row["expected"].startswith("fraction ± ") for row in rows)
-    assert told.sentences == {}
+    assert told.advice == {}

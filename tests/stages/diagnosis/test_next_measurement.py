@@ -11,6 +11,7 @@ import pytest
 
 from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign, read_campaign
+from stages.diagnosis.claims import claim_of
 from stages.diagnosis.next_candidates import Possible, possible
 from stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
 from tests.conftest import PROJECT
@@ -21,6 +22,8 @@ from truing.estimation.rotation import exp_so3
 from truing.inference.fit import PointFit, fit_points
 from truing.inference.observations import Frames, MeasuredPoints
 from truing.report.diagnosis.effect_units import plain_size
+from truing.report.wordings.catalogue import confirming
+from truing.report.wordings.claim import AdviceKind
 from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.platform_deformation import LinearPlatformDeformation
@@ -175,8 +178,9 @@ def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(to
     assert all(words), words
     assert any("°C" in text or "pause" in text for text in words)
     for key, other in ((WARM.key, "leg-drift"), (DRIFT.key, "leg-thermal")):
-        assert told.sentences[key].startswith(f"To tell it from {other}, measure th")
-        assert "odds of 20:1 are expected after" in told.sentences[key]
+        assert told.advice[key].kind == AdviceKind.SEPARATE
+        assert other in told.advice[key].words
+        assert "odds of 20:1 are expected after" in told.advice[key].words
 
 
 def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
@@ -219,10 +223,9 @@ def test_rivals_that_no_pose_tells_apart_are_said_to_be_so(settings: Campaign) -
     gain, bend = ActuatorGain(), LinearPlatformDeformation()
     case = _case(bare, truth, gain, bend, 0.01)
     told = next_measurements(settings, case.measured, [], [Rivals(gain, case.fitted[0], bend, case.fitted[1])])
-    assert told.sentences[gain.key].startswith(
-        "No configuration within reach tells it from platform-deformation-linear"
-    )
-    assert bend.confirm in told.sentences[gain.key]
+    assert told.advice[gain.key].kind == AdviceKind.ANOTHER
+    assert bend.id in told.advice[gain.key].words
+    assert confirming(claim_of(bend, 6)).words in told.advice[gain.key].words
     assert len(told.table) == 0
 
 
@@ -236,9 +239,8 @@ def _without(model: PointModel, kept: np.ndarray) -> PointModel:
 
 def test_a_cause_found_alone_is_to_be_known_twice_as_well(case: Case, settings: Campaign) -> None:
     told = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
-    sentence = told.sentences[WARM.key]
-    assert sentence.startswith("To know alpha twice as well, measure")
-    assert "its uncertainty then falls from" in sentence
+    assert told.advice[WARM.key].kind == AdviceKind.SHARPEN
+    sentence = told.advice[WARM.key].words
     sigma = float(np.sqrt(case.fitted[0].covariance[-1, -1]) * case.fitted[0].model.effect_sigma(WARM)[0])
     assert f"± {plain_size('alpha', sigma, '1/K')}" in sentence
 
@@ -247,11 +249,11 @@ def test_a_cause_without_a_measured_parameter_is_confirmed_as_it_says(case: Case
     swapped = TargetsSwapped()
     fitted = replace(case.fitted[0], model=case.fitted[0].model.with_causes((WARM, swapped)))
     told = next_measurements(settings, case.measured, [(swapped, fitted)], [])
-    assert told.sentences == {swapped.key: swapped.confirm}
+    assert told.advice == {swapped.key: confirming(claim_of(swapped, 6))}
     assert len(told.table) == 0
 
 
 def test_nothing_found_asks_for_nothing(case: Case, settings: Campaign) -> None:
     told = next_measurements(settings, case.measured, [], [])
-    assert not told.sentences
+    assert not told.advice
     assert not ARTIFACTS["next_poses"].faults(told.table)

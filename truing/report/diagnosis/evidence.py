@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, Judged, cause_words
+from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, Judged
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.parameter_names import UNBROKEN
+from truing.report.wordings.catalogue import cause_words
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

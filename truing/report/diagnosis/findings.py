@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +9,7 @@ from typing import Any
 from truing.report.diagnosis.effect_units import plain_size, told_size
 from truing.report.numbers import plain, two_decimals, with_uncertainty
 
-# What is said of a cause that an accepted one includes.
-CONTAINED = "which is part of what is accepted"
-_MOVES = "It moves what was measured by up to "
+UNNAMED = ", and no cause of the catalogue explains it"
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
 # How many parameters a sentence names before it says how many more there are.
@@ -25,12 +22,12 @@ class Facts:
 
     ``drive``: what predictions are made from, in words.
 
-    ``parameters`` as in the column of that name. ``subject`` as the tables name it; ``says`` may name it already.
-    ``largest``: how far the effect moves anything that was measured, at most.
+    ``clause``: what nature does, with its subject. ``parameters``, ``subject``, ``reason_code`` and ``rival`` as in the
+    columns of these names. ``largest``: how far the effect moves anything that was measured, at most.
     """
 
     verdict: str
-    says: str
+    clause: str
     parameters: Mapping[str, Mapping[str, Any]]
     p_value: float
     candidates: int
@@ -38,7 +35,8 @@ class Facts:
     rms_after: float | None
     held_out: tuple[float | None, float | None]
     floor: float
-    reason: str  # indistinguishable: key of the cause from which; rejected: "held-out" or "contained"
+    reason_code: str
+    rival: str
     detectable: str  # size that would have been seen, in words; empty where none is known
     unnamed: bool  # whether no cause of the catalogue explains it
     remark: str  # what limits the statement; empty where nothing does
@@ -85,18 +83,10 @@ def _and(names: Sequence[str]) -> str:
     return names[-1] if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _what(facts: Facts) -> str:
-    """Return what nature does, with its subject where the cause does not name it itself."""
-    where = subject_words(facts.subject)
-    names = [re.escape(name) for name in re.findall(r"\S+", facts.subject.replace("leg", "")) if name != "targets"]
-    named = all(re.search(rf"(?<!\w){name}(?!\w)", facts.says) for name in names)
-    return facts.says if named else f"{facts.says} ({where})"
-
-
 def _found(facts: Facts) -> str:
-    unnamed = ", and no cause of the catalogue explains it" if facts.unnamed else ""
+    unnamed = UNNAMED if facts.unnamed else ""
     return (
-        f"The data show that {_what(facts)}{unnamed}{_sizes(facts)}.{_reach(facts)} {_improvement(facts)} "
+        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)} {_improvement(facts)} "
         f"By chance this happens with a probability of at most {facts.p_value:.2g}, "
         f"all {facts.candidates} candidates counted.{_elsewhere(facts)}"
     )
@@ -113,26 +103,25 @@ def _elsewhere(facts: Facts) -> str:
 
 def _indistinguishable(facts: Facts) -> str:
     odds = f" (odds of {facts.odds:.2g} to 1 against this one)" if facts.odds is not None else ""
-    other = facts.reason.partition(" ")[0]
     return (
-        f"It may be that {_what(facts)}{_sizes(facts)}; that explains the data as well as {other} does{odds}, and this "
-        f"campaign cannot separate the two. {_improvement(facts)}"
+        f"It may be that {facts.clause}{_sizes(facts)}; that explains the data as well as {facts.rival} does{odds}, "
+        f"and this campaign cannot separate the two. {_improvement(facts)}"
     )
 
 
 def _rejected(facts: Facts) -> str:
-    if facts.reason == "held-out":
+    if facts.reason_code == "held-out":
         return (
-            f"The data do not bear out that {_what(facts)}; it fits {facts.fitted_words} but predicts "
+            f"The data do not bear out that {facts.clause}; it fits {facts.fitted_words} but predicts "
             f"{facts.held_out_words} worse. "
             f"{_improvement(facts)}"
         )
-    if facts.reason == "contained":
+    if facts.reason_code == "contained":
         sizes = _sizes(facts)
         alone = f"; alone{sizes}" if sizes else ""
-        return f"The data show that {_what(facts)}, {CONTAINED} and explains less{alone}."
+        return f"The data show that {facts.clause}, which is part of what is accepted and explains less{alone}."
     shown = (
-        f"The data do not show that {_what(facts)} (p = {facts.p_value:.2g}, all {facts.candidates} candidates counted)"
+        f"The data do not show that {facts.clause} (p = {facts.p_value:.2g}, all {facts.candidates} candidates counted)"
     )
     if facts.detectable:
         return f"{shown}; {facts.detectable} would have been found with 80 % probability."
@@ -142,14 +131,7 @@ def _rejected(facts: Facts) -> str:
 def _reach(facts: Facts) -> str:
     if facts.largest is None:
         return ""
-    return f" {_MOVES}{plain(facts.largest)} {facts.unit}."
-
-
-def reach_of(said: str) -> tuple[float, str] | None:
-    """Return how far an effect moves anything that was measured, and the unit, of its explanation; None where it is
-    untold."""
-    found = re.search(rf"{_MOVES}([\d.e+]+) (\w+)", said)
-    return (float(found[1]), found[2]) if found else None
+    return f" It moves what was measured by up to {plain(facts.largest)} {facts.unit}."
 
 
 def _improvement(facts: Facts) -> str:

@@ -6,11 +6,12 @@ import re
 from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.effect_units import plain_size, stem
-from truing.report.diagnosis.findings import CONTAINED, few, subject_words
-from truing.report.diagnosis.judged import Judged, cause_words
+from truing.report.diagnosis.findings import few, subject_words
+from truing.report.diagnosis.judged import Judged
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
+from truing.report.wordings.catalogue import cause_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,7 +30,7 @@ def hidden(rows: list[Judged], tables: Tables) -> Section:
         told = _in_words(rows)
         return Section("hidden", _TITLE, why, listings=(told,) if told.rows else (), state="not evaluated")
     table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
-    held = {row.cause for row in rows if CONTAINED in row.explanation}
+    held = {row.cause for row in rows if row.reason_code == "contained"}
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
     found = {row.cause for row in rows if row.verdict == "found"}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND

@@ -4,62 +4,36 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from schemas.covariates import named
-from truing.report.diagnosis.effect_units import stem
 from truing.report.diagnosis.findings import subject_words
 from truing.report.tables import Tables, cell, filled
+from truing.report.wordings.catalogue import cause_words
+from truing.report.wordings.claim import Claim, Size
+from truing.report.wordings.followed import columns_words
 
 FOUND, RIVAL, REJECTED = "found", "indistinguishable", "rejected"
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
-_COLUMNS = {
-    "temperature_c": "the temperature",
-    "time_s": "time",
-    "air_temperature_c": "the temperature of the air",
-    "material_temperature_c": "the temperature of the material",
-    "air_pressure_hpa": "the pressure of the air",
-    "relative_humidity_pct": "the humidity",
-}
-_LOAD = r"([fm][xyz])_nm?"
 
 
-@dataclass(frozen=True)
-class Size:
-    """A parameter of a cause: value, one sigma (None for text and counts) and unit, as the table tells them."""
-
-    name: str
-    value: Any
-    sigma: float | None
-    unit: str
-
-    @property
-    def number(self) -> float | None:
-        """The value where it is a number."""
-        plain = isinstance(self.value, (int, float)) and not isinstance(self.value, bool)
-        return float(self.value) if plain and math.isfinite(self.value) else None
-
-
-@dataclass(frozen=True)
-class Judged:
-    """One candidate cause; rms in ``unit``, None for what was not evaluated."""
+@dataclass(frozen=True, kw_only=True)
+class Judged(Claim):
+    """One candidate cause, and what was decided on it; rms in ``unit``, None for what was not evaluated."""
 
     rank: int
-    cause: str
     verdict: str
-    subject: str
-    sizes: tuple[Size, ...]
-    follows: tuple[str, ...]
+    reason_code: str
     rms: tuple[float | None, float | None]
     held_out: tuple[float | None, float | None]
     floor: float | None
-    unit: str
     explanation: str
     then: str
+    in_short: str
+    advice_kind: str
     p_value: float | None
     probability: float | None
     evidence: float | None  # natural logarithm of the odds over the model without it
@@ -81,14 +55,6 @@ class Judged:
             kind = f"unexplained, follows {columns_words(self.follows)}"
         return f"{kind}, {subject_words(self.subject)}" if self.subject else kind
 
-    def size(self, name: str) -> Size | None:
-        """The parameter of that name."""
-        return next((size for size in self.sizes if size.name == name), None)
-
-    def sizes_of(self, kind: str) -> tuple[Size, ...]:
-        """The parameters of a kind, one per leg where each leg has its own."""
-        return tuple(size for size in self.sizes if stem(size.name) == kind and size.number is not None)
-
 
 def judged(tables: Tables) -> list[Judged]:
     """All candidates by rank; none where the diagnosis was not evaluated."""
@@ -103,22 +69,6 @@ def found_of(rows: list[Judged]) -> list[Judged]:
     return [row for row in rows if row.verdict == FOUND]
 
 
-def cause_words(cause: str) -> str:
-    """A cause as words: ``actuator gain``."""
-    return cause.replace("-", " ")
-
-
-def columns_words(columns: tuple[str, ...]) -> str:
-    """Columns that something follows, as a sentence names them: ``actuator 2 and the temperature``, ``load fz``."""
-    drives = [found[1] for c in columns if (found := re.fullmatch(r"rho(\d+)_mm", c))]
-    loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
-    others = [_COLUMNS.get(c, c) for c in loads if not re.fullmatch(r"rho\d+_mm", c)]
-    if len(drives) > 2:
-        return " and ".join(["the actuators", *others])
-    told = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
-    return " and ".join([*told, *others])
-
-
 def _judged(row: Mapping[Any, Any]) -> Judged:
     return Judged(
         rank=int(row["rank"]),
@@ -127,12 +77,18 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
         subject=cell(row["subject"]).strip(),
         sizes=_sizes(cell(row["parameters"])),
         follows=named(cell(row["follows"])),
+        settings=json.loads(cell(row.get("settings")) or "{}"),
+        words=cell(row.get("clause")),
+        largest_motion=_number(row.get("largest_motion")),
+        reason_code=cell(row.get("reason_code")),
         rms=(_number(row["rms_before"]), _number(row["rms_after"])),
         held_out=(_number(row["heldout_rms_before"]), _number(row["heldout_rms_after"])),
         floor=_number(row["noise_floor"]),
         unit=cell(row["unit"]),
         explanation=cell(row["explanation"]),
         then=cell(row["next_measurement"]),
+        in_short=cell(row.get("next_in_short")),
+        advice_kind=cell(row.get("advice_kind")),
         p_value=_number(row["p_value"]),
         probability=_number(row["probability"]),
         evidence=_number(row.get("log_evidence")),

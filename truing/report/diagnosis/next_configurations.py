@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from truing.report.diagnosis.compared import POINTS, READINGS, compared
 from truing.report.diagnosis.judged import Judged
 from truing.report.diagnosis.next_loads import lead_of_loads, listings_of_loads
-from truing.report.diagnosis.words import without_readings
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, Section
 from truing.report.tables import Tables, cell, filled
@@ -28,7 +27,9 @@ _PLACES = 4
 def following(rows: list[Judged], tables: Tables) -> Section:
     """A table of configurations per purpose; where none was computed, what each finding asks for in words."""
     asked = tuple(
-        ("next", f"{row.name}: {without_readings(row.then)}") for row in rows if row.then and row.verdict != "rejected"
+        ("next", f"{row.name}: {printed(row.in_short or row.then)}")
+        for row in rows
+        if row.then and row.verdict != "rejected"
     )
     loads = filled(tables, "next_loads")
     if loads is not None:

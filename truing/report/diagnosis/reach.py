@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truing.report.diagnosis.judged import Judged
 from truing.report.tables import Tables, filled
+from truing.report.wordings.claim import Reach
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MORE = {"kappa": 1, "quadratic": 2, "cubic": 3}
-
-
-@dataclass(frozen=True)
-class Reach:
-    """The largest shift in um, and the legs (from 1) that it concerns: one, or two that it moves against each other.
-
-    ``sigma`` in um, of parameters taken as uncorrelated, as the table of the diagnosis tells no more of them.
-    """
-
-    largest: float
-    legs: tuple[int, ...]
-    sigma: float | None = None
 
 
 def reach(row: Judged, tables: Tables) -> Reach | None:

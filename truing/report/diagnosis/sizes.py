@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from truing.report.deformation.figures import coefficient_map
 from truing.report.diagnosis.effect_units import handy_unit, stem, told_size
-from truing.report.diagnosis.judged import Judged, Size
+from truing.report.diagnosis.judged import Judged
 from truing.report.figure_style import BLUE, GREY, label, style
 from truing.report.numbers import count, printed, sign, with_uncertainty
 from truing.report.page import Listing, Section
+from truing.report.wordings.claim import Size
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

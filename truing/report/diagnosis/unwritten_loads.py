@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from truing.report.diagnosis.clause_parts import sure_of
 from truing.report.diagnosis.judged import FOUND, Judged
-from truing.report.diagnosis.sensor_clauses import load_words
 from truing.report.load_steps import load_steps
 from truing.report.numbers import rough
 from truing.report.page import Section
 from truing.report.tables import Tables, filled
+from truing.report.wordings.bench_wordings import load_words
+from truing.report.wordings.parts import sure_of
 
 if TYPE_CHECKING:
     import pandas as pd

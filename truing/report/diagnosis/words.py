@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, cause_words, found_of, judged
+from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, found_of, judged
 from truing.report.diagnosis.overall import AT_THE_FLOOR, Overall, as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.load_steps import is_bench
@@ -15,6 +14,8 @@ from truing.report.numbers import count, printed, rough, sign
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import why_no_diagnosis
 from truing.report.tables import Tables, cell, filled
+from truing.report.wordings.catalogue import cause_words
+from truing.report.wordings.claim import AdviceKind
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,6 +37,8 @@ _ASKED = (
     "stiffness-scale",
     "hysteresis",
 )
+# What tells rivals apart comes first, and what no number of poses brings comes last.
+_USEFULNESS: dict[str, int] = {AdviceKind.SEPARATE: 0, AdviceKind.IN_VAIN: 2}
 
 
 def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
@@ -150,23 +153,13 @@ def lower(sentence: str) -> str:
 
 def _next(found: list[Judged], tables: Tables) -> list[Verdict]:
     """What to do next, in the words of the first finding: to tell it from its rivals where it has any."""
-    asked = sorted((row.then for row in found if row.then), key=_usefulness)
+    asked = sorted((row for row in found if row.then), key=lambda row: _USEFULNESS.get(row.advice_kind, 1))
     if not asked:
         return []
     computed = any(filled(tables, name) is not None for name in ("next_poses", "next_loads"))
-    if not computed or not asked[0].startswith("To "):
-        return [("next", f"Next: {lower(printed(asked[0]))}")]
-    return [("next", f"Next: {lower(without_readings(asked[0]))} They stand under What to measure next.")]
-
-
-def _usefulness(then: str) -> int:
-    """What tells rivals apart comes first, and what no number of poses brings comes last."""
-    return 0 if then.startswith("To tell") else 2 if "however often" in then else 1
-
-
-def without_readings(then: str) -> str:
-    """What to measure, without the readings or loads that a table holds."""
-    return printed(re.sub(r" \((rho|[fm][xyz]|without load)\b[^()]*\)", "", then))
+    if not computed or not asked[0].in_short:
+        return [("next", f"Next: {lower(printed(asked[0].then))}")]
+    return [("next", f"Next: {lower(printed(asked[0].in_short))} They stand under What to measure next.")]
 
 
 def certainty(row: Judged) -> str:

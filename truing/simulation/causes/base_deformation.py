@@ -34,24 +34,6 @@ class BaseDeformation(Cause):
     step = Step.STRUCTURE
     reads = frozenset({"rho", "a", "shape"})
 
-    @property
-    def says(self) -> str:
-        """Return what the base does."""
-        return f"the base bends out of its plane, joints and targets, as {self._in_words} changes"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        if self.driver == TEMPERATURE:
-            return "Measure the base alone at two temperatures that lie as far apart as the room allows."
-        return f"Move actuator {self.driver.removeprefix(_READING)} alone through its range and measure the base."
-
-    @property
-    def _in_words(self) -> str:
-        if self.driver == TEMPERATURE:
-            return "the temperature"
-        return f"the displacement of actuator {self.driver.removeprefix(_READING)}"
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the temperature, where it varies, and every actuator that moves as drivers."""
         moves = np.ptp(scene.readings, axis=0) > 0

@@ -13,14 +13,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import own_name
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause, Parameter, Scene, Step, Told
 from truing.simulation.causes.body_terms import (
     CAME_FROM,
     TIMES,
     counted,
-    in_words,
     place_columns,
     proposed_terms,
     runs_with_time,
@@ -136,24 +134,6 @@ class BodyDeformation(OfBody):
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         return f"{self.id} {self.body} {'whole ' if self.whole else ''}{' '.join(self.terms)}"
-
-    @property
-    def says(self) -> str:
-        """Return what the body does."""
-        if self.columns[0].startswith(CAME_FROM):
-            drive = own_name(self.columns[0].removeprefix(CAME_FROM))
-            way = f"after {drive} went up than after it went down (hysteresis)"
-            return f"body {self.body} {'stands elsewhere' if self.whole else 'keeps another shape'} {way}"
-        if self.whole:
-            return f"body {self.body}, which should stand still, moves as a whole with {in_words(self.terms)}"
-        or_time = ", or with time, which ran along with it" if self.with_time else ""
-        return f"body {self.body} deforms with {in_words(self.terms)}{or_time}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        column = own_name(self.columns[0].removeprefix(CAME_FROM))
-        return f"Change {column} alone, up and down through its range, and measure {self.body} at every step."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every body with every drive, the temperature, squares, products and directions of approach."""

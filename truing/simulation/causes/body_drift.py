@@ -70,27 +70,6 @@ class BodyDrift(OfBody):
         whose = f"{self.id} {self.body} {'whole' if self.whole else 'pattern'} {self.column}"
         return f"{whose} jump at {self.from_order:.6g}" if self.jumps else whose
 
-    @property
-    def says(self) -> str:
-        """Return what the body does."""
-        if self.jumps:
-            does = ", which should stand still, stands elsewhere" if self.whole else " keeps another shape"
-            return f"body {self.body}{does} from pose {self.from_pose} on"
-        how = ", smoothly to and fro" if self.waves else ", fast at first and slower later" if self.tau else ""
-        over = "time" if self.column == TIME else "the order of the poses"
-        if self.late:
-            how = f", from {self.start:.0f} s on" if self.column == TIME else f", from the {self.start:.0f}th on"
-        if self.whole:
-            return f"body {self.body}, which should stand still, moves as a whole with {over}{how}"
-        return f"the shape of body {self.body} drifts with {over}{how}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        if self.jumps:
-            return f"Look whether {self.body} was touched before pose {self.from_pose}, and survey it again."
-        return f"Measure {self.body} again and again with nothing moved, until it has come to rest."
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every body with every form of drift; as a whole only where it should stand still.
 

@@ -67,17 +67,3 @@ def told_term(term: str) -> str:
         f"{CAME_FROM if column.startswith(CAME_FROM) else ''}{own_name(column.removeprefix(CAME_FROM))}"
         for column in term.split(TIMES)
     )
-
-
-def in_words(terms: tuple[str, ...]) -> str:
-    """Return the terms in words that fit "deforms with ..."."""
-    columns = dict.fromkeys(column for term in terms for column in term.split(TIMES))
-    names = list(map(own_name, columns))
-    if len(names) == 1 and len(terms) == 1 and TIMES in terms[0]:
-        return f"the square of {'the temperature' if names == [TEMPERATURE] else names[0]}"
-    if tuple(columns) == place_columns(body := next(iter(columns)).removesuffix(" x")):
-        return f"where body {body} is"
-    said = "the temperature" if names == [TEMPERATURE] else " and ".join(names)
-    if len(names) == 2 and len(terms) == 1:
-        return f"the product of {said}"
-    return f"{said}, not in proportion" if len(terms) > len(names) else said

@@ -36,16 +36,6 @@ class ActuatorGain(PerLeg):
     step = Step.DRIVE
     reads = frozenset({"indicated"})
 
-    @property
-    def says(self) -> str:
-        """Return what the actuators do."""
-        return f"{_whose(self)} does not go as far as it indicates: its displacement is off by a constant factor"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Move one actuator at a time through its range and measure its carriage itself, not the platform."
-
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the gain of each leg concerned."""
         return tuple(Parameter(name, "1", _PLAUSIBLE_GAIN) for name in self.numbered("gain", legs))
@@ -63,16 +53,6 @@ class ActuatorBacklash(PerLeg):
     id = "actuator-backlash"
     step = Step.DRIVE
     reads = frozenset()
-
-    @property
-    def says(self) -> str:
-        """Return what the actuators do."""
-        return f"{_whose(self)} stops at another place when it comes from below than when it comes from above"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Approach the same poses from below and from above, by movements far longer than the gap."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every choice of legs that were approached from both directions; none without an order in time."""
@@ -115,16 +95,6 @@ class PeriodicError(PerLeg):
     step = Step.DRIVE
     kind = Kind.SHAPED
     reads = frozenset({"indicated"})
-
-    @property
-    def says(self) -> str:
-        """Return what the actuators do."""
-        return f"{_whose(self)} is off by a sine of its displacement, once per turn of a leadscrew"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Move one actuator in steps of a tenth of the pitch through two turns and measure its carriage."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the choices of legs at the declared pitch, else at every pitch that the readings can tell apart."""
@@ -226,7 +196,3 @@ def _polar(sine: float, cosine: float) -> tuple[float, float, NDArray]:
         phase,
         np.array([[math.cos(phase), math.sin(phase)], [-math.sin(phase) / per_size, math.cos(phase) / per_size]]),
     )
-
-
-def _whose(cause: PerLeg) -> str:
-    return "each actuator" if not cause.legs else f"the actuator of leg {cause.of_which}"

@@ -28,8 +28,6 @@ class FlexureShift(Cause):
     id = "flexure-shift"
     step = Step.STRUCTURE
     reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "straight", "home"})
-    says = "the flexures shift their joints as they bend, as beams do and ideal joints do not"
-    confirm = "Measure poses that tilt the platform as far as it goes, to either side."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the cause where there are legs."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import own_name
 from truing.simulation.state import State
 
 OWN_DRIVE, APPROACH, ORDER, TIME = "own drive", "approach", "order", "time_s"
@@ -62,16 +61,6 @@ class Following:
         looks_back = any(column in (*LOOKING_BACK, ORDER) for column in self.columns)
         return tuple(dict.fromkeys((*self.names(legs, concerned), *([TIME] if looks_back else []))))
 
-    @property
-    def in_words(self) -> str:
-        """Return what it follows, in words."""
-        if self.form == ALL_DRIVES:
-            return "the displacements of all actuators"
-        said = [_words(column) for column in self.columns]
-        if len(said) == 1:
-            return said[0]
-        return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
-
     def _product(self, state: State) -> NDArray:
         product: NDArray | float = 1.0
         for column, centre, half in zip(self.columns, self.centres, self.half_ranges, strict=True):
@@ -108,18 +97,3 @@ def _value(state: State, column: str) -> NDArray:
         return moved
     value = state.covariates[column]
     return value if value.ndim == 2 else value[:, None]
-
-
-def _words(column: str) -> str:
-    if (leg := drive_of(column)) is not None:
-        return f"the displacement of actuator {leg}"
-    known = {
-        OWN_DRIVE: "the displacement of each leg's own actuator",
-        APPROACH: "the direction from which each actuator came",
-        LAST_STEP: "how far each actuator moved last",
-        MEMORY: "how far each actuator moved lately",
-        ORDER: "the order of the poses",
-        TIME: "time",
-        "temperature_c": "the temperature",
-    }
-    return known.get(column, own_name(column))

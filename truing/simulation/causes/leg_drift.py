@@ -41,20 +41,6 @@ class LegDrift(PerLeg):
     lasts = False
     reads = frozenset()
 
-    @property
-    def says(self) -> str:
-        """Return what the legs do."""
-        whose = (
-            "each leg" if not self.legs else f"leg {self.of_which}" if len(self.legs) == 1 else f"legs {self.of_which}"
-        )
-        form = "evenly with time" if self.tau_s == 0 else "with time, ever more slowly"
-        return f"the effective length of {whose} drifts {form}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Return to one pose every quarter of an hour, nothing else moved, for as long as the campaign took."
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return an even drift and some time constants for every choice of legs; none where no time is known."""
         if scene.span_s is None or not scene.varies(TIME) or not np.isfinite(scene.covariates[TIME]).all():

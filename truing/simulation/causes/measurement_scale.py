@@ -28,19 +28,6 @@ class MeasurementScale(Cause):
     step = Step.INSTRUMENT
     reads = frozenset()
 
-    @property
-    def says(self) -> str:
-        """Return what the instrument does."""
-        if self.form == CONSTANT:
-            return "all measured distances are off by one constant factor, as a wrong scale bar makes them"
-        both = "a constant part and one that follows" if self.form == BOTH else "a factor that follows"
-        return f"all measured distances are off by {both} the temperature"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Measure a second scale bar of known length and known expansion in a few poses."
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the constant factor and, where the temperature varies, one that follows it, and both."""
         forms = (CONSTANT, PER_KELVIN, BOTH) if scene.varies(TEMPERATURE) else (CONSTANT,)

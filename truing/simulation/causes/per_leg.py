@@ -31,14 +31,6 @@ class PerLeg(Cause):
         """Return the legs as the tables name them; empty for all."""
         return " ".join(f"leg{leg}" for leg in self.legs)
 
-    @property
-    def of_which(self) -> str:
-        """Return the legs in words, to stand before what they do."""
-        if not self.legs:
-            return "each"
-        listed = [str(leg) for leg in self.legs]
-        return listed[0] if len(listed) == 1 else f"{', '.join(listed[:-1])} and {listed[-1]}"
-
     def concerned(self, legs: int) -> tuple[int, ...]:
         """Return the numbers of the legs that it concerns, counted from 1, of a mechanism with that many."""
         return self.legs or tuple(range(1, legs + 1))

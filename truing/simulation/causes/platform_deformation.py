@@ -21,7 +21,6 @@ _TERMS = {2: ("quadratic", "1/mm", 1e3), 3: ("cubic", "1/mm^2", 1e6)}
 # The least share of a power's size that lower ones may leave of it.
 _TOLD = 0.05
 _FORMS: dict[tuple[int, ...], float] = {(2,): 0.5, (3,): 0.5}
-_CONFIRM = "Move one actuator at a time through its range and measure the targets at all attachments."
 
 
 @dataclass(frozen=True)
@@ -31,14 +30,6 @@ class LinearPlatformDeformation(PerLeg):
     id = "platform-deformation-linear"
     step = Step.STRUCTURE
     reads = frozenset({"rho"})
-    confirm = _CONFIRM
-
-    @property
-    def says(self) -> str:
-        """Return what the platform does."""
-        if not self.legs:
-            return "each attachment shifts along the platform's z in proportion to its own actuator's displacement"
-        return f"{_attachments(self.legs)} along the platform's z in proportion to the own actuator's displacement"
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return kappa of each leg concerned."""
@@ -57,8 +48,6 @@ class MatrixPlatformDeformation(Cause):
     id = "platform-deformation-matrix"
     step = Step.STRUCTURE
     reads = frozenset({"rho"})
-    says = "the attachments shift along the platform's z in proportion to all actuators' displacements"
-    confirm = _CONFIRM
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return K11, K12, .. KLL, row by row; with ten legs or more as K1_1."""
@@ -85,14 +74,6 @@ class NonlinearPlatformDeformation(PerLeg):
     id = "platform-deformation-nonlinear"
     step = Step.STRUCTURE
     reads = frozenset({"rho"})
-    confirm = "Move one actuator at a time, in at least five steps, and measure the targets at all attachments."
-
-    @property
-    def says(self) -> str:
-        """Return what the platform does."""
-        which = _attachments(self.legs) if self.legs else "each attachment shifts"
-        form = " and a ".join(_TERMS[power][0] for power in self.powers)
-        return f"{which} along the platform's z with the own actuator's displacement, not in proportion: a {form} term"
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every form for every choice of legs whose displacements tell the terms apart."""
@@ -122,13 +103,6 @@ class NonlinearPlatformDeformation(PerLeg):
         """Return d delta_bz_i / d term_i = the power of delta_rho_i that it multiplies."""
         rows = np.concatenate([self.spread(state.delta_rho**power) for power in (1, *self.powers)], -1)
         return Change({"delta_bz": rows}, rows.shape[-1])
-
-
-def _attachments(legs: tuple[int, ...]) -> str:
-    """Return the attachments of some legs, and that they shift, in words."""
-    if len(legs) == 1:
-        return f"attachment {legs[0]} shifts"
-    return f"attachments {', '.join(str(leg) for leg in legs[:-1])} and {legs[-1]} shift"
 
 
 def _telling(moved: NDArray, power: int) -> frozenset[int]:

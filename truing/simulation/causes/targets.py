@@ -52,16 +52,6 @@ class TargetMoved(Cause):
         """Return the target, or the marker."""
         return f"{'marker' if self.corners else 'target'} {self.target}"
 
-    @property
-    def says(self) -> str:
-        """Return what happened to the target."""
-        return f"{self.subject} on {self.body} sits elsewhere from pose {self.from_pose} on"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to do to confirm it."""
-        return f"Look whether {self.subject} on {self.body} is loose or was touched, and survey {self.body} again."
-
     def settings(self) -> dict[str, Any]:
         """Return its fields; a target has no corners."""
         return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
@@ -171,17 +161,6 @@ class TargetsSwapped(Cause):
     def subject(self) -> str:
         """Return the two targets."""
         return f"targets {' '.join(self.targets)}"
-
-    @property
-    def says(self) -> str:
-        """Return what happened to the labels."""
-        poses = ("pose " if len(self.poses) == 1 else "poses ") + ", ".join(str(pose) for pose in self.poses)
-        return f"targets {' and '.join(self.targets)} on {self.body} bear each other's label in {poses}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to do to confirm it."""
-        return f"Look at the images of the poses named: which of {' and '.join(self.targets)} is which?"
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return none: exchanged labels are found among the measured points, before anything is fitted."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Profiles, Scene, Step
-from truing.simulation.causes.following import ALL_DRIVES, APPROACH, LAST_STEP, ORDER, OWN_DRIVE, TIME, Following
+from truing.simulation.causes.following import ALL_DRIVES, APPROACH, LAST_STEP, OWN_DRIVE, Following
 from truing.simulation.causes.per_leg import choice_share
 from truing.simulation.causes.undeclared import FURTHER, IN_PROPORTION, Undeclared
 from truing.simulation.causes.unexplained_candidates import (
@@ -94,19 +94,6 @@ class Unexplained(Undeclared, Cause):
         """Return the name that tells it from others of its kind."""
         parts = (self.id, self.quantity, *self.columns, self.form, self.terms, self.body, self.subject)
         return " ".join(str(part) for part in parts if part)
-
-    @property
-    def says(self) -> str:
-        """Return what the data show of it."""
-        verb = "follows" if self._is_one else "follow"
-        return f"{self._whose} {verb} {self.following.in_words}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure next."""
-        if self.columns in ((ORDER,), (TIME,)):
-            return "Repeat some poses in another order: does it go with the time, or with the pose?"
-        return f"Repeat some poses with another value of {self.following.in_words}, everything else unchanged."
 
     @property
     def lasts(self) -> bool:
@@ -207,21 +194,6 @@ class Unexplained(Undeclared, Cause):
     @property
     def _is_one(self) -> bool:
         return len(self.legs) == 1 or len(self.targets) == 1 or self.quantity == Quantity.SCALE
-
-    @property
-    def _whose(self) -> str:
-        numbers = " and ".join(str(leg) for leg in self.legs)
-        legs = f"leg{'' if len(self.legs) == 1 else 's'} {numbers}" if self.legs else "the legs"
-        s = "" if len(self.legs) == 1 else "s"
-        target = f"target {self.targets[0]} on {self.body}" if len(self.targets) == 1 else f"the targets on {self.body}"
-        return {
-            Quantity.READINGS: f"the effective reading{s} of {legs}",
-            Quantity.LENGTHS: f"the effective length{s} of {legs}",
-            Quantity.ATTACHMENTS: f"the attachment{s} of {legs} along the platform's z",
-            Quantity.ATTACHMENTS_SIDEWAYS: f"the attachment{s} of {legs} across the platform's z",
-            Quantity.SCALE: "the scale of the measurement",
-            Quantity.TARGETS: target,
-        }[Quantity(self.quantity)]
 
     def _owners(self, legs: int) -> tuple[str, ...]:
         if self.quantity == Quantity.SCALE:

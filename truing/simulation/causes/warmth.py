@@ -40,21 +40,11 @@ class ThermalExpansion(Cause):
     id = "thermal-expansion"
     step = Step.STRUCTURE
     reads = frozenset({"a", "b", "l", "shape"})
-    confirm = "Repeat some poses at two temperatures that lie as far apart as the room allows."
 
     @property
     def subject(self) -> str:
         """Return the body that grows alone."""
         return self.body
-
-    @property
-    def says(self) -> str:
-        """Return what the machine does."""
-        if self.form == BODIES:
-            return f"body {self.body} grows with temperature" if self.body else "all bodies grow alike with temperature"
-        if self.form == COMMON:
-            return "base, platform and legs grow with temperature, all by the same share"
-        return "base, platform and legs grow with temperature, each by a share of its own"
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return both forms where it was not always as warm as at the reference; without legs all bodies and each."""
@@ -97,8 +87,6 @@ class LegThermal(Cause):
     id = "leg-thermal"
     step = Step.STRUCTURE
     reads = frozenset({"l", "shape"})
-    says = "the legs grow with temperature, base and platform do not"
-    confirm = "Repeat some poses at two temperatures and measure targets along the legs."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the cause where there are legs, and where it was not always as warm as at the reference."""

@@ -12,7 +12,7 @@ from truing.estimation.rotation import skew
 from truing.simulation.bench.reading_state import CHANNELS, LINEAR, ReadingState
 from truing.simulation.cause import Cause, Parameter, Scene, Told
 from truing.simulation.causes.bench.channels import OfChannel
-from truing.simulation.causes.bench.of_readings import FEWEST, MM, in_words, is_linear, seen_channels, seen_of, steps_of
+from truing.simulation.causes.bench.of_readings import FEWEST, MM, is_linear, seen_channels, seen_of, steps_of
 
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
 _XYZ = "xyz"
@@ -35,16 +35,6 @@ class CosineError(OfChannel):
     along: bool = False
 
     id = "cosine-error"
-
-    @property
-    def says(self) -> str:
-        """Return what the beam does."""
-        return f"the beam of {in_words(self.channel)} makes an angle with its axis"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return f"Align the beam of {in_words(self.channel)} over a longer travel along its axis, and repeat the run."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every channel of the platform: by its tilts where something moves across it, by what is lost where
@@ -137,16 +127,6 @@ class AbbeOffset(OfChannel):
 
     id = "abbe-offset"
     reach = 30.0
-
-    @property
-    def says(self) -> str:
-        """Return what the beam does."""
-        return f"the beam of {in_words(self.channel)} does not meet the platform at its origin: rotation leaks into it"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return f"Shift the beam of {in_words(self.channel)} sideways by a known millimetre and repeat the run."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every linear channel, and all of them with one arm."""

@@ -16,7 +16,6 @@ from truing.simulation.causes.bench.of_readings import (
     MM,
     ReadingCause,
     at_channels,
-    in_words,
     is_linear,
     is_signal,
     seen_channels,
@@ -115,19 +114,6 @@ class ZeroDrift(OfRun):
         """Return the name that tells this candidate from all others."""
         return f"{self.form_of} {'run' if self.of_run else 'all'}"
 
-    @property
-    def says(self) -> str:
-        """Return what the zero does."""
-        where = f" in run {self.run}" if self.of_run else ""
-        return f"the zero of {in_words(self.channel)} walks evenly with time{where}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return (
-            f"Read {in_words(self.channel)} without load for as long as a run takes, and return to zero in every run."
-        )
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every channel and signal, and every channel of every run, with three readings at least."""
         steps, seen = steps_of(scene), seen_of(scene)
@@ -176,18 +162,6 @@ class ThermalDrift(OfChannel):
     id = "thermal-drift"
     reach = 30.0
 
-    @property
-    def says(self) -> str:
-        """Return what the reading does."""
-        told = {MATERIAL: "the material", AIR: "the air"}
-        followed = " and ".join(told[column] for column in self.columns)
-        return f"the reading of {in_words(self.channel)} follows the temperature of {followed}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return f"Read {in_words(self.channel)} without load while the room is warmed by a kelvin and cools down again."
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every channel, and all linear ones alike, with each temperature that varies, and with both."""
         steps = steps_of(scene)
@@ -226,16 +200,6 @@ class DeadPath(OfChannel):
 
     id = "dead-path"
     reach = 30.0  # a forgotten path may be metres long
-
-    @property
-    def says(self) -> str:
-        """Return what the reading does."""
-        return f"the reading of {in_words(self.channel)} follows the air's index: a dead path is not compensated"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Measure the path from beam splitter to mirror; read it unloaded while the air's pressure changes."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every linear channel, and all of them alike, where the index of the air is known to vary."""

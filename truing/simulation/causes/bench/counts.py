@@ -14,7 +14,6 @@ from truing.simulation.causes.bench.channels import OfRun
 from truing.simulation.causes.bench.of_readings import (
     FEWEST,
     ReadingCause,
-    in_words,
     is_linear,
     is_signal,
     seen_channels,
@@ -56,18 +55,6 @@ class FringeSlip(OfRun):
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         return f"{self.form_of} {self.from_rank}"
-
-    @property
-    def says(self) -> str:
-        """Return what the counter did."""
-        return (
-            f"{in_words(self.channel)} jumps by whole half wavelengths in run {self.run}, from step {self.from_step} on"
-        )
-
-    @property
-    def confirm(self) -> str:
-        """Return what to do to confirm it."""
-        return f"Repeat run {self.run} more slowly, return to zero at its end, and watch the signal of {self.channel}."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every run, linear channel and step that has three readings on either side."""
@@ -119,16 +106,6 @@ class Crosstalk(ReadingCause):
     def subject(self) -> str:
         """Return the signal that carries another."""
         return f"signal {self.signal}"
-
-    @property
-    def says(self) -> str:
-        """Return what the signal does."""
-        return f"signal {self.signal} carries a fraction of signal {self.source}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to do to confirm it."""
-        return f"Disconnect the bridge of {self.source}, load the sensor, and see how {self.signal} changes."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every pair of signals."""

@@ -42,17 +42,6 @@ class Creep(OfLoad):
     step = Step.STRUCTURE
     kind = Kind.SHAPED
 
-    @property
-    def says(self) -> str:
-        """Return what the sensor does."""
-        loads = f"loads along {self.axis}" if self.axis else "load"
-        return f"the deflection under {loads} goes on with time, and comes back as slowly"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Hold the largest load for ten times tau and read every tenth of it, then unload and go on reading."
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return time constants from ten seconds to the longest run's length, for all axes and each."""
         steps = steps_of(scene)

@@ -60,26 +60,6 @@ class LoadEccentricity(OfLoad):
     step = Step.DRIVE
     reach = 30.0
 
-    @property
-    def says(self) -> str:
-        """Return what the load does."""
-        if not self.axis:
-            return "the forces' lines of action do not pass the platform's origin: they meet at another point"
-        if is_force(self.axis):
-            return f"the line of action of the load along {self.axis} does not pass the platform's origin"
-        return f"the torque {self.axis} brings a force along"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        if self.axis and not is_force(self.axis):
-            return (
-                f"Measure the force beside the torque {self.axis} with a load cell, or turn the torque unit half round."
-            )
-        what = f"the load {self.axis}" if self.axis else "the loading frame"
-        turns = " and ".join(f"r{c}" for c in _XYZ if c != self.axis[1:]) if self.axis else "all rotations"
-        return f"Shift {what} sideways by a known millimetre and repeat the run, with {turns} measured."
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every axis that was loaded, and all forces together where there are two of them."""
         axes = seen_axes(scene)
@@ -127,20 +107,6 @@ class LoadImbalance(OfLoad):
     id = "load-imbalance"
     step = Step.DRIVE
     reach = 30.0
-
-    @property
-    def says(self) -> str:
-        """Return what the loading units do."""
-        how = "that grows with it" if GROWTH in self.forms else "that differs between positive and negative load"
-        kind = "moment" if is_force(self.axis) else "force"
-        return f"the units that drive {self.axis} are out of balance: the load brings a parasitic {kind} {how}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return (
-            f"Drive {self.axis} with one unit at a time, pushing and pulling, and compare rotations and displacements."
-        )
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return, for every axis that was loaded both ways, components with what differs; for any what grows."""

@@ -87,11 +87,6 @@ def whose(channel: str) -> str:
     return f"signal {channel}" if is_signal(channel) else f"channel {channel}"
 
 
-def in_words(channel: str) -> str:
-    """Return a channel in words."""
-    return whose(channel) or "all linear channels"
-
-
 def at_channels(steps: LoadSteps, channel: str) -> NDArray:
     """Return which channels (K,) one name stands for: that one, or all linear ones."""
     return np.array([is_linear(name) if not channel else name == channel for name in steps.channels])

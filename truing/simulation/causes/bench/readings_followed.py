@@ -12,16 +12,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import own_name
 from truing.simulation.bench.reading_state import (
     AIR,
     CHANNELS,
-    HUMIDITY,
     IN_RUN,
     LOADS,
     MATERIAL,
     ORDER,
-    PRESSURE,
     TIME,
     LoadSteps,
 )
@@ -152,25 +149,6 @@ def values_of(steps: LoadSteps, column: str) -> NDArray:
     if column in LOADS:
         return steps.load[:, LOADS.index(column)]
     return np.asarray(steps.covariates[column], float)
-
-
-def words(column: str) -> str:
-    known = {
-        TIME: "time",
-        IN_RUN: "the time in the run",
-        ORDER: "the order of the steps",
-        AIR: "the temperature of the air",
-        MATERIAL: "the temperature of the material",
-        PRESSURE: "the pressure of the air",
-        HUMIDITY: "the humidity of the air",
-    }
-    if column.startswith(UNLOADING):
-        return f"whether {words(column.removeprefix(UNLOADING))} falls"
-    if column.startswith(WAY):
-        return f"the direction in which {words(column.removeprefix(WAY))} changes"
-    if column.startswith(SO_FAR):
-        return f"the largest size of {words(column.removeprefix(SO_FAR))} so far in a run"
-    return f"the load {column.partition('_')[0]}" if column in LOADS else known.get(column, own_name(column))
 
 
 def remembered(steps: LoadSteps, load: str) -> NDArray:

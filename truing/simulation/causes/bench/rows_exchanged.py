@@ -34,23 +34,6 @@ class RowsExchanged(ReadingCause):
         runs = dict.fromkeys(str(run) for run, _ in self.rows)
         return f"run {' '.join(runs)}" if runs else ""
 
-    @property
-    def says(self) -> str:
-        """Return what happened to the rows."""
-        return f"the loads of {self._in_words} were written down in each other's row, in {' '.join(self.components)}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to do to confirm it."""
-        return f"Look up in the laboratory's notes what was applied at {self._in_words}, or apply both loads again."
-
-    @property
-    def _in_words(self) -> str:
-        runs = {run for run, _ in self.rows}
-        if len(runs) == 1:
-            return f"steps {' and '.join(str(step) for _, step in self.rows)} of run {next(iter(runs))}"
-        return " and ".join(f"step {step} of run {run}" for run, step in self.rows)
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return none: exchanged rows are found in the table, before anything is fitted."""
         return ()
@@ -84,11 +67,6 @@ class SignalsExchanged(RowsExchanged):
     """The same of signals alone: two rows of their table bear each other's loads, those of the readings are right."""
 
     step = Step.INSTRUMENT
-
-    @property
-    def says(self) -> str:
-        """Return what happened to the rows."""
-        return f"the signals of {self._in_words} stand in each other's row"
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return no derivative."""

@@ -91,11 +91,6 @@ class Deflection(OfLoad):
         axes = np.array([not self.axis or axis == self.axis for axis in AXES])
         return np.where(np.eye(6, dtype=bool) if self.own else np.ones((6, 6), bool), axes, False).astype(float)
 
-    @property
-    def _along(self) -> str:
-        where = f"along {self.axis}" if self.axis else "along every axis"
-        return f"{where}, in its own component alone," if self.own else where
-
 
 @dataclass(frozen=True)
 class StiffnessScale(Deflection):
@@ -103,16 +98,6 @@ class StiffnessScale(Deflection):
 
     id = "stiffness-scale"
     parameter = "scale"
-
-    @property
-    def says(self) -> str:
-        """Return what the sensor does."""
-        return f"the sensor's stiffness {self._along} is not the simulated one, by a constant factor"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Measure the same deflection with another instrument, along the very line of the load."
 
     def excess(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
         """Return 1 / (1 + scale) - 1 and its derivative."""
@@ -126,18 +111,6 @@ class StiffnessAsymmetry(Deflection):
 
     id = "stiffness-asymmetry"
     parameter = "asymmetry"
-
-    @property
-    def says(self) -> str:
-        """Return what the sensor does."""
-        return f"the sensor gives more {self._along} when it is loaded one way than the other"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return (
-            "Repeat the run with the sensor turned round, or with pre-load: what belongs to the sensor turns with it."
-        )
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
         """Return whether an axis was loaded both ways."""
@@ -154,16 +127,6 @@ class StiffnessNonlinear(Deflection):
 
     id = "stiffness-nonlinear"
     parameter = "cubic"
-
-    @property
-    def says(self) -> str:
-        """Return what the sensor does."""
-        return f"the deflection {self._along} is not in proportion to the load: it grows with its cube as well"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return "Load in smaller steps up to the largest load, and beyond it where that is allowed."
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
         """Return whether an axis was loaded by several amounts."""
@@ -183,18 +146,6 @@ class Hysteresis(Deflection):
     id = "hysteresis"
     parameter = "width"
     plausible = 0.02
-
-    @property
-    def says(self) -> str:
-        """Return what the sensor does."""
-        return f"the deflection {self._along} stays behind on unloading: it depends on where the load came from"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return (
-            "Run up and down three times without a pause: a loop of constant width is hysteresis, a fading one creep."
-        )
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
         """Return whether an axis was unloaded step by step."""
@@ -221,16 +172,6 @@ class JointClearance(OfLoad):
     id = "joint-clearance"
     step = Step.STRUCTURE
     reach = 30.0
-
-    @property
-    def says(self) -> str:
-        """Return what the sensor does."""
-        return f"the platform jumps when the load along {self.axis} changes its sign: there is play in the joints"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return f"Pass {self.axis} through zero in ten small steps, and again with a constant load beside it."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every axis that was loaded, with its own component seen, both ways or by several amounts."""

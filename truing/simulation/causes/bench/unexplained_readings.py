@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.reading_state import IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps, ReadingState
+from truing.simulation.bench.reading_state import IN_RUN, LOADS, ORDER, TIME, LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Parameter, Profiles, Scene, Step
 from truing.simulation.causes.bench.of_readings import ReadingCause, seen_channels, seen_of, steps_of, unit_of, whose
 from truing.simulation.causes.bench.readings_followed import (
@@ -30,7 +30,6 @@ from truing.simulation.causes.bench.readings_followed import (
     remembered,
     sizes_between,
     values_of,
-    words,
 )
 from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
 from truing.simulation.causes.undeclared import FURTHER, IN_PROPORTION, Undeclared
@@ -81,37 +80,6 @@ class UnexplainedReadings(Undeclared, ReadingCause):
         if self.form in (PERIOD, BEYOND, REST):
             degrees = f"{self.half_ranges[0]:.6g}"
         return f"{self.id} {self.channel} {' '.join(self.columns)} {self.form} {degrees}"
-
-    @property
-    def says(self) -> str:
-        """Return what the data show of it."""
-        return f"{self.subject} follows {self._followed}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure next."""
-        if set(self.columns) <= {TIME, ORDER, IN_RUN}:
-            return "Repeat some load steps in another order: does it go with the time, or with the load?"
-        return f"Repeat some load steps with another value of {self._followed}, everything else unchanged."
-
-    @property
-    def _followed(self) -> str:
-        said = [words(column) for column in self.columns]
-        if self.form == MEMORY:
-            return f"{said[0]} of steps before"
-        if self.form == PERIOD:
-            return (
-                f"{said[0]}, to and fro with a period of {self.half_ranges[0]:.4g} {_unit_of_column(self.columns[0])}"
-            )
-        if self.form == BEYOND:
-            return f"{said[0]}, by a jump beyond {self.half_ranges[0]:.4g} {_unit_of_column(self.columns[0])}"
-        if self.form == REST:
-            return f"{said[0]} since the last long pause of a run, fading with some {self.half_ranges[0]:.0f} s"
-        if self.form == GAIN:
-            return f"{said[0]}, with a factor that follows {said[1]}"
-        if len(said) == 1:
-            return said[0]
-        return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the steps (B,) within the range of what it follows, beyond which its form says nothing."""
@@ -187,11 +155,6 @@ class UnexplainedReadings(Undeclared, ReadingCause):
         """Return the columns (B,) each, brought to their ranges."""
         ranges = zip(self.columns, self.centres, self.half_ranges, strict=True)
         return [(values_of(steps, column) - centre) / half for column, centre, half in ranges]
-
-
-def _unit_of_column(column: str) -> str:
-    """Return the unit that a period of a column is told in."""
-    return "s" if column not in LOADS else "N" if LOADS.index(column) < LINEAR else "N m"
 
 
 def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[Profiles]:

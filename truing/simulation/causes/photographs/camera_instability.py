@@ -75,29 +75,6 @@ class CameraInstability(RayCause):
         alike = self.form == other.form or {self.form, other.form} == {DRIFT, SETTLES}
         return shared and alike and (self.form != JUMP or self.from_pose == other.from_pose)
 
-    @property
-    def says(self) -> str:
-        """Return what the camera does."""
-        parts = ("principal distance",) * ("c" in self.what) + ("principal point",) * (self.what != PRINCIPAL_DISTANCE)
-        of = f"the {' and the '.join(parts)} of camera {self.camera}"
-        several = len(parts) > 1
-        if self.form == JUMP:
-            return f"{of} {'are others' if several else 'is another one'} from pose {self.from_pose} on"
-        if self.form == WARMTH:
-            return f"{of} {'follow' if several else 'follows'} the temperature"
-        if self.form == SCATTER:
-            return f"{of} {'differ' if several else 'differs'} from pose to pose, without order"
-        even = "evenly with time" if self.form == DRIFT else "with time, ever more slowly"
-        return f"{of} {'drift' if several else 'drifts'} {even}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return (
-            f"Photograph a field of targets that holds still with camera {self.camera}, rolled by 90 degrees in every "
-            "second image, before and after what it went through, and adjust its interior orientation each time."
-        )
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every form of every camera that its poses and columns allow."""
         rays = rays_of(scene)

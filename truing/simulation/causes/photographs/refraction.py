@@ -27,7 +27,6 @@ CURVATURES = ("xx", "yy", "zz", "xy", "xz", "yz")  # of the index, by the axes o
 _PLAUSIBLE_GRADIENT, _PLAUSIBLE_CURVATURE = 2.0 * _PPM, 2.0 * _PPM
 _PLAUSIBLE_PANE = 3e-3
 _SHARE_OF_AIR, _SHARE_OF_PANES = 0.5, 0.5
-STIR = "Measure the temperature of the air at three heights; stir it with a fan and repeat some poses."
 
 
 @dataclass(frozen=True)
@@ -47,20 +46,6 @@ class Refraction(RayCause):
     def subject(self) -> str:
         """Return the camera that looks through a pane; empty for air."""
         return f"camera {self.camera}" if self.camera else ""
-
-    @property
-    def says(self) -> str:
-        """Return what bends the rays."""
-        if not self.camera:
-            return "rays are bent: the refractive index of the air changes unevenly with height"
-        return f"camera {self.camera} looks through a pane of glass, which shifts rays the more the more they lean"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        if not self.camera:
-            return STIR
-        return f"Repeat some poses without what is before the lens of camera {self.camera}, at two distances."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return air and panes, where rays could show them."""
@@ -112,10 +97,6 @@ class EvenAir(Cause):
     step = Step.INSTRUMENT
     reads = frozenset()
     reach = 30.0
-    says = (
-        "measured shapes are bent as by air whose refractive index changes evenly with height, which rays do not show"
-    )
-    confirm = STIR
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the cause where points come from photographs."""

@@ -37,18 +37,6 @@ class OneBar(RayCause):
         """Return the bar."""
         return f"{BAR} {self.bar}"
 
-    @property
-    def says(self) -> str:
-        """Return what the bar does."""
-        return f"scale bar {self.bar} grows with temperature otherwise than stated, seen beside the other bars"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure to confirm it."""
-        return (
-            f"Calibrate bar {self.bar} at two temperatures, or photograph it beside a bar of known expansion at both."
-        )
-
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every bar that is seen beside another in poses of different temperature."""
         rays = rays_of(scene)
@@ -75,8 +63,6 @@ class AllBars(Cause):
     id = ID
     step = Step.INSTRUMENT
     reads = frozenset()
-    says = "the scale bars grow with temperature otherwise than stated, so that all that is measured shrinks by as much"
-    confirm = "Calibrate the bars at two temperatures, or photograph one beside a bar of known expansion at both."
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return the cause where bars give the scale, and the temperature varies."""

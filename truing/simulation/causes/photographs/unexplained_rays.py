@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import own_name
 from truing.simulation.cause import Cause, Parameter, Scene
 from truing.simulation.causes.following import POLYNOMIAL, WAVES, chebyshev, waves
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
@@ -52,25 +51,6 @@ class UnexplainedRays(Undeclared, RayCause):
     def key(self) -> str:
         """Return the name that tells it from others of its kind."""
         return f"{self.id} {self.subject} {self.name} {' '.join(self.columns)} {self.form} {self.terms}"
-
-    @property
-    def says(self) -> str:
-        """Return what the data show of it."""
-        return f"{self.name} of {self.subject} follows {self._followed}"
-
-    @property
-    def confirm(self) -> str:
-        """Return what to measure next."""
-        if set(self.columns) <= {TIME, ORDER}:
-            return "Repeat some poses in another order: does it go with the time, or with the pose?"
-        return f"Repeat some poses with another value of {self._followed}, everything else unchanged."
-
-    @property
-    def _followed(self) -> str:
-        said = [own_name(column).removesuffix("_s").removesuffix("_c").replace("_", " ") for column in self.columns]
-        if len(said) == 1:
-            return said[0]
-        return f"the square of {said[0]}" if said[0] == said[1] else f"the product of {said[0]} and {said[1]}"
 
     def follows(self, legs: int) -> tuple[str, ...]:
         """Return the columns that it follows."""

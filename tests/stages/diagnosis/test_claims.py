@@ -1,0 +1,97 @@
+"""Every cause has one wording, and that speaks of each of its candidates by what the tables hold of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from stages.diagnosis.claims import claim_of
+from tests.simulation.bench.sensor_benches import bench
+from tests.simulation.test_catalogue import LegsTooLong, sample_scene
+from truing.report.wordings.catalogue import WORDINGS, cause_words, clause, confirming
+from truing.simulation import causes
+from truing.simulation.cause import Cause
+from truing.simulation.causes.bench.counts import FringeSlip
+from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, SignalsExchanged
+from truing.simulation.causes.bodies import BodyDeformation
+from truing.simulation.causes.body_drift import BodyDrift
+from truing.simulation.causes.photographs.camera_instability import CameraInstability
+from truing.simulation.causes.photographs.refraction import Refraction
+from truing.simulation.causes.photographs.scale_bar_temperature import OneBar
+from truing.simulation.causes.photographs.unexplained_rays import UnexplainedRays
+from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
+
+OWN = (
+    *causes.OWN_CAUSES,
+    *causes.OWN_CAUSES_OF_READINGS,
+    *causes.OWN_CAUSES_OF_RAYS,
+    *causes.OWN_CAUSES_OF_PHOTOGRAPHED_POINTS,
+)
+SCENES = {"points": sample_scene(), "readings": bench().model().scene}
+FORMS = ("jump", "drift", "settles", "temperature", "scatter")
+DRIFTS = ({}, {"tau": 60.0}, {"waves": 3}, {"late": True, "start": 60.0}, {"from_pose": 12, "from_order": 11.0})
+ROWS = ((2, 12), (2, 17))
+
+
+MADE = (
+    TargetMoved("platform", "P07", 12, 11.0),
+    TargetsSwapped("platform", ("P04", "P07"), (3, 4)),
+    FringeSlip("dz", 4, 7),
+    FringeSlip("dz", 4, 7, lone=True),
+    *(
+        CameraInstability("1", what, form, 0.5, 12)
+        for what in (("c",), ("x0", "y0"), ("c", "x0", "y0"))
+        for form in FORMS
+    ),
+    UnexplainedRays(owner="1"),
+    Refraction("1"),
+    OneBar("A"),
+    *(BodyDrift("mirror", ("1", "2"), whole=whole, **how) for whole in (True, False) for how in DRIFTS),
+    *(BodyDeformation("mirror", ("1", "2"), terms=t, columns=t[:1]) for t in (("temperature_c",), ("approach el",))),
+    BodyDeformation("mirror", terms=("el", "el*el"), columns=("el",), whole=True),
+    BodyDeformation("mirror", terms=("base x", "base y", "base z"), columns=("base x", "base y", "base z")),
+)
+
+
+def candidates(kind: Cause) -> list[Cause]:
+    """Candidates of a telescope or a bench, and some that were made by hand."""
+    scene, made = SCENES.get(kind.acts_on), [cause for cause in MADE if isinstance(cause, type(kind))]
+    if scene is None or made:
+        return made or [kind]
+    members = [own.member(0, shape) for own in kind.profiles(scene) for shape in range(len(own.values))]
+    return [*kind.candidates(scene), *members] or [kind]
+
+
+def test_every_cause_of_the_project_has_a_wording_and_nothing_else_has():
+    assert {cause.id for cause in OWN} == set(WORDINGS)
+    assert len({cause_words(name) for name in WORDINGS}) == len(WORDINGS)
+
+
+@pytest.mark.parametrize("cause", OWN, ids=lambda cause: type(cause).__name__)
+def test_every_candidate_has_its_clause_and_its_advice(cause):
+    for candidate in candidates(cause):
+        claim = claim_of(candidate, 6)
+        kept = replace(claim, settings=json.loads(json.dumps(claim.settings)))
+        assert clause(kept) == clause(claim)
+        said, advice = clause(claim), confirming(claim).words
+        assert said
+        assert advice.endswith((".", "?"))
+        for words in (said, advice):
+            assert "None" not in words
+            assert "  " not in words
+        for name in (word for part in claim.subject.split() for word in [part.removeprefix("leg")] if word.isdigit()):
+            assert name in said
+
+
+def test_exchanged_rows_say_whether_loads_or_signals_stand_in_the_wrong_one():
+    loads, signals = (clause(claim_of(kind(ROWS, ("fz",)), 0)) for kind in (RowsExchanged, SignalsExchanged))
+    assert loads.startswith("the loads of steps 12 and 17 of run 2")
+    assert signals.startswith("the signals of steps 12 and 17 of run 2")
+
+
+def test_a_cause_of_a_lab_s_own_brings_its_words():
+    claim = claim_of(LegsTooLong(), 6)
+    assert clause(claim) == LegsTooLong.says
+    assert confirming(claim, LegsTooLong.confirm).words == "Measure a leg."

@@ -1,0 +1,305 @@
+"""What loads, sensor, beams, counters and signals do on a bench."""
+
+from __future__ import annotations
+
+import re
+
+from truing.report.wordings.claim import Claim, Size, Wording
+from truing.report.wordings.parts import largest, listed, only, positive, sure_of, told
+
+_ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
+_ALL_CHANNELS = "all linear channels"
+_OF_COLUMN = {
+    "per_k_material": ("material_temperature_c", "the temperature of the material"),
+    "per_k_air": ("air_temperature_c", "the temperature of the air"),
+}
+
+
+def _axis(claim: Claim) -> str:
+    """``fz`` of ``load fz``; empty for all axes."""
+    found = re.search(r"\bload (\w+)", claim.subject)
+    return found[1] if found else ""
+
+
+def load_words(axis: str, article: str = "the ", plural: bool = False) -> str:
+    """``the z load``, ``torques about x``; a word of the lab's own as it is; ``loads`` of all axes."""
+    ending = "s" if plural else ""
+    if axis not in _ALONG:
+        return f"{article}load{ending} {axis}".rstrip()
+    return (
+        f"{article}{_ALONG[axis]} load{ending}" if axis[0] == "f" else f"{article}torque{ending} about {_ALONG[axis]}"
+    )
+
+
+def _loads(claim: Claim) -> str:
+    """``z loads``; ``load`` of all axes."""
+    return load_words(_axis(claim), "", plural=True) if _axis(claim) else "load"
+
+
+def _under_loads(claim: Claim) -> str:
+    own = " (in their own component alone)" if claim.fact("own") else ""
+    return f"under {_loads(claim)}{own}"
+
+
+def _parts(claim: Claim) -> dict[str, str]:
+    """The run, channel and signal of a subject."""
+    return dict(re.findall(r"\b(run|channel|signal) (\S+)", claim.subject))
+
+
+def _channel(claim: Claim, otherwise: str = _ALL_CHANNELS) -> str:
+    parts = _parts(claim)
+    return next((f"{kind} {parts[kind]}" for kind in ("channel", "signal") if kind in parts), otherwise)
+
+
+def _where(claim: Claim, otherwise: str) -> str:
+    """The channel, signal or run that a cause concerns: ``channel dz``, ``channel dz in run 4``."""
+    parts, name = _parts(claim), _channel(claim, "")
+    if "run" not in parts:
+        return name or otherwise
+    return f"{name} in run {parts['run']}" if name else f"run {parts['run']}"
+
+
+def _towards(size: Size) -> str:
+    """``12.0 ± 0.1 mm towards +x``."""
+    return f"{told(positive(size))} towards {_direction(size)}"
+
+
+def _all_towards(sizes: list[Size]) -> str:
+    return " and ".join(map(_towards, sizes))
+
+
+def _direction(size: Size) -> str:
+    return f"{'−' if (size.number or 0.0) < 0.0 else '+'}{size.name.partition('_')[2][:1]}"
+
+
+def _eccentric(claim: Claim) -> str:
+    axis, sizes = _axis(claim), sure_of(claim.sizes)
+    if axis.startswith("m"):
+        return f"{load_words(axis)} brings a force along{': ' if sizes else ''}{_all_towards(sizes)}"
+    who, verb = (load_words(axis), "acts") if axis else ("the forces", "act")
+    if len(sizes) == 1:
+        return f"{who} {verb} {told(positive(sizes[0]))} beside the origin, towards {_direction(sizes[0])}"
+    return f"{who} {verb} beside the origin{': ' if sizes else ''}{_all_towards(sizes)}"
+
+
+def _shift_load(claim: Claim) -> str:
+    axis = _axis(claim)
+    if axis.startswith("m"):
+        return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit half round."
+    what = f"the load {axis}" if axis else "the loading frame"
+    turns = " and ".join(f"r{c}" for c in "xyz" if c != axis[1:]) if axis else "all rotations"
+    return f"Shift {what} sideways by a known millimetre and repeat the run, with {turns} measured."
+
+
+def _imbalance(claim: Claim) -> str:
+    """What differs between the directions, or grows with the load, first; what is in proportion is an eccentricity."""
+    differs = [
+        size for size in claim.sizes if size.name.endswith(("_asymmetry", "_growth")) and size.number is not None
+    ]
+    shown = largest(tuple(differs or claim.sizes))
+    who = load_words(_axis(claim))
+    if shown is None:
+        return f"the units that drive {who} are out of balance"
+    what, component = shown.name.split("_")[:2]
+    brought = f"a parasitic {what} {'about' if what == 'moment' else 'along'} {component}"
+    size = told(positive(shown))
+    if shown.name.endswith("_growth"):
+        return f"{who} brings {brought} that grows out of proportion, by {size} at the largest load"
+    if shown.name.endswith("_asymmetry"):
+        return f"{who} brings {brought} that differs by {size} between positive and negative load"
+    return f"{who} brings {brought}: {size}"
+
+
+def _one_unit(claim: Claim) -> str:
+    axis = _axis(claim)
+    return f"Drive {axis} with one unit at a time, pushing and pulling, and compare rotations and displacements."
+
+
+def _stiffness(claim: Claim) -> str:
+    size, more = only(claim, "scale")
+    if not size:
+        return f"the sensor's stiffness {_under_loads(claim)} is off by one factor"
+    return f"the sensor is {size} {'stiffer' if more else 'softer'} {_under_loads(claim)} than simulated"
+
+
+def _asymmetry(claim: Claim) -> str:
+    size, more = only(claim, "asymmetry")
+    if not size:
+        return f"the sensor gives more {_under_loads(claim)} of one sign than of the other"
+    one, other = ("positive", "negative") if more else ("negative", "positive")
+    loads = load_words(_axis(claim), "", plural=True)
+    return f"the sensor gives {size} more under {one} {loads} than under {other} ones"
+
+
+def _nonlinear(claim: Claim) -> str:
+    size, more = only(claim, "cubic")
+    gives = f": at the largest it gives {size} {'more' if more else 'less'} than in proportion" if size else ""
+    return f"the sensor is not linear {_under_loads(claim)}{gives}"
+
+
+def _hysteresis(claim: Claim) -> str:
+    size, more = only(claim, "width")
+    if not size:
+        return f"the deflection {_under_loads(claim)} depends on where the load came from"
+    way = "stays behind" if more else "runs ahead"
+    return f"the deflection {_under_loads(claim)} {way} on unloading, by {size} of the largest at half load"
+
+
+def _play(claim: Claim) -> str:
+    size, _ = only(claim, "clearance")
+    jumps = f"jumps by {size}" if size else "jumps"
+    return f"the joints have play: the platform {jumps} as {load_words(_axis(claim))} changes its sign"
+
+
+def _through_zero(claim: Claim) -> str:
+    axis = _axis(claim) or "the load"
+    return f"Pass {axis} through zero in ten small steps, and again with a constant load beside it."
+
+
+def _creep(claim: Claim) -> str:
+    size, more = only(claim, "fraction")
+    tau = claim.size("tau")
+    pace = f", with a time constant of {told(tau)}" if tau is not None else ""
+    of = f", by {size} of its deflection" if size else ""
+    return f"the sensor {'creeps on' if more else 'creeps back'} under {_loads(claim)}{of}{pace}"
+
+
+def _walk(claim: Claim) -> str:
+    size, up = only(claim, "rate")
+    way = f" {'up' if up else 'down'}, by {size}" if size else " evenly with time"
+    return f"the zero of {_where(claim, 'the channels')} walks{way}"
+
+
+def _unloaded(claim: Claim) -> str:
+    return f"Read {_channel(claim)} without load for as long as a run takes, and return to zero in every run."
+
+
+def _warm(claim: Claim) -> str:
+    each = [f"{_OF_COLUMN[s.name][1]} by {told(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
+    columns = claim.fact("columns") or ()
+    plain = [words for column, words in _OF_COLUMN.values() if column in columns]
+    return f"{_where(claim, 'every linear channel')} follows {' and '.join(each or plain) or 'the temperature'}"
+
+
+def _warm_room(claim: Claim) -> str:
+    return f"Read {_channel(claim)} without load while the room is warmed by a kelvin and cools down again."
+
+
+def _tilted(claim: Claim) -> str:
+    size, _ = only(claim, "angle")
+    return f"the beam of {_where(claim, 'a channel')} stands{f' {size}' if size else ''} off its axis"
+
+
+def _align(claim: Claim) -> str:
+    return f"Align the beam of {_channel(claim)} over a longer travel along its axis, and repeat the run."
+
+
+def _arm(claim: Claim) -> str:
+    sizes = sure_of(claim.sizes)
+    arm = f": {_all_towards(sizes)}" if sizes else ""
+    return f"the beam of {_where(claim, 'every linear channel')} misses the origin{arm}, so rotation leaks into it"
+
+
+def _shift_beam(claim: Claim) -> str:
+    return f"Shift the beam of {_channel(claim)} sideways by a known millimetre and repeat the run."
+
+
+def _dead_path(claim: Claim) -> str:
+    size = claim.size("dead_path")
+    long = f" of {told(size)}" if size is not None else ""
+    return f"{_where(claim, 'every linear channel')} carries a dead path{long} that is not compensated for the air"
+
+
+def _slip(claim: Claim) -> str:
+    count, onset = claim.size("count"), claim.fact("from_step")
+    since = f" from step {onset} on" if onset not in (None, "") else ""
+    if count is None or count.number is None:
+        return f"{_where(claim, 'a counter')} jumps by whole half wavelengths{since}"
+    number = int(count.number)
+    many = f"{abs(number)} half wavelength{'s' * (abs(number) != 1)} too {'many' if number > 0 else 'few'}"
+    return f"{_where(claim, 'a counter')} counts {many}{since}"
+
+
+def _slowly(claim: Claim) -> str:
+    run, signal = claim.fact("run"), claim.fact("channel")
+    return f"Repeat run {run} more slowly, return to zero at its end, and watch the signal of {signal}."
+
+
+def _crosstalk(claim: Claim) -> str:
+    size, more = only(claim, "fraction")
+    source = claim.fact("source")
+    other = f"signal {source}" if source else "another"
+    turned = "" if more else ", with its sign turned"
+    return f"{_where(claim, 'a signal')} carries {size or 'a fraction'} of {other}{turned}"
+
+
+def _disconnect(claim: Claim) -> str:
+    source, signal = claim.fact("source"), claim.fact("signal")
+    return f"Disconnect the bridge of {source}, load the sensor, and see how {signal} changes."
+
+
+def _rows(claim: Claim) -> str:
+    """``steps 12 and 17 of run 2``; of two runs ``step 3 of run 1 and step 4 of run 2``."""
+    rows = claim.fact("rows") or ()
+    pairs = [row.split("/") for row in rows.split()] if isinstance(rows, str) else rows
+    runs = {run for run, _ in pairs}
+    if len(runs) == 1:
+        return f"steps {listed(step for _, step in pairs)} of run {next(iter(runs))}"
+    return " and ".join(f"step {step} of run {run}" for run, step in pairs) or "two rows"
+
+
+def _exchanged(claim: Claim) -> str:
+    if claim.fact("step") == "instrument":
+        return f"the signals of {_rows(claim)} stand in each other's row"
+    components = claim.fact("components") or ()
+    names = components if isinstance(components, str) else " ".join(components)
+    within = f", in {names}" if names else ""
+    return f"the loads of {_rows(claim)} were written down in each other's row{within}"
+
+
+def _look_up(claim: Claim) -> str:
+    return f"Look up in the laboratory's notes what was applied at {_rows(claim)}, or apply both loads again."
+
+
+BENCH = {
+    "load-eccentricity": Wording("load eccentricity", _eccentric, _shift_load),
+    "load-imbalance": Wording("load imbalance", _imbalance, _one_unit),
+    "stiffness-scale": Wording(
+        "stiffness scale",
+        _stiffness,
+        "Measure the same deflection with another instrument, along the very line of the load.",
+    ),
+    "stiffness-asymmetry": Wording(
+        "stiffness asymmetry",
+        _asymmetry,
+        "Repeat the run with the sensor turned round, or with pre-load: what belongs to the sensor turns with it.",
+    ),
+    "stiffness-nonlinear": Wording(
+        "stiffness nonlinear",
+        _nonlinear,
+        "Load in smaller steps up to the largest load, and beyond it where that is allowed.",
+    ),
+    "hysteresis": Wording(
+        "hysteresis",
+        _hysteresis,
+        "Run up and down three times without a pause: a loop of constant width is hysteresis, a fading one creep.",
+    ),
+    "joint-clearance": Wording("joint clearance", _play, _through_zero),
+    "creep": Wording(
+        "creep",
+        _creep,
+        "Hold the largest load for ten times tau and read every tenth of it, then unload and go on reading.",
+    ),
+    "zero-drift": Wording("zero drift", _walk, _unloaded),
+    "thermal-drift": Wording("thermal drift", _warm, _warm_room),
+    "cosine-error": Wording("cosine error", _tilted, _align),
+    "abbe-offset": Wording("abbe offset", _arm, _shift_beam),
+    "dead-path": Wording(
+        "dead path",
+        _dead_path,
+        "Measure the path from beam splitter to mirror; read it unloaded while the air's pressure changes.",
+    ),
+    "fringe-slip": Wording("fringe slip", _slip, _slowly),
+    "crosstalk": Wording("crosstalk", _crosstalk, _disconnect),
+    "rows-exchanged": Wording("rows exchanged", _exchanged, _look_up),
+}

@@ -1,0 +1,128 @@
+"""Columns as a sentence names them, what something follows in a form that nobody declared, and the wording of that."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from schemas.covariates import own_name
+from truing.report.diagnosis.findings import subject_words
+from truing.report.wordings.claim import Claim, Wording
+from truing.report.wordings.parts import moves
+
+_DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
+_COLUMNS = {
+    "temperature_c": "the temperature",
+    "time_s": "time",
+    "order": "the order of measurement",
+    "time_in_run_s": "the time in the run",
+    "air_temperature_c": "the temperature of the air",
+    "material_temperature_c": "the temperature of the material",
+    "air_pressure_hpa": "the pressure of the air",
+    "relative_humidity_pct": "the humidity",
+    "own drive": "the displacement of each leg's own actuator",
+    "approach": "the direction from which each actuator came",
+    "last step": "how far each actuator moved last",
+    "memory": "how far each actuator moved lately",
+}
+_OF_TIME = {"time_s", "order", "time_in_run_s"}
+# What is made of a load, by what stands before its name.
+_OF_LOAD = {
+    "unloading ": "whether {} falls",
+    "direction of ": "the direction in which {} changes",
+    "largest so far ": "the largest size of {} so far in a run",
+}
+_WHOSE = {
+    "readings": "the effective readings of {}",
+    "lengths": "the effective lengths of {}",
+    "attachments": "the attachments of {} along the platform's z",
+    "attachments sideways": "the attachments of {} across the platform's z",
+}
+
+
+def columns_words(columns: tuple[str, ...]) -> str:
+    """Columns that something follows, as a sentence names them: ``actuator 2 and the temperature``, ``load fz``."""
+    drives = [found[1] for c in columns if (found := re.fullmatch(_DRIVE, c))]
+    loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
+    others = [_COLUMNS.get(c, c) for c in loads if not re.fullmatch(_DRIVE, c)]
+    if len(drives) > 2:
+        return " and ".join(["the actuators", *others])
+    told = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
+    return " and ".join([*told, *others])
+
+
+def column_words(column: str) -> str:
+    """One column: ``the displacement of actuator 3``, ``the load fz``, ``the temperature``."""
+    for start, words in _OF_LOAD.items():
+        if column.startswith(start):
+            return words.format(column_words(column.removeprefix(start)))
+    if drive := re.fullmatch(_DRIVE, column):
+        return f"the displacement of actuator {drive[1]}"
+    if load := re.fullmatch(_LOAD, column):
+        return f"the load {load[1]}"
+    return _COLUMNS.get(column, own_name(column))
+
+
+def product_words(names: Iterable[str]) -> str:
+    """``time``, ``the square of time``, ``the product of time and the temperature``."""
+    first, *more = names
+    if not more:
+        return first
+    return f"the square of {first}" if first == more[0] else f"the product of {first} and {more[0]}"
+
+
+def followed_words(claim: Claim) -> str:
+    """What it follows, in which form; by the table's columns alone where that has no settings."""
+    columns = claim.fact("columns")
+    if not columns:
+        return columns_words(claim.follows) or "none of the recorded columns"
+    said = [column_words(column) for column in columns]
+    first, half = said[0], claim.fact("half_ranges")[0]
+    size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
+    forms = {
+        "all drives": "the displacements of all actuators",
+        "period": f"{first}, to and fro with a period of {size}",
+        "beyond": f"{first}, by a jump beyond {size}",
+        "rest": f"{first} since the last long pause of a run, fading with some {half:.0f} s",
+        "gain": f"{first}, with a factor that follows {said[-1]}",
+    }
+    if claim.fact("form") == "memory":
+        return f"{first} of steps before"
+    return forms.get(claim.fact("form")) or product_words(said)
+
+
+_LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", "my_nm", "mz_nm"), "N m")
+
+
+def _clause(claim: Claim) -> str:
+    follows = "follows" if _is_one(claim) else "follow"
+    return f"{_whose(claim)} {follows} {followed_words(claim)}{moves(claim)}"
+
+
+def _is_one(claim: Claim) -> bool:
+    return claim.fact("quantity") in (None, "scale") or len(claim.fact("targets") or ()) == 1
+
+
+def _whose(claim: Claim) -> str:
+    """What follows: a quantity of legs, targets of a body, a channel, a number of a camera."""
+    quantity, targets = claim.fact("quantity"), list(claim.fact("targets") or ())
+    if quantity == "scale":
+        return "the scale of the measurement"
+    if quantity == "targets":
+        which = f"target {targets[0]}" if len(targets) == 1 else "the targets"
+        return f"{which} on {claim.fact('body')}"
+    if quantity in _WHOSE:
+        return _WHOSE[quantity].format(subject_words(claim.subject) or "the legs")
+    number = f"{claim.fact('name')} of " if claim.fact("name") else ""
+    return number + subject_words(claim.subject) if claim.subject else "something"
+
+
+def _advice(claim: Claim) -> str:
+    what = "load steps" if claim.fact("channel") else "poses"
+    if set(claim.fact("columns") or ()) <= _OF_TIME:
+        other = "load" if claim.fact("channel") else "pose"
+        return f"Repeat some {what} in another order: does it go with the time, or with the {other}?"
+    return f"Repeat some {what} with another value of {followed_words(claim)}, everything else unchanged."
+
+
+FOLLOWED = {"unexplained": Wording("unexplained", _clause, _advice)}
