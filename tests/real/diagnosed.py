@@ -36,6 +36,7 @@ def _finding(row: pd.Series) -> dict[str, Any]:
         "cause": row["cause"],
         "subject": row["subject"],
         "says": row["clause"],
+        "settings": json.loads(row["settings"]),
         "before": float(row["rms_before"]),
         "after": float(row["rms_after"]),
         "value": {name: told["value"] for name, told in json.loads(row["parameters"]).items()},

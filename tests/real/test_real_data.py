@@ -111,8 +111,8 @@ def test_the_drift_of_the_stability_run_is_of_each_body_as_a_whole(facts):
 def test_deformation_with_elevation_and_hysteresis_are_named(facts):
     for campaign, body in (("so-lat-elevation", "receiver"), ("so-lat-mirror", "secondary"), ("so-lat-sag", "primary")):
         assert _found(facts, campaign)[0] == ("body-deformation", body)
-    said = [row["says"] for row in facts["so-lat-mirror"]["diagnosis"]["found"]]
-    assert any("stands elsewhere after elevation_deg went up" in words for words in said)
+    settings = [row["settings"] for row in facts["so-lat-mirror"]["diagnosis"]["found"]]
+    assert any(own.get("whole") and own.get("terms") == ["approach elevation_deg"] for own in settings)
 
 
 def test_codes_that_were_used_again_metres_away_are_named_with_their_way(facts):
@@ -123,8 +123,8 @@ def test_codes_that_were_used_again_metres_away_are_named_with_their_way(facts):
 def test_the_wheelchair_deforms_with_an_arm(facts):
     cause, subject = _found(facts, "mocap-full")[0]
     assert (cause, subject) == ("body-deformation", "Wheelchair")
-    says = facts["mocap-full"]["diagnosis"]["found"][0]["says"]
-    assert re.search("where body (Arm|Forearm|Glove)[LR] is", says), says
+    columns = facts["mocap-full"]["diagnosis"]["found"][0]["settings"]["columns"]
+    assert re.fullmatch("(Arm|Forearm|Glove)[LR] x", columns[0]), columns
 
 
 def test_a_six_axis_sensor_is_calibrated_to_the_stated_residuals(facts):

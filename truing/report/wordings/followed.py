@@ -14,7 +14,7 @@ _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
 _COLUMNS = {
     "temperature_c": "the temperature",
     "time_s": "time",
-    "order": "the order of measurement",
+    "order": "the order of the poses",
     "time_in_run_s": "the time in the run",
     "air_temperature_c": "the temperature of the air",
     "material_temperature_c": "the temperature of the material",
@@ -76,7 +76,8 @@ def followed_words(claim: Claim) -> str:
     columns = claim.fact("columns")
     if not columns:
         return columns_words(claim.follows) or "none of the recorded columns"
-    said = [column_words(column) for column in columns]
+    of_steps = {"order": "the order of the steps"} if claim.fact("channel") else {}
+    said = [of_steps.get(column) or column_words(column) for column in columns]
     first, half = said[0], claim.fact("half_ranges")[0]
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
     forms = {
