@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
 from stages.common.point_arrays import number_column, positions
-from truing.simulation.causes.following import APPROACH, LAST_STEP, MEMORY, ORDER
+from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER
 from truing.simulation.unknowns import Conditions
 
 if TYPE_CHECKING:

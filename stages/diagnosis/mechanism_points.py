@@ -17,8 +17,8 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.cause import Cause
-from truing.simulation.causes.following import ORDER
 from truing.simulation.causes.targets import TargetsSwapped
+from truing.simulation.inputs import ORDER
 from truing.simulation.kinematics import unit
 from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism

@@ -27,7 +27,7 @@ from tests.blind.generator.schedule import even_moves, published_moves
 from tests.tolerance import assert_between
 from truing.simulation import targets as kinds
 from truing.simulation.cause import Cause
-from truing.simulation.causes.following import APPROACH, ORDER
+from truing.simulation.inputs import APPROACH, ORDER
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import ShapeUnknowns

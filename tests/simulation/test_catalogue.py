@@ -13,7 +13,7 @@ from tests.tolerance import assert_close
 from truing.simulation import causes, installed
 from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
 from truing.simulation.causes.bench.channels import ZeroDrift
-from truing.simulation.causes.unexplained import Unexplained
+from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.chain import simulate
 from truing.simulation.legs import Change
 from truing.simulation.state import State
@@ -97,7 +97,7 @@ def test_every_cause_says_what_the_contract_asks_of_it(cause: Cause) -> None:
 
 
 def test_a_form_that_nobody_declared_claims_nothing_beyond_the_range_of_what_it_follows() -> None:
-    own = Unexplained(columns=("time_s",), centres=(50.0,), half_ranges=(50.0,), degree=3)
+    own = NonparametricMechanismEffect(columns=("time_s",), centres=(50.0,), half_ranges=(50.0,), degree=3)
     assert own.covers({"time_s": np.array([0.0, 100.0, 101.0, -1.0])}, 4).tolist() == [True, True, False, False]
     assert own.covers({}, 2).all()
 

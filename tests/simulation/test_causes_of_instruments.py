@@ -13,12 +13,14 @@ from tests.simulation.telescope import sample_model
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.cause import Cause, Scene
 from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
-from truing.simulation.causes.following import ALL_DRIVES, APPROACH, LAST_STEP, ORDER, OWN_DRIVE, WAVES
 from truing.simulation.causes.measurement_scale import BOTH, MeasurementScale
+from truing.simulation.causes.nonparametric import ALL_DRIVES, Quantity
+from truing.simulation.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.causes.per_leg import choice_share, choices
 from truing.simulation.causes.pitches import distinct_pitches
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
-from truing.simulation.causes.unexplained import Quantity, Unexplained, unexplained
+from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER, OWN_DRIVE
+from truing.simulation.nonparametric import WAVES
 from truing.simulation.point_model import PointModel
 
 STEP = 1e-30
@@ -34,16 +36,16 @@ CAUSES: tuple[Cause, ...] = (
     MeasurementScale(),
     MeasurementScale(BOTH),
     TargetMoved("platform", "T7", 5, 4.0),
-    unexplained(quantity=Quantity.LENGTHS, degree=3, **OWN),
-    unexplained(quantity=Quantity.ATTACHMENTS, legs=(3,), **PRODUCT),
-    unexplained(quantity=Quantity.ATTACHMENTS_SIDEWAYS, degree=2, **OWN),
-    unexplained(quantity=Quantity.SCALE, form=WAVES, degree=4, **TIME),
-    unexplained(quantity=Quantity.TARGETS, body="base", targets=("T1", "T3"), degree=2, **TIME),
-    unexplained(
+    Nonparametric(quantity=Quantity.LENGTHS, degree=3, **OWN),
+    Nonparametric(quantity=Quantity.ATTACHMENTS, legs=(3,), **PRODUCT),
+    Nonparametric(quantity=Quantity.ATTACHMENTS_SIDEWAYS, degree=2, **OWN),
+    Nonparametric(quantity=Quantity.SCALE, form=WAVES, degree=4, **TIME),
+    Nonparametric(quantity=Quantity.TARGETS, body="base", targets=("T1", "T3"), degree=2, **TIME),
+    Nonparametric(
         quantity=Quantity.TARGETS, body="platform", targets=("T6", "T8"), places=(1.0, -0.5, -1.0, 0.3), **PRODUCT
     ),
-    unexplained(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES),
-    unexplained(first=3, degree=4, **OWN),
+    Nonparametric(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES),
+    Nonparametric(first=3, degree=4, **OWN),
 )
 
 
@@ -188,7 +190,7 @@ def test_swapped_targets_are_told_by_their_poses() -> None:
 
 
 @pytest.mark.parametrize(
-    "cause", [ActuatorGain(), ActuatorBacklash(), PeriodicError(), MeasurementScale(), Unexplained()]
+    "cause", [ActuatorGain(), ActuatorBacklash(), PeriodicError(), MeasurementScale(), Nonparametric()]
 )
 def test_candidates_differ_and_keep_their_settings(cause: Cause) -> None:
     scene = _model([]).scene
@@ -210,7 +212,7 @@ def test_candidates_are_those_that_could_show() -> None:
 
 def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -> None:
     """Neither a gain, nor backlash, nor a linear deformation of the platform is among what may follow."""
-    for cause in Unexplained().candidates(_model([]).scene):
+    for cause in Nonparametric().candidates(_model([]).scene):
         own = cause.settings()
         in_proportion = own["columns"] == (OWN_DRIVE,) and own["degree"] == 1
         assert not (own["quantity"] in (Quantity.READINGS, Quantity.ATTACHMENTS) and in_proportion)
@@ -218,10 +220,10 @@ def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -
 
 
 def test_what_follows_names_the_columns() -> None:
-    assert unexplained(legs=(3,), **OWN).follows(6) == ("rho3_mm",)
-    assert unexplained(**PRODUCT).follows(6) == ("rho2_mm", "temperature_c")
-    assert unexplained(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).follows(6) == ("time_s",)
-    assert unexplained(legs=(1,), columns=(LAST_STEP,), centres=(0.0,), half_ranges=(1.0,)).needs(6) == (
+    assert Nonparametric(legs=(3,), **OWN).follows(6) == ("rho3_mm",)
+    assert Nonparametric(**PRODUCT).follows(6) == ("rho2_mm", "temperature_c")
+    assert Nonparametric(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).follows(6) == ("time_s",)
+    assert Nonparametric(legs=(1,), columns=(LAST_STEP,), centres=(0.0,), half_ranges=(1.0,)).needs(6) == (
         "rho1_mm",
         "time_s",
     )
@@ -230,7 +232,7 @@ def test_what_follows_names_the_columns() -> None:
 def test_further_terms_of_a_form_begin_where_it_ends() -> None:
     """Of all legs that it concerns or of single ones; together with it they are the form of the higher degree."""
     model = _model([])
-    found = unexplained(degree=2, legs=(2, 5), **OWN)
+    found = Nonparametric(degree=2, legs=(2, 5), **OWN)
     further = found.further(model.scene)
     assert {(own.legs, own.first, own.degree) for own in further} == {
         (legs, 3, degree) for legs in ((2, 5), (2,), (5,)) for degree in (3, 4)
@@ -241,9 +243,9 @@ def test_further_terms_of_a_form_begin_where_it_ends() -> None:
     assert [p.name for p in own.parameters(6)] == ["leg5_degree3", "leg5_degree4"]
     assert own.with_settings(**own.settings()) == own
     state = model.state(np.zeros(model.shared_size), np.zeros((POSES, model.local_size)))
-    whole = unexplained(degree=4, legs=(5,), **OWN).following.basis(state)
-    assert np.array_equal(own.following.basis(state), whole[..., 2:])
-    assert not unexplained(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES).further(model.scene)
+    whole = Nonparametric(degree=4, legs=(5,), **OWN).functions(state)
+    assert np.array_equal(own.functions(state), whole[..., 2:])
+    assert not Nonparametric(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES).further(model.scene)
 
 
 def test_choices_of_legs_share_their_probability() -> None:
@@ -256,8 +258,8 @@ def test_choices_of_legs_share_their_probability() -> None:
 def test_a_body_without_legs_has_targets_that_follow_columns() -> None:
     model = _model([])
     scene: Scene = replace(model.scene, readings=np.zeros((POSES, 0)), rho0=np.zeros(0))
-    quantities = {cause.settings()["quantity"] for cause in Unexplained().candidates(scene)}
+    quantities = {cause.settings()["quantity"] for cause in Nonparametric().candidates(scene)}
     assert quantities == {Quantity.SCALE}
-    single, waves = Unexplained().profiles(scene)
+    single, waves = Nonparametric().profiles(scene)
     assert single.values.shape[1:] == (POSES, 1)
     assert waves.member(3, 0).settings()["targets"] == ("T3",)

@@ -14,7 +14,7 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue
-from truing.simulation.causes.unexplained import unexplained
+from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.extended_model import ExtendedModel, predict_poses, with_targets
 from truing.simulation.model_text import read_model, write_model
 from truing.simulation.point_model import PointModel
@@ -64,7 +64,7 @@ def test_the_survey_and_its_noise_are_kept() -> None:
 def test_a_change_of_the_bases_shape_moves_its_frame_as_the_targets_have_it() -> None:
     """A cause that moves targets of the base moves what poses are seen from; without targets nothing says so."""
     rng = np.random.default_rng(8)
-    cause = unexplained(
+    cause = NonparametricMechanismEffect(
         quantity="targets",
         columns=("time_s",),
         centres=(1800.0,),

@@ -10,15 +10,16 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Effect
 from truing.simulation.causes.flexure_shift import FlexureShift
-from truing.simulation.causes.unexplained import APPROACH, OWN_DRIVE, Unexplained
+from truing.simulation.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.chain import simulate
+from truing.simulation.inputs import APPROACH, OWN_DRIVE
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, PLATFORM
 
 STEP = 1e-30
-DRIVEN = Unexplained(columns=(OWN_DRIVE,), centres=(0.0,), half_ranges=(1.3e-3,), degree=3)
-TIMED = Unexplained(columns=("time_s",), centres=(1800.0,), half_ranges=(1800.0,), degree=2)
+DRIVEN = Nonparametric(columns=(OWN_DRIVE,), centres=(0.0,), half_ranges=(1.3e-3,), degree=3)
+TIMED = Nonparametric(columns=("time_s",), centres=(1800.0,), half_ranges=(1800.0,), degree=2)
 
 
 @pytest.fixture(scope="module")
@@ -124,14 +125,19 @@ def test_an_unnamed_effect_follows_its_covariate_and_nothing_else() -> None:
     timed = simulate(
         legs,
         rho,
-        [Effect(Unexplained(columns=("warmth",), centres=(20.0,), half_ranges=(10.0,), degree=1), values)],
+        [
+            Effect(
+                Nonparametric(columns=("warmth",), centres=(20.0,), half_ranges=(10.0,), degree=1),
+                values,
+            )
+        ],
         covariates,
     )
     assert_close(timed.delta_rho, np.outer([-1.0, 0.0, 1.0], values), atol=1e-18, what="rho, m")
     backlash = simulate(
         legs,
         rho,
-        [Effect(Unexplained(columns=(APPROACH,), centres=(0.0,), half_ranges=(1.0,), degree=1), values)],
+        [Effect(Nonparametric(columns=(APPROACH,), centres=(0.0,), half_ranges=(1.0,), degree=1), values)],
         covariates,
     )
     assert_close(backlash.delta_rho, np.outer([1.0, -1.0, 1.0], values), atol=1e-18, what="rho, m")

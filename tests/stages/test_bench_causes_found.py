@@ -20,8 +20,7 @@ from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue_of_readings
 from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
 from truing.simulation.causes.bench.load_path import LoadEccentricity
-from truing.simulation.causes.bench.readings_followed import BEYOND, GAIN, PERIOD, SO_FAR, WAY
-from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
+from truing.simulation.causes.bench.nonparametric import BEYOND, GAIN, PERIOD, SO_FAR, WAY, NonparametricReadingEffect
 
 
 def _found(
@@ -79,13 +78,13 @@ def test_of_a_declared_arm_what_is_left_is_found_unless_it_is_as_uncertain() -> 
     assert not _found(5, AbbeOffset("dz"), [0.02, -0.01], unsure)
 
 
-SETTLES = UnexplainedReadings("ry", (SO_FAR + "mx_nm",), (0.0,), (5000.0,), scale=ARCSEC)
-RUBS = UnexplainedReadings("rx", (WAY + "mx_nm",), scale=ARCSEC)
-RIPPLES = UnexplainedReadings("dy", ("fy_n",), (0.0,), (7000.0,), PERIOD, 2, scale=1e-6)
+SETTLES = NonparametricReadingEffect((SO_FAR + "mx_nm",), (0.0,), (5000.0,), channel="ry", scale=ARCSEC)
+RUBS = NonparametricReadingEffect(channel="rx", columns=(WAY + "mx_nm",), scale=ARCSEC)
+RIPPLES = NonparametricReadingEffect(("fy_n",), (0.0,), (7000.0,), PERIOD, 2, channel="dy", scale=1e-6)
 # Under its own load, where a stiffness takes most of it.
-SLIPS = UnexplainedReadings("rz", ("mz_nm",), (0.0,), (2250.0,), BEYOND, 2, scale=ARCSEC)
+SLIPS = NonparametricReadingEffect(("mz_nm",), (0.0,), (2250.0,), BEYOND, 2, channel="rz", scale=ARCSEC)
 # As a tilted beam would show it, if the air did not warm.
-WARMS = UnexplainedReadings("dx", ("fy_n", AIR), (0.0, 20.0), (1e4, 0.5), GAIN, 2, scale=1e-6)
+WARMS = NonparametricReadingEffect(("fy_n", AIR), (0.0, 20.0), (1e4, 0.5), GAIN, 2, channel="dx", scale=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +97,9 @@ WARMS = UnexplainedReadings("dx", ("fy_n", AIR), (0.0, 20.0), (1e4, 0.5), GAIN, 
         (WARMS, [0.0, 1e-5], f"fy_n {AIR}"),
     ],
 )
-def test_what_no_cause_explains_is_unexplained(cause: UnexplainedReadings, values: list[float], follows: str) -> None:
+def test_what_no_cause_explains_is_unexplained(
+    cause: NonparametricReadingEffect, values: list[float], follows: str
+) -> None:
     (only,) = _found(5, cause, values)
     assert (only.cause.id, only.cause.subject) == ("unexplained", f"channel {cause.channel}")
     assert " ".join(only.cause.follows(6)) == follows

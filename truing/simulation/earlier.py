@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause
-from truing.simulation.causes.following import drive_of
 from truing.simulation.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
+from truing.simulation.inputs import drive_of
 from truing.simulation.prior_campaign import Earlier, Part, centred, clipped, marginal
 from truing.simulation.targets import BASE, PLATFORM
 from truing.simulation.unknowns import FREE_LENGTH_M, Unknowns

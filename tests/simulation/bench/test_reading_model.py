@@ -22,7 +22,7 @@ from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, Zero
 from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
 from truing.simulation.causes.bench.load_history import Creep
 from truing.simulation.causes.bench.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
-from truing.simulation.causes.bench.readings_followed import BEYOND, GAIN, REST, fading_times
+from truing.simulation.causes.bench.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
 from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
     JointClearance,
@@ -30,7 +30,6 @@ from truing.simulation.causes.bench.stiffness import (
     StiffnessNonlinear,
     StiffnessScale,
 )
-from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
 from truing.simulation.six_upur.influence import influence_matrix
 from truing.simulation.six_upur.loading import AXES
 
@@ -167,13 +166,13 @@ def _effects() -> dict[str, tuple[Cause, list[float], int, NDArray]]:
         "arm": (AbbeOffset("dz"), [0.01, 0.02], 2, np.cross(motion[:, 3:], [0.01, 0.02, 0.0])[:, 2]),
         "slip": (FringeSlip("dz", 3, 7, 7), [-2.0], 2, -2 * 316.495e-9 * ((run == 3) & (own.conditions.step >= 7))),
         "jump": (
-            UnexplainedReadings("rx", ("fz_n",), (0.0,), (4e3,), BEYOND, 2),
+            NonparametricReadingEffect(("fz_n",), (0.0,), (4e3,), BEYOND, 2, channel="rx"),
             [2 * ARCSEC, -ARCSEC],
             3,
             2 * ARCSEC * (fz > 4e3) - ARCSEC * (fz < -4e3),
         ),
         "gain": (
-            UnexplainedReadings("dy", ("fz_n", AIR), (0.0, 20.0), (1e4, 2.0), GAIN, 2),
+            NonparametricReadingEffect(("fz_n", AIR), (0.0, 20.0), (1e4, 2.0), GAIN, 2, channel="dy"),
             [1e-6, 3e-6],
             1,
             fz / 1e4 * (1e-6 + 3e-6 * (air[AIR] - 20.0) / 2.0),
@@ -245,7 +244,7 @@ def test_what_comes_with_a_break_fades_and_is_not_tried_without_one() -> None:
     assert not len(fading_times(steps, everywhere))
     assert np.median(steps.held_s) <= fading_times(broken, everywhere)[0] < 200.0
     state: Any = SimpleNamespace(steps=broken)
-    found = UnexplainedReadings("dy", half_ranges=(200.0,), form=REST).slopes(state, np.ones(1))
+    found = NonparametricReadingEffect(channel="dy", half_ranges=(200.0,), form=REST).slopes(state, np.ones(1))
     since = np.where(late, broken.time_s - broken.time_s[late].min(), np.inf)
     expected = np.exp(-since[:, None] / 200.0) * (np.array(broken.channels) == "dy")
     assert_close(found[..., 0], expected, atol=1e-12, what="since the break")

@@ -18,9 +18,9 @@ from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, Signals
 from truing.simulation.causes.bodies import BodyDeformation
 from truing.simulation.causes.body_drift import BodyDrift
 from truing.simulation.causes.photographs.camera_instability import CameraInstability
+from truing.simulation.causes.photographs.nonparametric import NonparametricRayEffect
 from truing.simulation.causes.photographs.refraction import Refraction
 from truing.simulation.causes.photographs.scale_bar_temperature import OneBar
-from truing.simulation.causes.photographs.unexplained_rays import UnexplainedRays
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 
 OWN = (
@@ -45,7 +45,7 @@ MADE = (
         for what in (("c",), ("x0", "y0"), ("c", "x0", "y0"))
         for form in FORMS
     ),
-    UnexplainedRays(owner="1"),
+    NonparametricRayEffect(owner="1"),
     Refraction("1"),
     OneBar("A"),
     *(BodyDrift("mirror", ("1", "2"), whole=whole, **how) for whole in (True, False) for how in DRIFTS),

@@ -24,8 +24,8 @@ from tests.blind.generator.strange import ReadingsFollow
 from tests.cut_telescope import cut_telescope
 from tests.stages.line import run_line
 from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, Shape
+from truing.simulation import inputs
 from truing.simulation.bench import reading_state
-from truing.simulation.causes import following
 from truing.simulation.causes.body_terms import CAME_FROM, place_columns
 
 BENCH = Path(__file__).resolve().parents[3] / "sample_data" / "force-sensor"
@@ -73,10 +73,10 @@ def test_configurations_carry_covariates_of_any_name(tmp_path: Path) -> None:
     _assert_all_there({own_name(name): table.column(name).to_numpy() for name in table.column_names}, given)
     poses = tuple(table.column("pose").to_pylist())
     known = pose_conditions(table, poses, 6, 1e-6).covariates
-    program = (following.ORDER, *following.LOOKING_BACK)
+    program = (inputs.ORDER, *inputs.LOOKING_BACK)
     _assert_all_there({own_name(name): value for name, value in known.items() if name not in program}, given)
-    assert np.array_equal(np.sort(known[following.ORDER]), np.arange(len(poses)))
-    assert known[following.APPROACH].shape == (len(poses), 6)
+    assert np.array_equal(np.sort(known[inputs.ORDER]), np.arange(len(poses)))
+    assert known[inputs.APPROACH].shape == (len(poses), 6)
 
 
 def test_an_interferometer_carries_covariates_of_any_name(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_the_program_s_own_names_are_kept_apart() -> None:
     """Every name that a cause may follow without its being a column of the campaign."""
     of_steps = (reading_state.ORDER, reading_state.IN_RUN)
     of_drives = (CAME_FROM + "elevation_deg", *place_columns("platform"))
-    for name in (*following.PER_ACTUATOR, following.ORDER, *of_steps, *of_drives):
+    for name in (*inputs.PER_ACTUATOR, inputs.ORDER, *of_steps, *of_drives):
         assert stand_in(name) != name
         assert own_name(stand_in(name)) == name
         assert stand_in(stand_in(name)) == stand_in(name)

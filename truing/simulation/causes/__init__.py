@@ -9,6 +9,7 @@ from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, Zero
 from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
 from truing.simulation.causes.bench.load_history import Creep
 from truing.simulation.causes.bench.load_path import LoadEccentricity, LoadImbalance
+from truing.simulation.causes.bench.nonparametric import NonparametricReadingEffect
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged
 from truing.simulation.causes.bench.stiffness import (
     Hysteresis,
@@ -17,24 +18,23 @@ from truing.simulation.causes.bench.stiffness import (
     StiffnessNonlinear,
     StiffnessScale,
 )
-from truing.simulation.causes.bench.unexplained_readings import UnexplainedReadings
 from truing.simulation.causes.bodies import BodyDeformation
 from truing.simulation.causes.body_drift import BodyDrift
 from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
 from truing.simulation.causes.flexure_shift import FlexureShift
 from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.measurement_scale import MeasurementScale
+from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.causes.photographs.camera_instability import CameraInstability
+from truing.simulation.causes.photographs.nonparametric import NonparametricRayEffect
 from truing.simulation.causes.photographs.refraction import EvenAir, Refraction
 from truing.simulation.causes.photographs.scale_bar_temperature import AllBars, OneBar
-from truing.simulation.causes.photographs.unexplained_rays import UnexplainedRays
 from truing.simulation.causes.platform_deformation import (
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
-from truing.simulation.causes.unexplained import Unexplained
 from truing.simulation.causes.warmth import LegThermal, ThermalExpansion
 from truing.simulation.installed import with_installed
 
@@ -55,7 +55,7 @@ OWN_CAUSES: tuple[Cause, ...] = (
     TargetsSwapped(),
     BodyDeformation(),
     BodyDrift(),
-    Unexplained(),
+    NonparametricMechanismEffect(),
 )
 # What is known of a sensor on its bench.
 OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
@@ -75,10 +75,10 @@ OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
     FringeSlip(),
     Crosstalk(),
     RowsExchanged(),
-    UnexplainedReadings(),
+    NonparametricReadingEffect(),
 )
 # What rays of photographs tell by themselves, and what points do that were computed from them.
-OWN_CAUSES_OF_RAYS: tuple[Cause, ...] = (CameraInstability(), OneBar(), Refraction(), UnexplainedRays())
+OWN_CAUSES_OF_RAYS: tuple[Cause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
 OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[Cause, ...] = (AllBars(), EvenAir())
 # Of those of mechanisms, what a body without a mechanism knows.
 _OF_BODIES = (
