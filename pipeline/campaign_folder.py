@@ -99,9 +99,9 @@ def _expected_instead(place: Path) -> str:
 
 
 def _toml_fault(file: Path, error: tomllib.TOMLDecodeError) -> Fault:
-    message = str(error)
-    line = re.search(r"line (\d+)", message)
-    what = message.split(" (at ")[0]
+    of_library = str(error)
+    line = re.search(r"line (\d+)", of_library)
+    what = of_library.split(" (at ")[0]
     return Fault(str(file), f"valid TOML; {what}", row=int(line[1]) if line else None)
 
 

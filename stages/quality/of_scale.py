@@ -136,7 +136,7 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
     limit, name = limits.of("bar-lengths"), rows.column("bar").to_pylist()[worst]
     off = f"{1e3 * deviation[worst]:+.1f} ± {1e3 * sigma[worst]:.1f} um from its"
     length, pose = number_column(rows, "length_mm")[worst], rows.column("pose").to_pylist()[worst]
-    if subject.startswith("bar "):
+    if not name.startswith(_NO_BAR):
         said = (
             f"Bar {name} ({rows.column('serves').to_pylist()[0]}) is {off} calibrated {length:.3f} mm in pose {pose}, "
         )

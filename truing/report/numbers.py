@@ -13,6 +13,7 @@ _HANDIER = {
     "urad": (1e3, math.inf, "mrad", 1e-3),
 }
 _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
+_LEAST_P = 1e-6
 
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
@@ -108,7 +109,12 @@ def p_value(p: float | None) -> str:
     """A p-value as a reader wants it."""
     if p is None or not math.isfinite(p):
         return "–"
-    return "< 1e-6" if p < 1e-6 else f"{p:.2g}"
+    return "< 1e-6" if p < _LEAST_P else f"{p:.2g}"
+
+
+def p_equals(p: float) -> str:
+    """The same behind a letter: ``= 0.02``, ``< 1e-6``."""
+    return p_value(p) if p < _LEAST_P else f"= {p_value(p)}"
 
 
 def percent(value: float) -> str:

@@ -26,11 +26,15 @@ def symbols(words: str) -> str:
 
 def kind_of(parameter: str, leg: float) -> str:
     """What a parameter is in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
+    column = _column_of(parameter, leg)
+    return f"K, ρ{column}" if column else _said(parameter)
+
+
+def _column_of(parameter: str, leg: float) -> str:
+    """The drive of an entry of K, ``2`` of ``K12`` or ``10`` of ``K1_10``; empty of other parameters."""
     own = f"K{int(leg)}" if leg == leg else "K"
-    column = parameter.removeprefix(own).removeprefix("_")  # K1_10, where legs have two digits
-    if parameter.startswith(own) and column.isdigit():
-        return f"K, ρ{column}"
-    return _said(parameter)
+    column = parameter.removeprefix(own).removeprefix("_")
+    return column if parameter.startswith(own) and column.isdigit() else ""
 
 
 def _said(parameter: str) -> str:
@@ -44,7 +48,7 @@ def _said(parameter: str) -> str:
 
 def name_of(parameter: str, leg: float) -> str:
     """One parameter as a sentence names it: ``u_x of leg 1``, ``K12``."""
-    if leg != leg or kind_of(parameter, leg).startswith("K, "):
+    if leg != leg or _column_of(parameter, leg):
         return _said(parameter)
     return f"{_said(parameter)} of leg {int(leg)}"
 

@@ -21,8 +21,7 @@ def filled(tables: Tables, name: str) -> pd.DataFrame | None:
 def reason(tables: Tables, name: str) -> str:
     """Why the stage that left a table did not evaluate it, as it said itself; empty where it said no such thing."""
     why = str(tables[name].attrs.get(WHY_NOT, "")) if name in tables else ""
-    end = "" if why.endswith("?") else "."
-    return f"{why[:1].upper()}{why[1:]}{end}" if why else ""
+    return f"{why[:1].upper()}{why[1:]}{'' if why[-1] == '?' else '.'}" if why else ""
 
 
 def cell(value: object) -> str:

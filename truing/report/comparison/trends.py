@@ -102,12 +102,14 @@ def _line(
 ) -> go.Scatter:
     import plotly.graph_objects as go
 
-    name = called(next(rows.itertuples())) if rows["leg"].isna().all() else f"leg {int(rows['leg'].iloc[0])}"
+    first = next(rows.itertuples())
+    name = called(first) if rows["leg"].isna().all() else f"leg {int(first.leg)}"
+    short = first.parameter if first.group in ("compliance", "G_B") else name
     return go.Scatter(
         x=rows["place"] + aside,
         y=shift,
         mode="lines+markers",
-        name=label(name.removeprefix("compliance ").removeprefix("G_B ")),
+        name=label(short),
         line={"color": colour, "width": 1},
         marker={"color": colour, "symbol": symbol, "size": 8},
         error_y={"type": "data", "array": _BAR * factor * rows["sigma"], "thickness": 1, "width": 3},

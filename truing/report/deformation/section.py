@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from truing.report.deformation import figures as deformation_figures
 from truing.report.figure_style import label
 from truing.report.model_tests import ModelTest, by_p, listing_of
-from truing.report.numbers import p_value, quantity
+from truing.report.numbers import p_equals, p_value, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_deformation
 from truing.report.scene.by_leg import by_leg
@@ -157,11 +157,11 @@ def _sentence(tables: Tables) -> str:
     if ("matrix", "p_value_over_linear") in facts:
         p = float(facts[("matrix", "p_value_over_linear")])
         verb = "earns" if p < 0.01 else "does not earn"
-        words.append(f"The matrix model {verb} its parameters over the linear one (p {_equals(p)}).")
+        words.append(f"The matrix model {verb} its parameters over the linear one (p {p_equals(p)}).")
     elif ("linear", "p_value_over_none") in facts:
         p = float(facts.xs(("linear", "p_value_over_none")).min())
         earns = "earns" if p < 0.01 else "does not earn"
-        words.append(f"The linear model {earns} its parameters over none (p {_equals(p)}).")
+        words.append(f"The linear model {earns} its parameters over none (p {p_equals(p)}).")
     if ("matrix", "rank") in facts:
         words.append(f"K has {int(facts[('matrix', 'rank')])} independent shapes above noise.")
     if ("none", "share_buckle") in facts:
@@ -172,11 +172,6 @@ def _sentence(tables: Tables) -> str:
     if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
         words.append("Known modulo a plane only: the platform has fewer than three targets away from its attachments.")
     return " ".join(words) or "Coefficients and errors of the deformation models."
-
-
-def _equals(p: float) -> str:
-    said = p_value(p)
-    return said if said.startswith("<") else f"= {said}"
 
 
 def _errors(tables: Tables) -> Listing:

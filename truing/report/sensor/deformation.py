@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from truing.report.deformation.figures import compliance_map
 from truing.report.model_tests import ModelTest, by_p, listing_of, state_of
-from truing.report.numbers import p_value, printed, quantity, with_uncertainty
+from truing.report.numbers import p_equals, p_value, printed, quantity, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.scene.by_leg import by_leg_of_sensor
 from truing.report.scene.of_loads import load_scene
@@ -105,7 +105,7 @@ def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
     gain = facts.get(("matrix", "p_value_over_linear"))
     if gain is not None and gain == gain:
         verb = "earns" if gain < _UNCLEAR else "does not earn"
-        said.append(f"The compliance matrix {verb} its entries over the diagonal alone (p {_equals(gain)}).")
+        said.append(f"The compliance matrix {verb} its entries over the diagonal alone (p {p_equals(gain)}).")
     measured = compliance[compliance["model"] == "matrix"]
     open_entries = len(CHANNELS) * len(LOADS) - len(measured)
     if open_entries:
@@ -132,18 +132,13 @@ def _asymmetry(facts: dict[tuple[str, str], float]) -> list[str]:
     if p is None or p >= _UNCLEAR:
         return []
     return [
-        f"The matrix is not symmetric (p {_equals(p)}), as an elastic one is: loads are not what was declared, "
+        f"The matrix is not symmetric (p {p_equals(p)}), as an elastic one is: loads are not what was declared, "
         "or the response is not linear."
     ]
 
 
 def _facts(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
     return {(r.model, r.figure): float(r.value) for r in errors.itertuples() if r.value is not None}
-
-
-def _equals(p: float) -> str:
-    said = p_value(p)
-    return said if said.startswith("<") else f"= {said}"
 
 
 def _entries(compliance: pd.DataFrame) -> Listing:
