@@ -22,10 +22,11 @@ from pipeline.run_campaigns import run_campaigns
 from pipeline.selection import Selection
 from schemas.campaign import Campaign, read_campaign
 from stages import calibrate as stage
-from stages.calibration.data import Gathered, gather
-from stages.calibration.fits import Calibration, implicit, maximum_likelihood
-from stages.calibration.question import cases
-from stages.calibration.screening import screened
+from stages.common.calibration_data import gather
+from truing.calibration.fits import Calibration, implicit, maximum_likelihood
+from truing.calibration.measured import Gathered
+from truing.calibration.question import cases
+from truing.calibration.screening import screened
 from truing.simulation.structures import structures
 
 CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"

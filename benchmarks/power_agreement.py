@@ -22,10 +22,11 @@ import numpy as np
 
 from pipeline.power_command import diagnosed
 from stages.diagnose import gathered_of
-from stages.power import Answer, Question, Trial, expected_sights, questions
+from stages.power import expected_sights
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.hidden_twice import CAUSES, Ground
 from truing.simulation.causes import catalogue
+from truing.simulation.detection_trials import Answer, Question, Trial, questions
 
 RESULTS = Path("runs") / "power-agreement.jsonl"
 FACTORS = (0.6, 0.85, 1.2)  # of the size that theory expects to be found four times out of five

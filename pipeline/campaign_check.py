@@ -202,7 +202,7 @@ def report_check(place: Path) -> ExitCode:
 def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the quality checks say of parts of a campaign that do not belong together, and of those in doubt."""
     from pipeline.in_memory import stage_line
-    from stages.belonging import failed_relations
+    from stages.common.belonging import failed_relations
 
     made = stage_line(place).call("ingest", "qa").tables
     tables = {name: table for name, table in made.items() if not isinstance(table, str)}

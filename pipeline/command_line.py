@@ -203,7 +203,7 @@ def design(
 
     def choose() -> ExitCode:
         from pipeline.design_command import DesignFiles, design_campaign
-        from stages.design import DesignWish
+        from stages.configurations.chosen import DesignWish
 
         names = tuple(name.strip() for name in parameters.split(",") if name.strip())
         shown = tuple(name.strip() for name in causes.split(",") if name.strip())

@@ -16,7 +16,8 @@ from schemas.faults import CampaignFaults, Fault
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.design import DesignTables, DesignWish
+    from stages.configurations.chosen import DesignWish
+    from stages.design import DesignTables
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.power import Answer, Plan, Question, Trial
+    from stages.power import Plan
     from truing.simulation.cause import Effect
+    from truing.simulation.detection_trials import Answer, Question, Trial
 
 # So many campaigns without an effect per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
@@ -100,8 +101,8 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Pa
     import numpy as np
 
     from stages.diagnose import gathered_of
-    from stages.simulated_campaigns.plan import bare_plan, full_plan
-    from stages.simulated_campaigns.reading_plan import reading_plan
+    from stages.power import completed, reading_plan_of
+    from stages.simulated_campaigns.plan import bare_plan
 
     if run is not None:
         with _to_be_drawn(campaign):
@@ -109,10 +110,10 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Pa
     tables = _tables(campaign, settings)
     with _to_be_drawn(campaign):
         if settings.campaign.kind == "interferometer":
-            return reading_plan(tables, settings).with_gross(wish.gross)
+            return reading_plan_of(tables, settings).with_gross(wish.gross)
         bare = bare_plan(tables, settings)
         drawn = {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(wish.seed)), settings)
-        plan = full_plan(bare, gathered_of(drawn, settings), drawn["poses"])
+        plan = completed(bare, gathered_of(drawn, settings), drawn["poses"])
     return plan.with_gross(wish.gross)
 
 
@@ -175,7 +176,8 @@ def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: P
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
     """
-    from stages.power import compared, expected_sights, judged_by, questions
+    from stages.power import compared, expected_sights, judged_by
+    from truing.simulation.detection_trials import questions
 
     drawn = _drawn(plan, (), wish.seed, settings)
     with _to_be_drawn(campaign):
@@ -193,7 +195,7 @@ def _answers(
     voice: Voice,
 ) -> Generator[Answer]:
     """Draw and diagnose all campaigns, wherever that is done; the same answers everywhere."""
-    from stages.power import trials
+    from truing.simulation.detection_trials import trials
 
     pieces = trials(asked, plan, wish.draws, _NOTHING_PER_DRAW * wish.draws, wish.seed)
     work = partial(diagnosed_trial, plan, settings)
@@ -217,7 +219,7 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
 
     from stages.diagnose import decided, gathered_of
     from stages.diagnosis.rows import Words, diagnosis_table
-    from stages.power import answer
+    from truing.simulation.detection_trials import answer
 
     try:
         gathered = gathered_of(tables, settings)
@@ -234,7 +236,7 @@ def diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Tr
     from stages.diagnosis.ray_findings import rule_of_rays, searched
     from stages.diagnosis.ray_points import RayShown, gather_rays
     from stages.diagnosis.rows import Words, diagnosis_table
-    from stages.power import answer
+    from truing.simulation.detection_trials import answer
 
     rule = rule_of(settings)
     diagnosis = searched(gather_rays(tables, settings)[0], rule, lambda *_: None)
@@ -254,9 +256,9 @@ def _tell(
     voice: Voice,
 ) -> None:
     """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
-    from stages.power import curve, false_alarms
     from stages.simulated_campaigns.tables import rates_table, sizes_table
     from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
+    from truing.simulation.detection_trials import curve, false_alarms
 
     file, photographs = out
     if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:

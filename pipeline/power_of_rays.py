@@ -41,7 +41,8 @@ def names_of_rays() -> list[str]:
 def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
     """The network of the run in a folder; raises CampaignFaults where it has left none."""
     from schemas.artifacts import ARTIFACTS
-    from stages.simulated_campaigns.ray_plan import NEEDS, ray_plan
+    from stages import power
+    from stages.simulated_campaigns.ray_plan import NEEDS
 
     tables: dict[str, pa.Table] = {}
     for name in NEEDS:
@@ -52,7 +53,7 @@ def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
         if not isinstance(table, str):
             tables[name] = table
     try:
-        return ray_plan(tables, settings)
+        return power.ray_plan_of(tables, settings)
     except ValueError as why:
         expected = f"a run of the campaign, from whose network rays can be drawn ({why}): truing run"
         raise CampaignFaults([Fault(run.as_posix(), expected)]) from None

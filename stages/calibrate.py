@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.calibration.data import Gathered
     from stages.calibration.extended import Extended
     from stages.common.rows import Rows
+    from truing.calibration.measured import Gathered
 
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
@@ -93,7 +93,7 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, choose among them, and hold them against repeats."""
-    from stages.belonging import withheld
+    from stages.common.belonging import withheld
 
     if why := withheld(tables):
         return _of_nothing(why, settings)
@@ -126,12 +126,12 @@ def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Pr
         from stages.sensor_calibration.run import calibrate_sensor
 
         return calibrate_sensor(tables, settings, progress)
-    from stages.prospects import why_no_calibration
+    from stages.common.why_not import why_no_calibration
 
     if why := why_no_calibration(settings.mechanism, tables):
         return not_evaluated(why)
-    from stages.calibration.data import gather
     from stages.calibration.run import NothingCalibrated, calibrate
+    from stages.common.calibration_data import gather
 
     try:
         gathered = gather(tables, settings)
@@ -161,7 +161,7 @@ def _too_little(gathered: Gathered) -> str:
     """Why these poses say too little of any machine; empty where they do not."""
     import numpy as np
 
-    from stages.prospects import why_too_few_poses
+    from stages.common.why_not import why_too_few_poses
     from truing.estimation.rotation import log_so3
 
     fitted = int(np.sum(gathered.measured.roles != "verification"))

@@ -16,7 +16,7 @@ from stages.diagnose import gathered_of, kinds_of
 from stages.diagnosis.next_loads import next_run, possible_runs
 from stages.diagnosis.next_measurement import planned
 from stages.diagnosis.next_plan import plan_table
-from stages.simulated_campaigns.reading_plan import reading_plan
+from stages.power import reading_plan_of
 from truing.inference.fitted_model import Fitter
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def loads_for_causes(
     measured: whether these hold readings, or are a plan that is drawn first. Raises ValueError, saying why, where the
     campaign cannot be simulated.
     """
-    drawn = dict(tables) if measured else reading_plan(tables, settings).drawn((), np.random.default_rng(seed))
+    drawn = dict(tables) if measured else reading_plan_of(tables, settings).drawn((), np.random.default_rng(seed))
     gathered = gathered_of(drawn, settings)
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     plain = fitter.prepared(gathered.given)

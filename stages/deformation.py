@@ -60,7 +60,7 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit the deformation models that the campaign's instrument and mechanism allow."""
-    from stages.belonging import withheld
+    from stages.common.belonging import withheld
 
     progress(0, 1, "deformation models")
     why = withheld(tables)
@@ -78,7 +78,7 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
     """What was made of loads, and what positioning runs of an axis say of it, but for runs that failed a check."""
     if "positions" not in tables or not tables["positions"].num_rows:
         return found
-    from stages.belonging import withheld_runs
+    from stages.common.belonging import withheld_runs
     from stages.responses.axis_positioning import positioning_rows, told
 
     positions = tables["positions"]
@@ -94,7 +94,7 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
 
 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.prospects import NO_POINTS_TO_DEFORM, why_no_deformation_of_legs
+    from stages.common.why_not import NO_POINTS_TO_DEFORM, why_no_deformation_of_legs
     from stages.responses.attachment_deformation import attachment_deformation
 
     if "configurations" in tables and "observations" in tables and not tables["observations"].num_rows:
@@ -111,7 +111,7 @@ def _rest_readings_mm(settings: Campaign) -> tuple[float, ...]:
 
 
 def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.prospects import why_no_deformation_of_targets
+    from stages.common.why_not import why_no_deformation_of_targets
     from stages.responses.target_deformation import target_deformation
 
     drives = settings.campaign.drives
@@ -123,7 +123,7 @@ def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.prospects import why_no_deformation_of_loads
+    from stages.common.why_not import why_no_deformation_of_loads
     from stages.responses.load_deformation import load_deformation
 
     if why := why_no_deformation_of_loads(tables.get("readings")):

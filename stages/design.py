@@ -6,7 +6,7 @@ Not a stage of a run, for it comes before there is anything to run: tables in, a
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
 from stages.common.point_arrays import number_column
-from stages.configurations.choice import Bounded, bounded, choose, verification
+from stages.configurations.choice import bounded, choose, verification
+from stages.configurations.chosen import Design, DesignWish, Judged
 from stages.configurations.problem import DesignProblem, design_problem, limits_of
-from truing.estimation.design.design_bound import efficiency, sum_log_det
-from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder, order_poses
+from truing.estimation.design.pose_order import PoseOrder, order_poses
 from truing.estimation.design.pose_selection import information_of
 
 if TYPE_CHECKING:
@@ -30,26 +30,6 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class DesignWish:
-    """What is asked for.
-
-    method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
-    readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`;
-    at_once: components of a load that may act together; causes: what loads are to show, not a calibration.
-    """
-
-    poses: int
-    verification: int = 0
-    method: str = "exchange"
-    within: str = "workspace"
-    parameters: tuple[str, ...] = ()
-    trade_off: float = TRADE_OFF
-    seed: int = 0
-    at_once: int = 6
-    causes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class DesignTables:
     """What there is beside campaign.toml; each may be absent. ``extend``: poses to keep; ``existing``: to compare."""
 
@@ -59,52 +39,6 @@ class DesignTables:
     avoid_file: str = "--avoid"
     existing: pa.Table | None = None
     survey: pa.Table | None = None
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Configurations (N,) as a calibration sees them: their number, information (L, q, q), how many lie outside."""
-
-    count: int
-    information: NDArray
-    outside: int
-
-    @property
-    def log_det(self) -> float:
-        """Return O1, the log determinant over all legs."""
-        return sum_log_det(self.information)
-
-
-@dataclass(frozen=True)
-class Design:
-    """Chosen configurations and what can be said of them.
-
-    placed: calibration poses, then verification poses; whole: the chosen with those kept; existing: the campaign's own;
-    candidates: what the bound is about, and the bound.
-    """
-
-    problem: DesignProblem
-    wish: DesignWish
-    placed: Placed
-    whole: Judged
-    kept: Judged | None
-    existing: Judged | None
-    candidates: Bounded
-    order: PoseOrder
-    table: pa.Table = field(repr=False)
-
-    @property
-    def efficiency(self) -> float:
-        """Return the share of the best possible."""
-        return efficiency(self.whole.log_det, self.candidates.upper, self.problem.size)
-
-    @property
-    def existing_efficiency(self) -> float | None:
-        """Return what share of the best of as many poses the campaign's own are; None where there are none to judge."""
-        if self.existing is None or self.kept is not None:
-            return None
-        best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.wish.poses))
-        return efficiency(self.existing.log_det, best, self.problem.size)
 
 
 def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design:

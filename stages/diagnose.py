@@ -89,7 +89,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for what makes the campaign depart from its simulation."""
     import numpy as np
 
-    from stages.belonging import withheld
+    from stages.common.belonging import withheld
     from stages.diagnosis.ray_findings import corrected, with_shared_errors
 
     if why := withheld(tables):
@@ -117,7 +117,7 @@ def _rays(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress
 
 def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
-    from stages.prospects import NO_POINTS_TO_DIAGNOSE
+    from stages.common.why_not import NO_POINTS_TO_DIAGNOSE
 
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
@@ -133,8 +133,8 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
 
 
 def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+    from stages.common.why_not import why_no_diagnosis_of_mechanism
     from stages.diagnosis.mechanism_points import gather
-    from stages.prospects import why_no_diagnosis_of_mechanism
 
     if why := why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, tables):
         raise ValueError(why)

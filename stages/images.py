@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from stages.common.small_tables import SmallTable
     from stages.image_tables.measured_rays import MeasuredRays
-    from stages.photograph_targets.tables import Each, PhotographTables
+    from stages.image_tables.photographs import Each, PhotographTables
     from truing.formats.faultlog import FaultLog
 
 DECLARATION = Stage(
@@ -53,7 +53,7 @@ def run(
     small = _known_beforehand(source, settings, log)
     rays: MeasuredRays | PhotographTables | None
     if source.entries("images"):
-        from stages.photograph_targets.tables import read_photographs
+        from stages.image_tables.photographs import read_photographs
 
         rays = read_photographs(source, settings, _names(small), log, progress, each)
     else:
@@ -89,7 +89,7 @@ def _lacking(rays: MeasuredRays | PhotographTables, small: dict[str, SmallTable 
 
 def look(settings: Any, source: CampaignFiles) -> str:
     """What photographs and the tables beside them hold, without measuring; raises CampaignFaults as ``run`` does."""
-    from stages.photograph_targets.tables import open_all
+    from stages.image_tables.photographs import open_all
     from truing.formats.faultlog import FaultLog
 
     log = FaultLog()
@@ -161,7 +161,7 @@ def _left_out(small: Mapping[str, SmallTable | None], rays: Mapping[tuple[str, s
             total[reason] += count
     words = [f"{count:,} rows: {reason}" for reason, count in total.most_common()]
     if len(rejections):
-        from stages.photograph_targets.tables import refused_words
+        from stages.image_tables.photographs import refused_words
 
         words.append(f"candidates for targets: {refused_words(rejections)}")
     return "; ".join(words) or "nothing"

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
-from stages.common.reading_arrays import LOAD_COLUMNS, LOADS, load_steps
-from stages.design import DesignWish
+from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
+from stages.configurations.chosen import DesignWish
 from truing.estimation.design.pose_order import PoseOrder, order_poses
+from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.load_cases import (
     LoadDesign,
     LoadLimits,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from schemas.faults import CampaignFaults, Fault
-from stages.diagnosis.mechanism_points import nominal_legs
+from stages.common.nominal_mechanism import nominal_legs
 from stages.photograph_plan import Targets
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Array, Bars

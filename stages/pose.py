@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.rigid_poses.body_pose import BodyPoses
-    from stages.sensor.seen_motion import BeamGeometry
+    from truing.simulation.bench.seen_motion import BeamGeometry
 
 DECLARATION = Stage(
     name="pose",
@@ -45,7 +45,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
-    from stages.belonging import withheld
+    from stages.common.belonging import withheld
 
     names = ("observations", "scans", "measured_poses")
     observations, scans, measured = (tables.get(name, ARTIFACTS[name].empty()) for name in names)
@@ -54,9 +54,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome.not_evaluated(empty, why)
     from stages.common.point_arrays import observation_rows, pose_ids
+    from stages.common.point_errors import common_correlation, point_errors
     from stages.rigid_poses.correlated_poses import with_correlations
     from stages.rigid_poses.measured_poses import with_measured
-    from stages.rigid_poses.point_errors import common_correlation, point_errors
     from stages.rigid_poses.scan_poses import with_scans
     from stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
 
@@ -124,8 +124,8 @@ def _geometry(tables: Mapping[str, pa.Table], settings: Campaign) -> BeamGeometr
     if beams.are_plain:
         return None
     from stages.common.declared_optics import beam_optics
-    from stages.common.simulated_compliance import simulated_compliance
-    from stages.sensor.seen_motion import BeamGeometry
+    from stages.common.nominal_sensor import simulated_compliance
+    from truing.simulation.bench.seen_motion import BeamGeometry
 
     return BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
 

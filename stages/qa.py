@@ -165,7 +165,7 @@ def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterab
 def _judged(
     found: Iterable[Check], read: str, settings: Campaign, progress: Progress, relations: Sequence[Tested] = ()
 ) -> Outcome:
-    from stages.belonging import belonging_table
+    from stages.common.belonging import belonging_table
     from stages.quality.check import FAIL, WARN, told
     from stages.quality.of_decisions import accepted_verdicts
 

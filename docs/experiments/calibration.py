@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from docs.experiments.marked_tables import renew, table
 from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
-from stages.calibration.data import BodyPoses, Gathered, Measured, body_poses
-from stages.calibration.fits import Calibration, implicit, maximum_likelihood
-from stages.calibration.question import Case
-from stages.calibration.screening import screened
+from stages.common.calibration_data import body_poses
+from truing.calibration.fits import Calibration, implicit, maximum_likelihood
+from truing.calibration.measured import BodyPoses, Gathered, Measured
+from truing.calibration.question import Case
+from truing.calibration.screening import screened
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import forward

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from docs.experiments.telescope_report_data import published
 from schemas.campaign import read_campaign
-from stages.calibration.data import nominal_machine
+from stages.common.nominal_mechanism import nominal_machine
 from truing.estimation.design.observability import Observability, observe
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.kinematic_model import KinematicModel

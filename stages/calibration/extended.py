@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.accuracy import PoseErrors
-from stages.calibration.data import Measured
 from stages.common.point_arrays import pose_ids
 from stages.common.pose_conditions import pose_conditions
 from stages.common.rows import Rows
+from truing.calibration.accuracy import PoseErrors
+from truing.calibration.measured import Measured
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD, pulls
 from truing.simulation.cause import Effect

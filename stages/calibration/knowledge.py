@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.data import Gathered, Measured
-from stages.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
-from stages.calibration.question import (
+from stages.common.rows import Rows
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
+from truing.calibration.measured import Gathered, Measured
+from truing.calibration.question import (
     Case,
     Question,
     is_deformation,
@@ -21,7 +22,6 @@ from stages.calibration.question import (
     widest,
     with_targets,
 )
-from stages.common.rows import Rows
 from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.combinations import Inseparable, inseparable
 from truing.estimation.design.identifiable_set import choose_identifiable

@@ -3,52 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.calibration.accuracy import PoseErrors, accuracy_rows, misfit, nominal_errors, pose_errors
-from stages.calibration.choice import (
-    Judged,
-    choice,
-    choice_rows,
-    departure_rows,
-    doubts,
-    extended_choice_rows,
-    nominal_rows,
-)
-from stages.calibration.data import Gathered
+from stages.calibration.accuracy import accuracy_rows
+from stages.calibration.choice import choice_rows, departure_rows, extended_choice_rows, nominal_rows
 from stages.calibration.extended import MODEL, Extended, extended_correlations, extended_parameters
-from stages.calibration.fits import Calibration, implicit, maximum_likelihood
 from stages.calibration.knowledge import absorption_rows, observability_rows
-from stages.calibration.question import Case, cases, nothing_open
-from stages.calibration.screening import Screened, screened
 from stages.common.rows import Rows
+from stages.common.words import listed
 from stages.declaration import Outcome, Progress
+from truing.calibration.accuracy import PoseErrors, nominal_errors
+from truing.calibration.choice import Judged, choice, doubts
+from truing.calibration.every_case import Failure, calibrations, judged, screened_poses
+from truing.calibration.fits import Calibration
+from truing.calibration.measured import Gathered
+from truing.calibration.question import Case, cases
+from truing.calibration.screening import OFF, Screened
 from truing.simulation.parameters import SHARED, Parameter
 from truing.simulation.structures import structures
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from schemas.sections import Requirement
 
-LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
-ESTIMATORS = {maximum_likelihood: "by errors in variables", implicit: "by the closure alone"}
 # Pairs of parameters less correlated than this are not told.
 LEAST_CORRELATION = 0.05
+_DISAGREES = "the pose disagrees with all others: its weight in a robust fit is 0"
+_ELSEWHERE = "targets of the leg put its joints elsewhere than in the other poses"
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
-
-
-@dataclass(frozen=True)
-class Both:
-    """The calibrations of every case by both estimators, and why any could not be made."""
-
-    likely: tuple[Calibration, ...]
-    implicit: tuple[Calibration, ...]
-    failed: tuple[str, ...]
 
 
 class NothingCalibrated(Exception):
@@ -63,15 +50,15 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
     fitted = gathered.measured.roles != "verification"
     every = list(cases(gathered, structures(gathered.machine)))
     clean = screened_poses(gathered, fitted, every)
-    both = _calibrations(gathered, clean, every, progress)
+    both = calibrations(gathered, clean, every, lambda done, total, case: progress(done, total, _words(case)))
     if not both.likely:
-        raise NothingCalibrated("; ".join(both.failed))
-    judged = [_judged(gathered, one, fitted) for one in (*both.likely, *both.implicit)]
-    made = choice(judged[: len(both.likely)])
-    best = judged[made.chosen]
+        raise NothingCalibrated("; ".join(map(_failure, both.failed)))
+    found = [judged(gathered, one, fitted) for one in (*both.likely, *both.implicit)]
+    made = choice(found[: len(both.likely)])
+    best = found[made.chosen]
     measured, used = gathered.measured, clean.measured
     identifier = "int64" if isinstance(measured.poses[0], int) else "string"
-    counted = choice_rows(judged, measured.roles, made)
+    counted = choice_rows(found, measured.roles, made)
     if best.errors is not None:
         structure = structures(gathered.machine)[0]
         before = nominal_errors(structure, gathered.machine, measured)
@@ -81,8 +68,8 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
         "calibration": parameter_rows("calibration", both.likely),
         "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
         "correlations": correlation_rows(both.likely),
-        "accuracy": _accuracy("accuracy", judged[: len(both.likely)], gathered),
-        "implicit_accuracy": _accuracy("implicit_accuracy", judged[len(both.likely) :], gathered),
+        "accuracy": _accuracy("accuracy", found[: len(both.likely)], gathered),
+        "implicit_accuracy": _accuracy("implicit_accuracy", found[len(both.likely) :], gathered),
         "model_choice": counted,
         "observability": observability_rows(gathered, used, best.calibration),
         "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
@@ -90,64 +77,43 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
     }
     if extended is not None:
         _add_extended(rows, extended, asked, gathered, fitted)
-    open_questions = (*clean.left_out, *both.failed, _undeformed(gathered), _open(best))
+    open_questions = (*_screened_words(clean), *map(_failure, both.failed), _undeformed(gathered), _open(best))
     return Outcome(
-        {name: found.table(identifier) for name, found in rows.items()} | _left_out(clean, identifier),
+        {name: one.table(identifier) for name, one in rows.items()} | _left_out(clean, identifier),
         read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, (gathered.left_out, *open_questions))) or "nothing",
         figure=_figure(best, len(both.likely), measured.roles),
     )
 
 
-def _left_out(clean: Screened, identifier: str) -> dict[str, Any]:
+def _left_out(clean: Screened, identifier: str) -> dict[str, pa.Table]:
     """The artifact ``calibration_left_out``; empty where nothing was."""
-    import pyarrow as pa
-
-    schema = ARTIFACTS["calibration_left_out"].arrow_schema(identifier)
-    return {"calibration_left_out": pa.Table.from_pylist(list(clean.rows), schema=schema)} if clean.rows else {}
-
-
-def screened_poses(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:
-    """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
-    used = gathered.measured.chosen(fitted)
-    richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
-    everything = Screened(used, np.ones(len(used.poses), bool), ())
-    try:
-        return everything if nothing_open(gathered, richest) else screened(gathered, used, richest)
-    except np.linalg.LinAlgError:
-        return everything
+    rows = Rows("calibration_left_out")
+    for pose in clean.poses_out:
+        rows.add(pose=pose, subject="platform", reason=_DISAGREES, value=None, limit=None, unit="sigma")
+    for one in clean.legs_out:
+        rows.add(pose=one.pose, subject=_leg_name(one.leg), reason=_ELSEWHERE, value=one.off, limit=OFF, unit="sigma")
+    return {rows.artifact: rows.table(identifier)} if rows.count else {}
 
 
-def _calibrations(gathered: Gathered, clean: Screened, every: Sequence[Case], progress: Progress) -> Both:
-    """Return all calibrations of the poses that were not grossly mismeasured."""
-    likely: list[Calibration] = []
-    closed: list[Calibration] = []
-    failed = []
-    for done, case in enumerate(every):
-        progress(done, len(every), _words(case))
-        for made, how in ((likely, maximum_likelihood), (closed, implicit)):
-            if nothing_open(gathered, case):
-                failed.append(f"{_words(case)}: every number is declared exact")
-                break
-            try:
-                made.append(how(gathered, clean.measured, case, clean.kept))
-            except np.linalg.LinAlgError:
-                failed.append(f"{_words(case)}, {ESTIMATORS[how]}: the equations became singular")
-    return Both(tuple(likely), tuple(closed), tuple(failed))
+def _screened_words(clean: Screened) -> list[str]:
+    said, legs = [], [f"{_leg_name(one.leg)} in pose {one.pose}" for one in clean.legs_out]
+    if clean.poses_out:
+        said.append(f"poses that disagree with all others: {', '.join(map(str, clean.poses_out))}")
+    return [*said, f"legs whose targets put them elsewhere: {listed(legs)}"] if legs else said
+
+
+def _leg_name(leg: int) -> str:
+    return f"leg{leg + 1}"
+
+
+def _failure(one: Failure) -> str:
+    return f"{_words(one.case)}{f', {one.by}' if one.by else ''}: {one.why}"
 
 
 def _words(case: Case) -> str:
     deformation = {"none": "rigid platform", "linear": "linear deformation", "matrix": "matrix deformation"}
     return f"{case.structure.name}, {deformation[case.deformation]}"
-
-
-def _judged(gathered: Gathered, calibration: Calibration, fitted: NDArray) -> Judged:
-    """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
-    measured, legs = gathered.measured, gathered.machine.legs.count
-    held = measured.chosen(~fitted)
-    squares = misfit(calibration, held, gathered.reading_sigma) if len(held.poses) else np.zeros(0)
-    errors = pose_errors(calibration, measured, gathered.reading_sigma, fitted) if legs >= LEAST_LEGS else None
-    return Judged(calibration, errors, squares, legs)
 
 
 def _add_extended(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import CHANNELS
 from truing.estimation.interferometry.readings import angular_rows, linear_rows
+from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.simulation.bench.optics import Optics
 
 if TYPE_CHECKING:

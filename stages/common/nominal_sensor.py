@@ -2,43 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import CHANNELS, LOADS
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.simulation.six_upur import elements
 from truing.simulation.six_upur.assembly import SOURCES
 from truing.simulation.six_upur.geometry import JointCentres, joint_centres
+from truing.simulation.six_upur.nominal_sensor import NominalSensor, SimulatedCompliance, simulated
 from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
 from truing.simulation.six_upur.tolerances import sigma_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from schemas.campaign import Campaign
     from schemas.sensor_mechanism import Element, SensorMechanism
 
 Array = NDArray[np.float64]
 _MM = 1e-3
-
-
-@dataclass(frozen=True)
-class NominalSensor:
-    """A sensor as it was designed, and one standard deviation of what may differ from that.
-
-    ``elastic`` is None where only a compliance is given; ``compliance`` (6, 6), SI, is None where neither is.
-    ``length_sigma`` (5,), m: platform and base radius, the clearances, the sensor's installation; ``stiffness_sigma``
-    relative.
-    """
-
-    joints: JointCentres
-    elastic: ElasticSensor | None
-    compliance: Array | None
-    length_sigma: Array
-    stiffness_sigma: float
 
 
 def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> NominalSensor:
@@ -101,3 +86,11 @@ def _si(value: float | None, unit: float) -> float:
     """A number that the schema has checked to be there, in SI."""
     assert value is not None
     return value * unit
+
+
+def simulated_compliance(settings: Campaign, given: pa.Table | None) -> SimulatedCompliance | None:
+    """The simulation of [mechanism]; None where it says nothing of how the sensor gives."""
+    if settings.mechanism.type != "6-upur":
+        return None
+    section: SensorMechanism = settings.mechanism  # type: ignore[assignment]
+    return simulated(nominal_sensor(section, given if given is not None and given.num_rows else None))

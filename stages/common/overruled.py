@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import CHANNELS, RecordedSteps
+from truing.estimation.interferometry.recorded_steps import CHANNELS, RecordedSteps
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign

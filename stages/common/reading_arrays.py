@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,53 +11,17 @@ from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
 from stages.common.point_arrays import number_column
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
 
-LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
-CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
-ARCSECOND = np.pi / 180.0 / 3600.0
-# What one unit of a channel's readings is in SI.
-READING_SI = np.array([1e-6] * 3 + [ARCSECOND] * 3)
 _OWN = ("run", "step", "time_s", "role", *LOAD_COLUMNS)
 _OF_TABLE = {"readings": (*_OWN, "channel", "reading", "unit", "sigma"), "signals": _OWN}
 _SIGNAL = re.compile(r"v[1-8]_mv")
-
-
-@dataclass(frozen=True)
-class RecordedSteps:
-    """The load steps of a campaign in the order taken: B steps of R runs.
-
-    ``reading`` (B, 6) in m and rad, NaN where a channel was not read; ``sigma`` (B, 6) one standard deviation, NaN
-    where none is declared; ``load`` (B, 6) in N and N m; ``signal`` (B, S) in V, NaN where there is none. ``run`` (B,)
-    counts in ``runs``. ``covariates`` (B,) are surroundings and further columns, in the units of their names.
-    """
-
-    runs: tuple[int | str, ...]
-    run: NDArray[np.int64]
-    step: NDArray[np.int64]
-    time_s: Array
-    load: Array
-    reading: Array
-    sigma: Array
-    signal: Array
-    held_out: NDArray[np.bool_]
-    covariates: Mapping[str, Array]
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """The names of the signal channels: v1, v2, .."""
-        return tuple(f"v{number + 1}" for number in range(self.signal.shape[1]))
-
-    def chosen(self, rows: NDArray[np.bool_]) -> RecordedSteps:
-        """Some of the steps; runs keep their numbers."""
-        own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
-        covariates = {name: values[rows] for name, values in self.covariates.items()}
-        return replace(self, **{name: getattr(self, name)[rows] for name in own}, covariates=covariates)
 
 
 def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
+from stages.common.nominal_mechanism import FILE, plain_machine
 from stages.common.point_arrays import number_column, survey_points
-from stages.diagnosis.mechanism_points import nominal_legs
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.rigid_poses.umeyama import umeyama
@@ -20,7 +20,7 @@ from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.legs import Change
 from truing.simulation.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.pose_regressors import Placed, PoseRegressors, pose_regressors
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.structure import poses_at
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mechanism import LeggedMechanism, Tolerance
 
-FILE = "campaign.toml"
 _POSE = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _TO_SI = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)
 # What stands for a tolerance that campaign.toml does not give: it only sets the scale in which rank is judged.
@@ -139,19 +138,6 @@ def design_problem(
     held = tuple(entry.name for k, entry in enumerate(names) if k not in kept)
     chosen_names = tuple(names[k] for k in kept)
     return replace(problem, regressors=narrowed, names=chosen_names, tolerance=tolerance[kept], held=held)
-
-
-def plain_machine(settings: Campaign) -> Machine:
-    """Return the nominal mechanism, its platform rigid; raises CampaignFaults where none has six legs or more."""
-    section = settings.mechanism
-    if section.type in ("none", "6-upur"):
-        expected = "a mechanism whose configurations can be chosen: legs and actuators, photogrammetry"
-        raise CampaignFaults([Fault(FILE, expected, column="mechanism.type", value=section.type)])
-    legs = nominal_legs(cast("LeggedMechanism", section))
-    if legs.count < 6:
-        expected = "six legs or more: fewer leave the platform free, and its pose is no matter of choice"
-        raise CampaignFaults([Fault(FILE, expected, column="mechanism.legs", value=str(legs.count))])
-    return Machine(legs, np.zeros((legs.count, legs.count)))
 
 
 def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avoid_file: str) -> Limits:

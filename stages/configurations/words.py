@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.design import Design, Judged
+from stages.configurations.chosen import Design, Judged
 from truing.estimation.design.design_bound import efficiency
 from truing.simulation.parameters import Parameter
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.nominal_mechanism import facing, nominal_legs
 from stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
 from stages.common.pose_conditions import chosen, pose_conditions
 from stages.diagnosis.judged_points import judged_points, swapped_targets
@@ -19,9 +20,7 @@ from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.cause import Cause
 from truing.simulation.causes.targets import TargetsSwapped
 from truing.simulation.inputs import ORDER
-from truing.simulation.kinematics import unit
 from truing.simulation.legs import Legs
-from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import PointModel, nominal_leg_frames
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
@@ -70,37 +69,6 @@ class _Prior:
     reference_temperature_c: float
     pitch: float | None  # m, of the leadscrews
     flexure_length: float | None  # m
-
-
-def nominal_legs(section: LeggedMechanism) -> Legs:
-    """The mechanism that campaign.toml describes, in m."""
-    legs = section.legs
-    directions = [unit(np.array(leg.u)) for leg in legs if leg.u is not None]
-    return mechanism(
-        section.type,
-        np.array([leg.a_mm for leg in legs]) * 1e-3,
-        np.array([leg.b_mm for leg in legs]) * 1e-3,
-        directions if len(directions) == len(legs) else None,
-        np.array([leg.length_mm for leg in legs]) * 1e-3,
-        np.array([leg.rho0_mm for leg in legs]) * 1e-3,
-    )
-
-
-def facing(legs: Legs, poses: pa.Table) -> Legs:
-    """Return legs without actuators of their own direction as assembled on the side where the platform was measured.
-
-    Lengths alone leave two sides open; the direction u, which such a closure does not use, says from where to search.
-    """
-    import pyarrow.compute as pc
-
-    if "u" in legs.closure.geometry:
-        return legs
-    own = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))
-    rows = poses.filter(pc.and_(poses.column("default"), own))
-    p = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"]) * 1e-3
-    R = exp_so3(np.nan_to_num(np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])))
-    away = (p + R @ legs.b.mean(0) - legs.a.mean(0))[np.isfinite(p).all(1)]
-    return legs.replace(u=np.broadcast_to(unit(away.mean(0)), legs.a.shape)) if len(away) else legs
 
 
 def _prior(section: LeggedMechanism, reading_mm: float) -> _Prior:

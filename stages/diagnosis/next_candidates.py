@@ -134,7 +134,7 @@ def _of_six(low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
 
 def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
     """Return readings of more legs than six, which depend on each other, about within limits (L,) from reference."""
-    from stages.configurations.problem import plain_machine
+    from stages.common.nominal_mechanism import plain_machine
     from truing.estimation.design.feasible_region import FeasibleRegion
     from truing.simulation.kinematic_model import KinematicModel
     from truing.simulation.parameters import full_set

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column
+from stages.common.point_errors import point_errors
 from stages.common.ray_statistics import effects_on_points
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.ray_points import gather_rays
 from stages.diagnosis.scale_height import scale_height
-from stages.rigid_poses.point_errors import PointErrors, point_errors
 from truing.estimation.bundle.shared_errors import shared_errors
+from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.simulation.causes import catalogue_of_rays
 from truing.simulation.photographs.photographed import Photographed
 from truing.simulation.photographs.ray_poses import BAR

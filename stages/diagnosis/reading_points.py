@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from stages.common.declared_optics import declared_optics
 from stages.common.overruled import decided, excluded_words, without_excluded
-from stages.common.reading_arrays import CHANNELS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.common.reading_arrays import load_steps
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
-from stages.sensor.exchanged_rows import exchanged_rows
-from stages.sensor.run_starts import zeros_of_runs
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
+from truing.estimation.interferometry.run_starts import zeros_of_runs
 from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.simulation.bench.exchanged_rows import exchanged_rows
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.nominal_sensor import NominalSensor, nominal_sensor
-from stages.common.reading_arrays import LOADS, RecordedSteps
-from stages.sensor.exchanged_rows import put_right
+from stages.common.nominal_sensor import nominal_sensor
+from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
+from truing.simulation.bench.exchanged_rows import put_right
 from truing.simulation.causes.bench.rows_exchanged import Row, RowsExchanged, SignalsExchanged
+from truing.simulation.six_upur.nominal_sensor import NominalSensor
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:

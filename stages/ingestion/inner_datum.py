@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions
-from stages.rigid_poses.point_errors import point_errors
+from stages.common.point_errors import point_errors
 from truing.estimation.rotation import skew
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from schemas.faults import Fault
 from schemas.settings_text import parsed_toml, read_settings_text
-from truing.simulation.bench.sensor_text import is_sensor
 
 if TYPE_CHECKING:
     from truing.formats.faultlog import FaultLog
@@ -39,8 +38,10 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
 def _departure(document: dict[str, Any], mechanism: Any) -> str:
     """What a parsed model would have to be instead; empty where it is one of this mechanism."""
     about, legs = document.get("model"), document.get("legs")
-    told = isinstance(document.get("compliance"), dict) if is_sensor(document) else isinstance(legs, list)
-    if not isinstance(about, dict) or not told or "covariance" not in document:
+    if not isinstance(about, dict) or "covariance" not in document:
+        return _WRITTEN
+    of_sensor = about.get("mechanism") == "6-upur"
+    if not (isinstance(document.get("compliance"), dict) if of_sensor else isinstance(legs, list)):
         return _WRITTEN
     if about.get("mechanism") != mechanism.type:
         return f"a model of a {mechanism.type}, not of a {about.get('mechanism')}"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from schemas.interferometer import LINEAR
 from stages.common.declared_optics import channel_rows
-from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, READING_SI
+from stages.common.reading_arrays import LOAD_COLUMNS
 from stages.quality.belonging_of_parts import of_parts, rows_of_parts
 from stages.quality.loading_view import simulated_compliance
 from truing.belonging import loads_of_readings, signals_of_loads
@@ -32,6 +32,7 @@ from truing.belonging.relation import (
 )
 from truing.belonging.row_order import can_reverse, row_slips
 from truing.belonging.signals_of_loads import Recorded
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI
 
 if TYPE_CHECKING:
     import pyarrow as pa

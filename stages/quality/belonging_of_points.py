@@ -135,7 +135,7 @@ def _groups(
 
 def _legs(section: LeggedMechanism, p: Array) -> Legs:
     """The legs of the description; those without a direction of their own point to where the platform was measured."""
-    from stages.diagnosis.mechanism_points import nominal_legs
+    from stages.common.nominal_mechanism import nominal_legs
 
     legs = nominal_legs(section)
     if "u" in legs.closure.geometry or not len(p):

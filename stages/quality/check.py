@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
@@ -33,9 +32,3 @@ def told(check: Check) -> Check:
     if check.value is None or math.isfinite(check.value):
         return check
     return without("too little was measured", check.check, check.subject, "its value would be no number")
-
-
-def listed(names: Sequence[str], most: int = 8) -> str:
-    """The first names, and how many more there are."""
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

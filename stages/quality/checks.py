@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column
+from stages.common.repeats import repeated_poses
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
@@ -31,7 +32,6 @@ from stages.quality.of_targets import (
 )
 from stages.quality.of_time import base_drift, temperature_span, time_gaps
 from stages.quality.temperature_units import temperature_columns, temperature_units
-from stages.repeats.groups import repeated_poses
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.declared_optics import channel_rows
-from stages.common.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
+from stages.common.reading_arrays import load_steps
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 
 if TYPE_CHECKING:
     import pyarrow as pa

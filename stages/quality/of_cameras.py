@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.photograph_artifacts import BENT, SHARED
+from stages.common.words import listed
 from stages.quality.bundle_figures import Figures
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
 

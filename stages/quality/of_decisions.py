@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from stages.common.overruled import decided
-from stages.quality.check import FAIL, PASS, WARN, Check, listed
+from stages.common.words import listed
+from stages.quality.check import FAIL, PASS, WARN, Check
 from stages.quality.loading_view import LoadingView
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stages.common.words import listed
 from stages.quality.bundle_figures import rows_of
-from stages.quality.check import FAIL, PASS, Check, listed, without
+from stages.quality.check import FAIL, PASS, Check, without
 
 if TYPE_CHECKING:
     import pyarrow as pa

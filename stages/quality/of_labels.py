@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import CHANNELS
 from stages.quality.check import FAIL, PASS, Check, without
 from stages.quality.loading_view import ChannelView, ExpectedReadings, LoadingView
 from stages.quality.of_readings import FEWEST, slope_of
+from truing.estimation.interferometry.recorded_steps import CHANNELS
 
 Index = NDArray[np.int64]
 

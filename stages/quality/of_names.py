@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from schemas.artifacts import ARTIFACTS
 from schemas.near_names import meant_by
 from stages.common.point_arrays import PosePoints, pose_points
+from stages.common.words import listed
 from stages.quality.bodies import BodyView, Surroundings
-from stages.quality.check import PASS, WARN, Check, listed, without
+from stages.quality.check import PASS, WARN, Check, without
 
 if TYPE_CHECKING:
     import pyarrow as pa

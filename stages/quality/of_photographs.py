@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stages.common.point_arrays import number_column, text_column
+from stages.common.words import listed
 from stages.quality.bundle_figures import Figures, rows_of
-from stages.quality.check import PASS, WARN, Check, listed, without
+from stages.quality.check import PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.of_cameras import camera_stability
 from stages.quality.of_known_points import known_points

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.belonging import subject_of
+from stages.common.belonging import subject_of
 from stages.common.point_arrays import number_column
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.common.words import listed
+from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from truing.belonging.approaches import TargetMatch, match_targets
 from truing.estimation.interferometry.approaches import (

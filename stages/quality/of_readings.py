@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, listed, without
+from stages.common.words import listed
+from stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import ChannelView, LoadingView
 from stages.quality.unit_slips import unit_slip

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.repeats import DECLARED, at_one_reading
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.repeats.groups import DECLARED, at_one_reading
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from stages.common.point_arrays import number_column, text_column
+from stages.common.words import listed
 from stages.quality.bundle_figures import Figures, rows_of
-from stages.quality.check import FAIL, PASS, Check, listed, without
+from stages.quality.check import FAIL, PASS, Check, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.scale_contradiction import scale_contradiction
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors

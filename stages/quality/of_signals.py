@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import LOADS
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.common.words import listed
+from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.loading_view import LoadingView
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.observability import Observability, observe
 from truing.estimation.interferometry.log_quality import saturated
+from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, search_exchanges
 from truing.estimation.sensor.load_table import load_table
 

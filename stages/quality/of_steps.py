@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS
-from stages.quality.check import COUNTED, PASS, WARN, Check, listed, without
+from stages.common.reading_arrays import LOAD_COLUMNS
+from stages.common.words import listed
+from stages.quality.check import COUNTED, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 
 if TYPE_CHECKING:
     from schemas.sections import Loading

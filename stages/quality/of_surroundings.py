@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.common.words import listed
+from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import TEMPERATURES, LoadingView
 from stages.quality.temperature_units import temperature_columns, temperature_units

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.words import listed
 from stages.quality.bodies import BodyView, Surroundings
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import (
     body_shape,

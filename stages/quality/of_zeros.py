@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from stages.quality.check import PASS, WARN, Check, listed, without
+from stages.common.words import listed
+from stages.quality.check import PASS, WARN, Check, without
 from stages.quality.loading_view import ChannelView, LoadingView
-from stages.sensor.run_starts import zeros_of_runs
+from truing.estimation.interferometry.run_starts import zeros_of_runs
 
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:

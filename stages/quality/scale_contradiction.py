@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
+from stages.common.words import listed
 from stages.quality.bundle_figures import Figures
-from stages.quality.check import FAIL, NOT_EVALUATED, WARN, Check, listed
+from stages.quality.check import FAIL, NOT_EVALUATED, WARN, Check
 
 Array = NDArray[np.float64]
 

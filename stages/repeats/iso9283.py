@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column, pose_points, positions, text_column
+from stages.common.repeats import Index
 from stages.common.rows import Rows
-from stages.repeats.groups import Index
 from truing.estimation.repeatability import (
     FEWEST,
     Figure,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column, positions, residual_points, text_column, used_targets
+from stages.common.repeats import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
 from stages.common.rows import Rows
-from stages.repeats.groups import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
 from stages.repeats.iso9283 import repeatability_rows
 from stages.repeats.tables import Repeated, known_mean
 from truing.estimation.pure_error import Squares, lack_of_fit, within_groups

@@ -22,9 +22,11 @@ from stages.common.point_arrays import (
 from stages.common.rows import Rows
 from stages.declaration import Outcome
 from stages.responses.correlated_shifts import CorrelatedShifts, correlated_shifts, handed_on
-from stages.responses.tables import FALSE_ALARM, entry_tests, error_rows, fit_models, residual_sets
-from truing.estimation.response import ResponseFit, fit_response, keep_consistent
+from stages.responses.tables import error_rows
+from truing.estimation.response import ResponseFit, fit_models, fit_response, keep_consistent, residual_sets
 from truing.estimation.response_structure import (
+    FALSE_ALARM,
+    entry_tests,
     gain_p_value,
     holm_significant,
     pair_couplings,

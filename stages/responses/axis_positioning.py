@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.belonging import subject_of
-from stages.common.point_arrays import number_column
+from stages.common.belonging import subject_of
+from stages.common.positioning import SEED, deviations, instrument
 from stages.common.rows import Rows
-from truing.estimation.interferometry.iso230 import Instrument, Positioning, positioning, positioning_uncertainty
-from truing.estimation.interferometry.readings import REFERENCE_C
+from truing.estimation.interferometry.iso230 import Positioning, positioning, positioning_uncertainty
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,7 +22,6 @@ Array = NDArray[np.float64]
 
 _UM = 1e3  # per mm
 _WAYS = ("forward", "backward")
-SEED = 230
 
 
 def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Collection[str] = ()) -> Rows:
@@ -66,27 +64,6 @@ def _value(rows: pa.Table, run: int | str, figure: str) -> float:
             for row in rows.to_pylist()
             if (row["run"], row["figure"], row["subject"]) == (run, figure, None)
         )
-    )
-
-
-def deviations(rows: pa.Table) -> tuple[Array, Array]:
-    """Targets (P,) in mm and deviations (P, 2, C) in um of the rows of a run, which are in order."""
-    target = np.unique(number_column(rows, "target_mm"))
-    shape = len(target), len(_WAYS), -1
-    off = number_column(rows, "position_mm") - number_column(rows, "target_mm")
-    return target, off.reshape(shape) * _UM
-
-
-def instrument(rows: pa.Table, optics: Interferometer) -> Instrument:
-    """What the correction to 20 degrees C leaves uncertain of the axis' length; nothing where none was made."""
-    axis, spread = optics.material.axis, optics.surroundings_sigma
-    if axis is None:
-        return Instrument()
-    return Instrument(
-        expansion=axis.expansion_per_k,
-        expansion_sigma=axis.expansion_sigma_per_k,
-        temperature_sigma=0.0 if spread is None else spread.material_temperature_c,
-        warmer_by=float(np.mean(number_column(rows, "material_temperature_c"))) - REFERENCE_C,
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.point_errors import common_correlation
 from stages.common.rows import Rows
 from stages.responses.joint_frames import (
     by_shapes,
@@ -20,8 +21,7 @@ from stages.responses.joint_frames import (
     residual_gain,
     survey_gain,
 )
-from stages.rigid_poses.point_errors import common_correlation
-from stages.rigid_poses.tables import pose_numbers
+from truing.estimation.measured_numbers import pose_numbers, shift_number
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -184,11 +184,6 @@ def apart(whole: Array, effects: Array, there: Mask, correlation: Array) -> tupl
 
 def _sandwich(J: Array, C: Array) -> Array:
     return J @ C @ np.swapaxes(J, -1, -2)
-
-
-def shift_number(leg: int) -> str:
-    """What the shift of an attachment, legs from 1, is called in tables of joint covariances."""
-    return f"shift {leg}"
 
 
 def handed_on(

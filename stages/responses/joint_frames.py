@@ -19,9 +19,10 @@ from stages.common.point_arrays import (
     text_column,
     used_targets,
 )
-from stages.rigid_poses.point_errors import PointErrors, point_errors
+from stages.common.point_errors import point_errors
 from truing.estimation.covariance import apply_rotation, relative_slope
 from truing.estimation.rigid_poses.correlated import PointsOfBodies, by_survey, joint_motions
+from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.estimation.rotation import skew
 
 if TYPE_CHECKING:

@@ -4,37 +4,44 @@ one."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.loaded_steps import loaded_steps
+from stages.common.nominal_sensor import simulated_compliance
 from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import ARCSECOND, CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.common.reading_arrays import LOAD_COLUMNS
 from stages.common.rows import Rows
-from stages.common.simulated_compliance import SimulatedCompliance, simulated_compliance
 from stages.declaration import Outcome
-from stages.responses.kept_readings import geometry_spread, kept_readings, with_spread
-from stages.responses.tables import FALSE_ALARM, birge, entry_tests, error_rows, residual_sets
+from stages.responses.tables import error_rows
 from truing.estimation.interferometry.compliance import (
     Comparison,
     Compliance,
     compare,
-    fit_compliance,
     left_out_runs,
 )
 from truing.estimation.interferometry.load_run import BranchGap, branch_gap
-from truing.estimation.response import ResponseFit, fit_response
-from truing.estimation.response_structure import gain_p_value, holm_significant, symmetry
+from truing.estimation.interferometry.loaded import Loaded, fitted_compliance, with_spread
+from truing.estimation.interferometry.recorded_steps import ARCSECOND, CHANNELS, LOADS, READING_SI
+from truing.estimation.response import ResponseFit, fit_response, residual_sets
+from truing.estimation.response_structure import (
+    FALSE_ALARM,
+    birge,
+    entry_tests,
+    gain_p_value,
+    holm_significant,
+    symmetry,
+)
 from truing.report.numbers import count
+from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from schemas.sections import Noise
 
 Array = NDArray[np.float64]
 
@@ -42,27 +49,6 @@ NO_SIMULATION = "no simulation"
 _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 _MEASURED = "measured"
 _CURVE_COLUMNS = (*((f"d{axis}_mm", 1e-3) for axis in "xyz"), *((f"r{axis}_rad", 1.0) for axis in "xyz"))
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many.
-
-    spread (6, 6): one sigma of the compliance's entries that the geometry of beams leaves open. by_loads (6,): the part
-    of the variance that stems from errors of the loads.
-    """
-
-    steps: RecordedSteps
-    reading: Array
-    variance: Array
-    drifts: int
-    spread: Array
-    by_loads: Array = field(default_factory=lambda: np.zeros(6))
-
-    @property
-    def fitted(self) -> NDArray[np.bool_]:
-        """Which steps (B,) models may be fitted to."""
-        return ~self.steps.held_out
 
 
 def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
@@ -79,44 +65,6 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outc
     }
     read = f"{int(np.isfinite(loaded.reading).sum())} readings of {count(len(loaded.steps.runs), 'run')}"
     return Outcome(artifacts, read, _left_out(tables, loaded), _figure(loaded, found, against))
-
-
-def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
-    """Readings without gross errors and without the drifts that runs show beyond chance."""
-    steps = load_steps({"readings": tables["readings"]})
-    own = kept_readings(tables["reading_residuals"], steps)
-    drift = _drifts(tables["run_terms"], steps)
-    begin = np.array([steps.time_s[steps.run == r].min(initial=np.inf) for r in range(len(steps.runs))])
-    moved = drift[steps.run] * (steps.time_s - begin[steps.run])[:, None]
-    reading = np.where(own.kept, steps.reading - moved - own.added, np.nan)
-    spread = geometry_spread(steps.load, own.added_sigma)
-    loaded = Loaded(steps, reading, own.sigma**2, int(np.count_nonzero(drift)), spread)
-    load_sigma = np.repeat([noise.load_n, noise.load_nm], 3)
-    if not load_sigma.any():
-        return loaded
-    # a load that is not quite what was declared moves the platform as well
-    entries = fitted_compliance(loaded, "matrix").entries if simulated is None else simulated.entries
-    by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
-    return replace(loaded, variance=own.sigma**2 + by_loads, by_loads=by_loads)
-
-
-def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
-    """The drift (R, 6) per s of runs that show one beyond chance; zero of the others."""
-    found = np.zeros((len(steps.runs), 6))
-    rows = [row for row in terms.to_pylist() if row["term"] == "drift"]
-    real = holm_significant(np.array([row["p_value"] for row in rows]), FALSE_ALARM)
-    for row, significant in zip(rows, real, strict=True):
-        k = CHANNELS.index(row["channel"])
-        found[steps.runs.index(row["run"]), k] = row["value"] * READING_SI[k] / 3600.0 if significant else 0.0
-    return found
-
-
-def fitted_compliance(loaded: Loaded, form: str) -> Compliance:
-    rows = loaded.fitted
-    cov = np.where(np.eye(6, dtype=bool), loaded.variance[rows][:, None, :], 0.0)
-    return fit_compliance(
-        loaded.steps.load[rows], loaded.reading[rows], cov, loaded.steps.run[rows], form=form  # type: ignore[arg-type]
-    )  # fmt: skip
 
 
 def _compliance_rows(

@@ -3,37 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.rows import Rows
-from truing.estimation.response import ResponseFit, fit_response
-from truing.estimation.response_structure import entry_p_values, holm_significant
-
-if TYPE_CHECKING:
-    pass
+from truing.estimation.response import ResponseFit
 
 Array = NDArray[np.float64]
-
-FALSE_ALARM = 0.05  # family-wise, over all entries of one table
-
-
-def birge(fit: ResponseFit) -> float:
-    """Factor on the standard deviations: above 1 only where the residuals are larger than declared noise allows."""
-    from scipy.special import chdtrc
-
-    if fit.dof <= 0 or chdtrc(fit.dof, fit.chi_square) > 0.01:
-        return 1.0
-    return float(np.sqrt(fit.chi_square / fit.dof))
-
-
-def entry_tests(fit: ResponseFit) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """(L, D) sigma, p-value and significance of every entry, widened where the noise is larger than declared."""
-    factor = birge(fit)
-    p = entry_p_values(fit, factor)
-    return fit.sigma * factor, p, holm_significant(p, FALSE_ALARM)
 
 
 def error_rows(
@@ -66,11 +44,6 @@ def error_rows(
     rows.add(model=name, figure="degrees_of_freedom", value=float(fit.dof), unit="1", subject=whole)
 
 
-def residual_sets(fit: ResponseFit) -> dict[str, Array]:
-    """Residuals of the fit, and of each row by a fit to all others."""
-    return {"": fit.residuals, "cv_": fit.loo_residuals}
-
-
 def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:
     size = np.abs(residual[np.isfinite(residual)])
     if not len(size):
@@ -81,8 +54,3 @@ def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, w
         ("rms_error", np.sqrt((size**2).mean())),
     ):
         rows.add(model=name, figure=prefix + figure, value=float(value), unit=unit, **where)
-
-
-def fit_models(u: Array, y: Array, cov: Array, forms: tuple[str, ...], **prior: Any) -> dict[str, ResponseFit]:
-    """Every model form fitted to the same data."""
-    return {form: fit_response(u, y, cov, form=form, **prior) for form in forms}  # type: ignore[arg-type]

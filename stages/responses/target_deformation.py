@@ -20,9 +20,9 @@ from stages.common.point_arrays import (
 from stages.common.rows import Rows
 from stages.declaration import Outcome
 from stages.responses.correlated_shifts import correlated_residuals
-from stages.responses.tables import entry_tests, error_rows, fit_models, residual_sets
-from truing.estimation.response import ResponseFit, keep_consistent
-from truing.estimation.response_structure import gain_p_value
+from stages.responses.tables import error_rows
+from truing.estimation.response import ResponseFit, fit_models, keep_consistent, residual_sets
+from truing.estimation.response_structure import entry_tests, gain_p_value
 from truing.estimation.rigid_poses.frame import residual_covariance
 
 if TYPE_CHECKING:

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from stages.common.point_errors import Index
 from stages.rigid_poses.body_pose import BodyPoses
 from stages.rigid_poses.other_methods import JointFit, with_other_methods
-from stages.rigid_poses.point_errors import Index, PointErrors
 from truing.estimation.rigid_poses.correlated import JointMotions, PointsOfBodies, joint_motions, survey_part
+from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust_pose import FALSE_ALARM
 

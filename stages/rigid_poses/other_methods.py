@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.common.point_errors import Index
 from stages.rigid_poses.body_pose import BodyPoses
-from stages.rigid_poses.point_errors import Index, PointErrors
 from truing.estimation.covariance import fit_gain, survey_frame_covariance, symmetric
 from truing.estimation.rigid_poses.correlated import JointMotions
+from truing.estimation.rigid_poses.point_errors import PointErrors
 
 Array = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ from schemas.artifacts import ARTIFACTS
 from stages.common.point_arrays import decisions
 from stages.rigid_poses.body_pose import BodyPoses
 from truing.estimation.covariance import relative, relative_of_pair, relative_slope
+from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import log_so3
 
@@ -142,11 +143,6 @@ def _between(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[
         "other_number": pose_numbers(other.name)[j],
         "joint_covariance": covariance[pose, i, j],
     }
-
-
-def pose_numbers(body: str) -> NDArray[np.object_]:
-    """What the six numbers of a body's pose, (p, theta), are called in tables of joint covariances."""
-    return np.array([f"{body} {name}" for name in ("px", "py", "pz", "rx", "ry", "rz")], dtype=object)
 
 
 def _residual_columns(body: BodyPoses) -> dict[str, Any]:

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
 from stages.common.point_arrays import decisions
-from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI, RecordedSteps, load_steps
+from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from stages.common.rows import Rows
 from stages.declaration import Outcome
-from stages.sensor.run_starts import at_starts, begun_far, start_rows
-from stages.sensor.seen_motion import BeamGeometry, SeenMotion
 from truing.estimation.interferometry.load_run import branches
 from truing.estimation.interferometry.platform_displacement import (
     PlatformDisplacement,
@@ -22,8 +20,11 @@ from truing.estimation.interferometry.platform_displacement import (
     platform_displacement,
     zero_columns,
 )
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.estimation.interferometry.run_curves import RunCurves, run_curves
+from truing.estimation.interferometry.run_starts import at_starts, begun_far, start_rows
 from truing.report.numbers import count as counted
+from truing.simulation.bench.seen_motion import BeamGeometry, SeenMotion
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,7 +11,8 @@ from schemas.artifacts import ARTIFACTS
 from schemas.covariates import own_name, stand_in
 from schemas.faults import CampaignFaults, Fault
 from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import CHANNELS, LOAD_COLUMNS, LOADS, READING_SI
+from stages.common.reading_arrays import LOAD_COLUMNS
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI
 from truing.simulation.bench.extended_sensor import ExtendedSensor, goes_with_a_run, predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
 

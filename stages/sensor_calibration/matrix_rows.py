@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import LOADS
 from stages.common.rows import Rows
-from stages.sensor_calibration.contenders import SensorCalibrations
-from stages.sensor_calibration.theory import Theory
+from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate
+from truing.estimation.sensor.contenders import SensorCalibrations
 from truing.estimation.sensor.figures_of_merit import (
+    LegMatrix,
     condition_number,
     leg_force_matrix,
     per_length,
@@ -20,19 +18,12 @@ from truing.estimation.sensor.figures_of_merit import (
     sensitivities,
 )
 from truing.simulation.six_upur.influence import merit
+from truing.simulation.six_upur.theory import Theory
 
 Array = NDArray[np.float64]
 
 NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
 _LEGS = tuple(f"leg{number + 1}" for number in range(6))
-
-
-@dataclass(frozen=True)
-class LegMatrix:
-    """G_B': what leg forces, told by the signals' stated sensitivity, make of a wrench; and the model it is from."""
-
-    model: str
-    estimate: MatrixEstimate
 
 
 def leg_matrix(

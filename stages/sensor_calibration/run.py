@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
-from stages.common.reading_arrays import LOAD_COLUMNS, LOADS
+from stages.common.recorded_signals import ranges_of, recorded
 from stages.common.rows import Rows
 from stages.declaration import Outcome, Progress
-from stages.sensor_calibration.contenders import SensorCalibrations, calibrations
 from stages.sensor_calibration.matrix_rows import leg_matrix, matrix_rows, merit_rows
-from stages.sensor_calibration.recorded import Recorded, recorded
 from stages.sensor_calibration.theory import theory
-from truing.estimation.sensor.error_classes import AxisSeries, ErrorClass, creep, error_classes
+from truing.estimation.interferometry.recorded_steps import LOADS
+from truing.estimation.sensor.axis_errors import CREEP_S, axis_errors
+from truing.estimation.sensor.contenders import SensorCalibrations, calibrations
+from truing.estimation.sensor.error_classes import ErrorClass
 from truing.estimation.sensor.held_out_loads import HeldOut, predicted_loads
+from truing.estimation.sensor.recorded_signals import Recorded
 from truing.report.numbers import percent
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
 Array = NDArray[np.float64]
 CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk", "creep")
-_CREEP_S = (30.0, 300.0)  # ISO 376, by common account
 _WHY_NOT = {
     "nonlinearity": "fewer than two loads on the way up",
     "interpolation": "fewer than two loads on the way up",
@@ -37,7 +37,7 @@ _WHY_NOT = {
     "repeatability": "the axis was loaded but once",
     "zero return": "no run came back to zero",
     "crosstalk": "no other component has a range",
-    "creep": f"no load was held from {_CREEP_S[0]:g} to {_CREEP_S[1]:g} s",
+    "creep": f"no load was held from {CREEP_S[0]:g} to {CREEP_S[1]:g} s",
 }
 
 
@@ -83,13 +83,6 @@ def _fitted(
         return found, calibrations(found), ""
     except ValueError as error:
         return None, None, str(error)
-
-
-def ranges_of(settings: Campaign, found: Recorded) -> np.ndarray:
-    """The range (6,) of every axis: as [loading] has it, else its largest load; NaN where it was never loaded."""
-    largest = np.abs(found.steps.load).max(axis=0)
-    stated = [getattr(settings.loading, name) for name in LOAD_COLUMNS]
-    return np.array([one or (own if own > 0.0 else np.nan) for one, own in zip(stated, largest, strict=True)])
 
 
 def _figure(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
@@ -158,57 +151,15 @@ def error_class_rows(found: Recorded, fitted: SensorCalibrations, ranges: Array)
     matrix = fitted.matrix.value
     sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, found.sigma**2))
     for axis in range(len(LOADS)):
-        series = _series(found, indicated, sigma, ranges, axis)
-        if series is None:
+        told = axis_errors(found, indicated, sigma, ranges, axis)
+        if told is None:
             continue
-        told = [*_classes_of(series), *_creeps(found, indicated, sigma, ranges, axis)]
         for one in told:
             rows.add(**_class_row(one))
         for name in CLASSES:
             if name not in {one.name for one in told}:
                 rows.add(error_class=name, load=LOADS[axis], indicated=LOADS[axis], unit="%", reason=_WHY_NOT[name])
     return rows
-
-
-def _classes_of(series: AxisSeries) -> list[ErrorClass]:
-    """The classes of a series; components without a range have no crosstalk to be told."""
-    found = error_classes(series) if len(series.levels) else []
-    return [one for one in found if np.isfinite(one.value)]
-
-
-def _series(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis: int) -> AxisSeries | None:
-    """The runs that loaded one axis alone, each a cycle; None without any that was also read unloaded."""
-    steps = found.steps
-    other = np.delete(steps.load, axis, axis=1) != 0.0
-    runs = [
-        run
-        for run in np.unique(steps.run)
-        if (own := steps.run == run).any()
-        and not other[own].any()
-        and np.any(steps.load[own, axis])
-        and steps.load[np.flatnonzero(own)[0], axis] == 0.0
-    ]
-    rows = np.isin(steps.run, runs)
-    if not rows.any():
-        return None
-    return AxisSeries(steps.load[rows, axis], indicated[rows], axis, steps.run[rows], sigma, ranges)
-
-
-def _creeps(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis: int) -> list[ErrorClass]:
-    """The largest creep of all loads along the axis that were held long enough; a load comes after the step before."""
-    steps = found.steps
-    same = (np.diff(steps.load, axis=0) == 0.0).all(axis=1) & (np.diff(steps.run) == 0)
-    parts = np.split(np.arange(len(steps.run)), np.flatnonzero(~same) + 1)
-    held = []
-    for part in parts:
-        first = part[0]
-        if not steps.load[first, axis] or not first or steps.run[first - 1] != steps.run[first]:
-            continue
-        age = steps.time_s[part] - steps.time_s[first - 1]
-        if age[0] <= _CREEP_S[0] and age[-1] >= _CREEP_S[1]:
-            one = creep(age, indicated[part, axis], float(sigma[axis]), float(ranges[axis]), *_CREEP_S)
-            held.append(replace(one, axis=axis, component=axis, load=float(steps.load[first, axis])))
-    return [max(held, key=lambda one: abs(one.value))] if held else []
 
 
 def _class_row(one: ErrorClass) -> dict[str, object]:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.nominal_mechanism import facing, nominal_legs
 from stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
 from stages.common.pose_conditions import pose_conditions
-from stages.diagnosis.mechanism_points import Gathered, facing, nominal_legs
 from truing.simulation.campaign_simulation import Layout, draw_campaign
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.legs import Legs
@@ -141,9 +141,11 @@ def _nominal_model(
     return PointModel(legs, bodies.targets, known, conditions), bodies
 
 
-def full_plan(bare: CampaignPlan, gathered: Gathered, poses_table: pa.Table) -> CampaignPlan:
-    """The plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them."""
-    model = gathered.model
+def full_plan(bare: CampaignPlan, model: PointModel, seen: NDArray, poses_table: pa.Table) -> CampaignPlan:
+    """The plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them.
+
+    model: the plain simulation; seen (B, K): which of its targets were seen in the poses that are fitted.
+    """
     known = {name: k for k, name in enumerate(_named(bare.layout.model.targets))}
     order = [known[name] for name in _named(model.targets)]
     layout = Layout(
@@ -152,7 +154,7 @@ def full_plan(bare: CampaignPlan, gathered: Gathered, poses_table: pa.Table) -> 
         bare.layout.seen[:, order],
         default_rotations(poses_table, "base", bare.poses) if bare.was_measured else None,
     )
-    scene = replace(model.scene, seen=gathered.calibration.measured.seen)
+    scene = replace(model.scene, seen=seen)
     return replace(bare, layout=layout, scene=scene)
 
 

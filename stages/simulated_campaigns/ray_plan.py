@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import positions
-from stages.diagnosis.ray_points import gather_rays, has_rays
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.causes.photographs.of_rays import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
@@ -18,7 +17,6 @@ from truing.simulation.photographs.ray_poses import RayPoses
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
 
 NEEDS = ("ray_statistics", "ray_information", "ray_effects", "configurations", "poses")
 
@@ -67,9 +65,6 @@ class RayPlan:
         return table.set_column(place, table.schema.field(place), pa.array(score[pose, number]))
 
 
-def ray_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
-    """The plan of a run's rays; raises ValueError, saying why, where they cannot be held against each other."""
-    if not has_rays(tables):
-        raise ValueError("needs rays of three poses or more")
-    gathered, whole = gather_rays(tables, settings)
-    return RayPlan(whole, {name: tables[name] for name in NEEDS if name in tables}, gathered.model.scene)
+def ray_plan(tables: Mapping[str, pa.Table], rays: RayPoses, scene: Scene) -> RayPlan:
+    """The plan of a run's rays, as the diagnosis gathered them."""
+    return RayPlan(rays, {name: tables[name] for name in NEEDS if name in tables}, scene)

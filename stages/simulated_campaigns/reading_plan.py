@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import CHANNELS, READING_SI, RecordedSteps, load_steps
-from stages.diagnosis.reading_points import reading_model
+from stages.common.reading_arrays import load_steps
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.simulation.bench.bench_simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
     from truing.simulation.bench.reading_model import ReadingModel
 
 _VOLT_MV = 1e3
@@ -65,10 +64,9 @@ class ReadingPlan:
         return tables
 
 
-def reading_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingPlan:
-    """The plan of a loading campaign; raises ValueError, saying why, where it cannot be simulated."""
+def reading_plan(tables: Mapping[str, pa.Table], model: ReadingModel) -> ReadingPlan:
+    """The plan of a loading campaign; model: its plain simulation at all load steps."""
     steps = load_steps(tables)
-    model = reading_model(tables, settings)
     own = {name: tables[name] for name in ("readings", "signals", "given_compliance") if name in tables}
     return ReadingPlan(model, steps, own, model.scene)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from stages.power import Curve, Question, Rate
 from truing.inference.detectable import POWER
+from truing.simulation.detection_trials import Curve, Question, Rate
 
 if TYPE_CHECKING:
     import pyarrow as pa

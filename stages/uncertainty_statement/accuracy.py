@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.responses.axis_positioning import SEED, deviations, instrument
+from stages.common.positioning import SEED, deviations, instrument
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import Budget, Source

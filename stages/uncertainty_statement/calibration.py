@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.data import Gathered, gather
-from stages.calibration.fits import answer
-from stages.calibration.question import Question, cases, is_deformation, question, survey_rows, with_targets
-from stages.calibration.run import screened_poses
+from stages.common.calibration_data import gather
 from stages.uncertainty_statement.found_causes import DEFORMATION, found_causes
 from stages.uncertainty_statement.statement import Statement
+from truing.calibration.every_case import screened_poses
+from truing.calibration.fits import answer
+from truing.calibration.measured import Gathered
+from truing.calibration.question import Question, cases, is_deformation, question, survey_rows, with_targets
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate
 from truing.simulation.parameters import SHARED, Parameter

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import CHANNELS, LOADS
-from stages.common.simulated_compliance import simulated_compliance
-from stages.responses.load_deformation import Loaded, fitted_compliance, loaded_steps
-from stages.responses.tables import birge
+from stages.common.loaded_steps import loaded_steps
+from stages.common.nominal_sensor import simulated_compliance
 from stages.uncertainty_statement.found_causes import found_causes
 from stages.uncertainty_statement.statement import Statement
+from truing.estimation.interferometry.loaded import Loaded, fitted_compliance
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.estimation.response_structure import birge
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate
 
 if TYPE_CHECKING:

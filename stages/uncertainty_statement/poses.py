@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.data import BodyPoses, body_poses
+from stages.common.calibration_data import body_poses
 from stages.common.point_arrays import (
     PosePoints,
     SurveyPoints,
@@ -21,9 +21,10 @@ from stages.common.point_arrays import (
     survey_points,
     used_targets,
 )
-from stages.rigid_poses.point_errors import common_correlation
+from stages.common.point_errors import common_correlation
 from stages.uncertainty_statement.found_causes import found_causes, of_instrument
 from stages.uncertainty_statement.statement import Statement
+from truing.calibration.measured import BodyPoses
 from truing.estimation.covariance import relative, survey_frame_covariance
 from truing.estimation.rotation import left_jacobian_so3, log_so3
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.sensor_calibration.contenders import by_cases, contenders
-from stages.sensor_calibration.recorded import Recorded, recorded
-from stages.sensor_calibration.run import ranges_of
+from stages.common.recorded_signals import ranges_of, recorded
 from stages.uncertainty_statement.found_causes import found_causes
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate, calibration_matrix, wrenches
+from truing.estimation.sensor.contenders import by_cases, contenders
 from truing.estimation.sensor.held_out_loads import covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable
+from truing.estimation.sensor.recorded_signals import Recorded
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, linear_estimate
 
 if TYPE_CHECKING:

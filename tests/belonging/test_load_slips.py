@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.belonging import withheld
+from stages.common.belonging import withheld
 from tests.belonging.load_slips import SLIPS, Tables
 from tests.belonging.load_slips_told import RIGHT, judge
 from tests.conftest import PROJECT

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from pipeline.command_line import app
 from pipeline.problems import ExitCode
-from stages.belonging import withheld
+from stages.common.belonging import withheld
 from stages.declaration import Outcome
 from tests.belonging.point_slips import ALL_SLIPS, ROUNDED_SLIPS, Files, PointSlip, read_files, write_files
 from tests.blind.generator.case import hide

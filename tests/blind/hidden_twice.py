@@ -18,7 +18,8 @@ from pipeline.settings_view import SettingsView
 from schemas.campaign import Campaign as Settings
 from stages import pose
 from stages.diagnose import gathered_of
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
+from stages.power import completed
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -64,7 +65,7 @@ class Ground:
     def plan(self) -> CampaignPlan:
         """The layout as `truing power` knows it, from a campaign in which nothing is hidden."""
         tables, settings = self._plain
-        return full_plan(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"])
+        return completed(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"])
 
     @cached_property
     def _moves(self) -> list[tuple[int, str, Array]]:

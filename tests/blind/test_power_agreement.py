@@ -17,7 +17,8 @@ from pipeline.settings_view import SettingsView
 from schemas.campaign import Campaign
 from stages import pose
 from stages.diagnose import gathered_of
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
+from stages.power import completed
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.blind.generator.effects import LinearDeformation
@@ -52,7 +53,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def plan(folders: Path) -> tuple[CampaignPlan, Campaign]:
     folder = write_campaign(draw_campaign(LAYOUT, MOVES, [], np.random.default_rng(2)), folders / "plain", 2)
     tables, settings = run_line(folder, "ingest", "pose")[0], settings_of(folder)
-    return full_plan(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"]), settings
+    return completed(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"]), settings
 
 
 def _signal(tables: dict[str, pa.Table], settings: Campaign, cause: Any) -> float:

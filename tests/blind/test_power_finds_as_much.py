@@ -16,7 +16,6 @@ import pytest
 
 from schemas.campaign import Campaign
 from stages.diagnose import gathered_of, rule_of
-from stages.power import questions
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.hidden_twice import Ground, as_hidden
 from tests.blind.judging import UNLUCKY
@@ -32,6 +31,7 @@ from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.measurement_scale import MeasurementScale
 from truing.simulation.causes.targets import TargetMoved
 from truing.simulation.causes.warmth import LegThermal
+from truing.simulation.detection_trials import questions
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 EACH = 4

@@ -18,7 +18,6 @@ from pipeline.power_command import PowerWish, _plan, diagnosed_trial
 from pipeline.problems import Interrupted
 from pipeline.workforce import LOCAL, Workforce
 from schemas.campaign import Campaign
-from stages.power import Answer, Trial
 from stages.simulated_campaigns.plan import CampaignPlan
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -26,6 +25,7 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from truing.simulation.cause import Effect
 from truing.simulation.causes.drive import ActuatorGain
+from truing.simulation.detection_trials import Answer, Trial
 
 LAYOUT = Layout("small", targets=Targets(base=4, platform=4, per_leg=0))
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.common.reading_arrays import READING_SI
 from tests.real import force_facts
 from tests.real.diagnosed import diagnosed, length, sag, seen_in_between, up_and_down, walked
+from truing.estimation.interferometry.recorded_steps import READING_SI
 from truing.estimation.response import fit_response
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import READING_SI
 from tests.real.diagnosed import diagnosed
 from tests.real.sensor_facts import pier_of
+from truing.estimation.interferometry.recorded_steps import READING_SI
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.eccentric_load import line_of_action

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from docs.experiments import force_sensor_campaign
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
-from stages.belonging import withheld
+from stages.common.belonging import withheld
 from stages.common.reading_arrays import load_steps
 from stages.diagnosis.reading_points import reading_model
 from stages.predict import predict

@@ -17,9 +17,9 @@ from schemas.artifacts import ARTIFACTS
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from schemas.photographs import USUAL
-from stages.photograph_targets import tables
-from stages.photograph_targets.measuring import target_plan
-from stages.photograph_targets.tables import families_of
+from stages.image_tables import photographs as tables
+from stages.image_tables.measuring import target_plan
+from stages.image_tables.photographs import families_of
 from tests.estimation.image_targets.pictures import ring_target_picture
 from tests.estimation.image_targets.planes import exposed, homography, marker_pattern, plane_picture
 from tests.tolerance import assert_close

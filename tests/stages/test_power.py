@@ -16,8 +16,8 @@ from schemas.artifacts import ARTIFACTS
 from schemas.campaign import Campaign
 from stages import pose
 from stages.diagnosis.mechanism_points import gather
-from stages.power import FACTORS, Answer, Question, Trial, answer, curve, false_alarms, trials
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan, full_plan
+from stages.power import completed
+from stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 from stages.simulated_campaigns.tables import rates_table, sizes_table
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -26,6 +26,7 @@ from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
 from truing.inference.detectable import Rule, Sight
 from truing.simulation.causes.drive import ActuatorGain
+from truing.simulation.detection_trials import FACTORS, Answer, Question, Trial, answer, curve, false_alarms, trials
 from truing.simulation.hidden_effects import Size, Sort
 
 POSES, HELD = 14, 3
@@ -58,7 +59,7 @@ def _posed(tables: dict[str, pa.Table], settings: Campaign) -> dict[str, pa.Tabl
 
 @pytest.fixture(scope="module")
 def plan(tables: dict[str, pa.Table], settings: Campaign) -> CampaignPlan:
-    return full_plan(bare_plan(tables, settings), gather(tables, settings), tables["poses"])
+    return completed(bare_plan(tables, settings), gather(tables, settings), tables["poses"])
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,7 @@ def test_a_campaign_without_points_is_planned_with_all_targets_seen(
     assert not bare.was_measured
     assert bare.layout.seen.all()
     first = _posed(bare.drawn((), np.random.default_rng(1)), settings)
-    found = full_plan(bare, gather(first, settings), first["poses"])
+    found = completed(bare, gather(first, settings), first["poses"])
     assert found.layout.model.known.geometry["a"] == pytest.approx(5e-4)
     assert found.drawn((), np.random.default_rng(2))["observations"].num_rows == bare.layout.seen.size
 

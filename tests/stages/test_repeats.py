@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 from schemas.faults import CampaignFaults
-from stages.repeats.groups import DECLARED, SAME_LOADS, SAME_READINGS, repeated_poses
+from stages.common.repeats import DECLARED, SAME_LOADS, SAME_READINGS, repeated_poses
 from stages.repeats.of_loads import repeats_of_loads
 from stages.repeats.of_poses import repeats_of_poses
 from stages.repeats.tables import POOLED

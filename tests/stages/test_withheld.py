@@ -12,7 +12,7 @@ import pytest
 from schemas.campaign import read_campaign
 from schemas.quality_checks import CHECKS, WITHHOLDING
 from stages import calibrate, deformation, diagnose, pose
-from stages.belonging import withheld
+from stages.common.belonging import withheld
 from stages.declaration import Outcome
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign

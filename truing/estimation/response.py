@@ -7,7 +7,7 @@ force sensor the response is the displacement of the platform and the drive the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -290,3 +290,13 @@ def _standardised_l1(
         root = np.sqrt(np.maximum(z, 1.0))
         inflated = cov * root[:, :, None] * root[:, None, :]
     return z
+
+
+def residual_sets(fit: ResponseFit) -> dict[str, Array]:
+    """Residuals of the fit, and of each row by a fit to all others."""
+    return {"": fit.residuals, "cv_": fit.loo_residuals}
+
+
+def fit_models(u: Array, y: Array, cov: Array, forms: tuple[str, ...], **prior: Any) -> dict[str, ResponseFit]:
+    """Every model form fitted to the same data."""
+    return {form: fit_response(u, y, cov, form=form, **prior) for form in forms}  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from truing.estimation.response import ResponseFit
 
 Array = NDArray[np.float64]
+FALSE_ALARM = 0.05  # family-wise, over all entries of one table
 
 
 def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
@@ -148,3 +149,19 @@ def ring_shape(shifts: Array, attachments: Array) -> RingShape:
     amplitude = float(np.abs(left[:, 0] * values[0]).max())
     share = float(values[0] ** 2 / total)
     return RingShape(lift, tilt, max(0.0, 1.0 - lift - tilt), shapes[0], share, amplitude)
+
+
+def birge(fit: ResponseFit) -> float:
+    """Factor on the standard deviations: above 1 only where the residuals are larger than declared noise allows."""
+    from scipy.special import chdtrc
+
+    if fit.dof <= 0 or chdtrc(fit.dof, fit.chi_square) > 0.01:
+        return 1.0
+    return float(np.sqrt(fit.chi_square / fit.dof))
+
+
+def entry_tests(fit: ResponseFit) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """(L, D) sigma, p-value and significance of every entry, widened where the noise is larger than declared."""
+    factor = birge(fit)
+    p = entry_p_values(fit, factor)
+    return fit.sigma * factor, p, holm_significant(p, FALSE_ALARM)

@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import chi2
 
 from stages.calibration.accuracy import accuracy_rows
-from stages.calibration.data import gather
 from stages.calibration.extended import (
     MODEL,
     Extended,
@@ -18,6 +17,7 @@ from stages.calibration.extended import (
     extended_of,
     extended_parameters,
 )
+from stages.common.calibration_data import gather
 from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.line import run_line, settings_of
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.common.reading_arrays import RecordedSteps
 from stages.diagnosis.signal_knowledge import told_by_readings
 from tests.tolerance import assert_close
+from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.simulation.bench.reading_state import LoadSteps, ReadingState
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, SignalsExchanged
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor

@@ -13,14 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.in_memory import call_stage
-from stages.calibration.data import Gathered, gather
-from stages.calibration.fits import Calibration, maximum_likelihood
-from stages.calibration.question import Case, cases
+from stages.common.calibration_data import gather
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.schedule import random_moves
 from tests.photographs.machine import copied, moved, stated_covariance
 from tests.photographs.rays import Shooting, exact_campaign
 from tests.stages.line import settings_of
+from truing.calibration.fits import Calibration, maximum_likelihood
+from truing.calibration.measured import Gathered
+from truing.calibration.question import Case, cases
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.structures import structures
 

@@ -18,7 +18,8 @@ from pipeline.workforce import Workforce
 from schemas.artifacts import ARTIFACTS
 from schemas.faults import CampaignFaults
 from stages.diagnosis.ray_points import gather_rays
-from stages.simulated_campaigns.ray_plan import NEEDS, RayPlan, ray_plan
+from stages.power import ray_plan_of
+from stages.simulated_campaigns.ray_plan import NEEDS, RayPlan
 from tests.stages.line import settings_of
 from truing.simulation.cause import Effect
 from truing.simulation.causes.photographs.camera_instability import CameraInstability
@@ -28,7 +29,7 @@ from truing.simulation.hidden_effects import concerned
 @pytest.fixture(scope="module")
 def plan(adjusted: Any) -> RayPlan:
     _, folder, tables = adjusted
-    return ray_plan(tables, settings_of(folder))
+    return ray_plan_of(tables, settings_of(folder))
 
 
 def _jump(plan: RayPlan, size_px: float) -> Effect:

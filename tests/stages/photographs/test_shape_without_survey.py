@@ -8,8 +8,8 @@ import numpy as np
 
 from stages.common.point_arrays import PosePoints, SurveyPoints
 from stages.rigid_poses.body_pose import fit_body
-from stages.rigid_poses.point_errors import PointErrors
 from tests.tolerance import assert_between, assert_close
+from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 POSES, TARGETS, NOISE, SCALE = 5, 12, 1e-6, 3e-4

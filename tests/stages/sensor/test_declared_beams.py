@@ -11,7 +11,6 @@ import pytest
 
 from schemas.interferometer import Interferometer
 from stages.common.declared_optics import channel_rows, declared_optics
-from stages.sensor.seen_motion import BeamGeometry
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import Effect
 from tests.blind.generator.sensor.folder import write_campaign
@@ -20,6 +19,7 @@ from tests.stages.benches import DEFORMATION, Bench, case_errors, entry_errors, 
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.bench.optics import Optics
+from truing.simulation.bench.seen_motion import BeamGeometry
 
 ANGLE = 0.02
 ASIDE = across(1, 0.7)

@@ -11,9 +11,9 @@ import pytest
 
 from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
+from stages.common.recorded_signals import recorded
 from stages.diagnose import gathered_of
 from stages.diagnosis.mechanism_points import Gathered
-from stages.sensor_calibration.recorded import recorded
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance

@@ -80,3 +80,11 @@ def relative_errors(theory: NDArray, measured: Figures) -> Figures:
 def _propagated(value: NDArray, change: NDArray, matrix: MatrixEstimate) -> Figures:
     cov = symmetric(change @ matrix.covariance @ change.T)
     return Figures(value, np.sqrt(np.diag(cov)))
+
+
+@dataclass(frozen=True)
+class LegMatrix:
+    """G_B': what leg forces, told by the signals' stated sensitivity, make of a wrench; and the model it is from."""
+
+    model: str
+    estimate: MatrixEstimate

@@ -1,4 +1,4 @@
-"""The compliance that the simulation gives a sensor, and how uncertain its tolerances leave it."""
+"""A sensor as it was designed, the compliance that this gives it, and how uncertain its tolerances leave that."""
 
 from __future__ import annotations
 
@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.nominal_sensor import NominalSensor, nominal_sensor
 from truing.simulation.six_upur.compliance_change import (
     change_as_a_whole,
     common_to_legs,
     compliance_change,
     compliance_covariance,
 )
+from truing.simulation.six_upur.geometry import JointCentres
+from truing.simulation.six_upur.stiffness import ElasticSensor
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from schemas.campaign import Campaign
-    from schemas.sensor_mechanism import SensorMechanism
+    pass
 
 Array = NDArray[np.float64]
 
@@ -38,15 +36,25 @@ class SimulatedCompliance:
         return np.sqrt(np.diag(self.covariance)).reshape(6, 6)
 
 
-def simulated_compliance(settings: Campaign, given: pa.Table | None) -> SimulatedCompliance | None:
-    """The simulation of [mechanism]; None where it says nothing of how the sensor gives."""
-    if settings.mechanism.type != "6-upur":
-        return None
-    section: SensorMechanism = settings.mechanism  # type: ignore[assignment]
-    sensor = nominal_sensor(section, given if given is not None and given.num_rows else None)
-    if sensor.compliance is None:
-        return None
-    return SimulatedCompliance(sensor.compliance, _covariance(sensor))
+@dataclass(frozen=True)
+class NominalSensor:
+    """A sensor as it was designed, and one standard deviation of what may differ from that.
+
+    ``elastic`` is None where only a compliance is given; ``compliance`` (6, 6), SI, is None where neither is.
+    ``length_sigma`` (5,), m: platform and base radius, the clearances, the sensor's installation; ``stiffness_sigma``
+    relative.
+    """
+
+    joints: JointCentres
+    elastic: ElasticSensor | None
+    compliance: Array | None
+    length_sigma: Array
+    stiffness_sigma: float
+
+
+def simulated(sensor: NominalSensor) -> SimulatedCompliance | None:
+    """Return the compliance of a sensor as designed, with what its tolerances leave open; None where none is known."""
+    return None if sensor.compliance is None else SimulatedCompliance(sensor.compliance, _covariance(sensor))
 
 
 def _covariance(sensor: NominalSensor) -> Array:

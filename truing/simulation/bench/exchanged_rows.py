@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import LOADS, RecordedSteps
+from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 from truing.estimation.sensor.exchanged_loads import exchanged_loads
 from truing.estimation.sensor.load_table import load_table
 from truing.simulation.causes.bench.rows_exchanged import RowsExchanged

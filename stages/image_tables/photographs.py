@@ -13,8 +13,8 @@ from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from schemas.photographs import FAMILIES, USUAL
 from stages.declaration import Progress
+from stages.image_tables.measuring import Measured, Piece, measure, target_plan
 from stages.image_tables.point_names import own_names
-from stages.photograph_targets.measuring import Measured, Piece, measure, target_plan
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_pixels import read_grey
 from truing.formats.photographs import Photograph, Photographs, list_photographs

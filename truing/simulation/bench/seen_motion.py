@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.simulated_compliance import SimulatedCompliance
 from truing.simulation.bench.optics import Optics
+from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.data import Deformation, Gathered, Measured, SurveyedAttachments
-from stages.calibration.targets import noise_of_all, prior_of_all, with_bodies, with_common, with_shifts
+from truing.calibration.measured import Deformation, Gathered, Measured, SurveyedAttachments
+from truing.calibration.targets import noise_of_all, prior_of_all, with_bodies, with_common, with_shifts
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.parameters import Parameter, ParameterSet, full_set

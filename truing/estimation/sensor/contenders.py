@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import LOADS
-from stages.sensor_calibration.recorded import Recorded
+from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel, Zero
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate, calibration_matrix
@@ -21,6 +20,7 @@ from truing.estimation.sensor.held_out_loads import (
     predicted_loads,
 )
 from truing.estimation.sensor.load_table import LoadTable
+from truing.estimation.sensor.recorded_signals import Recorded
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.data import BodyPoses, Gathered, Measured
-from stages.responses.correlated_shifts import shift_number
-from stages.rigid_poses.tables import pose_numbers
+from truing.calibration.measured import BodyPoses, Gathered, Measured
 from truing.estimation.covariance import shared_parent_covariance
 from truing.estimation.errors_in_variables.fit import Prior
+from truing.estimation.measured_numbers import pose_numbers, shift_number
 from truing.simulation.attachment_shifts import AttachmentShifts
 from truing.simulation.calibration_problem import CalibrationProblem
 from truing.simulation.common_errors import CommonErrors

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
 from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import RecordedSteps
+from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.quality import repeated_groups
 
 if TYPE_CHECKING:

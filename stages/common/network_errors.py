@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column, positions
-from stages.responses.correlated_shifts import shift_number
-from stages.rigid_poses.point_errors import common_correlation
-from stages.rigid_poses.tables import pose_numbers
+from stages.common.point_errors import common_correlation
+from truing.estimation.measured_numbers import NetworkErrors, pose_numbers, shift_number
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -21,32 +19,6 @@ _EFFECTS = (*(f"effect_{a}_mm" for a in "xyz"), *(f"effect_r{a}_rad" for a in "x
 _TO_SI = np.array([1e-3] * 3 + [1.0] * 3)
 _NOTHING = 1e-9  # share of a variance
 _TABLES = ("pose_sensitivities", "pose_covariances", "shift_covariances", "shift_sensitivities")
-
-
-@dataclass(frozen=True)
-class NetworkErrors:
-    """Errors of the numbers measured (Q) in each of B poses, SI: covariance (B, Q, Q) of those of one pose, NaN where
-    it is not told; effects (B, Q, K) of K errors common to all poses, independent and of one standard deviation each,
-    which are in the covariance."""
-
-    numbers: tuple[str, ...]
-    covariance: NDArray
-    effects: NDArray
-
-    def chosen(self, rows: NDArray) -> NetworkErrors:
-        """Return those of some poses."""
-        return NetworkErrors(self.numbers, self.covariance[rows], self.effects[rows])
-
-    def of(self, numbers: Sequence[str], told: NDArray) -> tuple[NDArray, NDArray]:
-        """Return covariance (B, n, n), NaN where not told, and effects (B, n, K), zero there, of the numbers named, as
-        far as they are told (B, n)."""
-        known = {name: n for n, name in enumerate(self.numbers)}
-        place = np.array([known.get(name, -1) for name in numbers])
-        covariance = self.covariance[:, place[:, None], place]
-        diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-        there = told & (place >= 0) & np.isfinite(diagonal)
-        covariance = np.where(there[:, :, None] & there[:, None], covariance, np.nan)
-        return covariance, np.where(there[..., None], self.effects[:, place], 0.0)
 
 
 def network_errors(

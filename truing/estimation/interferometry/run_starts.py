@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import RecordedSteps
+from truing.estimation.interferometry.recorded_steps import RecordedSteps
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.data import Gathered, Measured
-from stages.calibration.question import (
+from truing.calibration.measured import Gathered, Measured
+from truing.calibration.question import (
     Case,
     Question,
     common_effects,

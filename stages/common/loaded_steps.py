@@ -1,0 +1,73 @@
+"""Readings that were kept, step by step, with what the declared geometry of their beams adds to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.common.point_arrays import number_column
+from stages.common.reading_arrays import load_steps
+from truing.estimation.interferometry.loaded import KeptReadings, Loaded, fitted_compliance, geometry_spread
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
+from truing.estimation.response_structure import (
+    FALSE_ALARM,
+    holm_significant,
+)
+from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.sections import Noise
+
+Array = NDArray[np.float64]
+
+
+def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> KeptReadings:
+    """What reading_residuals says of the readings of load steps; a reading whose geometry is unknown is not kept."""
+    place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
+    keys = zip(residuals.column("run").to_pylist(), residuals.column("step").to_pylist(), strict=True)
+    row = np.array([place[key] for key in keys], dtype=np.int64)
+    k = np.array([CHANNELS.index(name) for name in residuals.column("channel").to_pylist()], dtype=np.int64)
+    found = np.zeros((3, *steps.reading.shape))
+    found[0] = 1.0
+    for n, name in enumerate(("sigma", "geometry", "geometry_sigma")):
+        if name in residuals.column_names:
+            found[n, row, k] = number_column(residuals, name) * READING_SI[k]
+    kept = np.isfinite(steps.reading) & np.isfinite(found[1])
+    kept[row, k] &= ~np.asarray(residuals.column("rejected").to_pylist(), dtype=bool)
+    return KeptReadings(kept, found[0], found[1], np.nan_to_num(found[2]))
+
+
+def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
+    """Readings without gross errors and without the drifts that runs show beyond chance."""
+    steps = load_steps({"readings": tables["readings"]})
+    own = kept_readings(tables["reading_residuals"], steps)
+    drift = _drifts(tables["run_terms"], steps)
+    begin = np.array([steps.time_s[steps.run == r].min(initial=np.inf) for r in range(len(steps.runs))])
+    moved = drift[steps.run] * (steps.time_s - begin[steps.run])[:, None]
+    reading = np.where(own.kept, steps.reading - moved - own.added, np.nan)
+    spread = geometry_spread(steps.load, own.added_sigma)
+    loaded = Loaded(steps, reading, own.sigma**2, int(np.count_nonzero(drift)), spread)
+    load_sigma = np.repeat([noise.load_n, noise.load_nm], 3)
+    if not load_sigma.any():
+        return loaded
+    # a load that is not quite what was declared moves the platform as well
+    entries = fitted_compliance(loaded, "matrix").entries if simulated is None else simulated.entries
+    by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
+    return replace(loaded, variance=own.sigma**2 + by_loads, by_loads=by_loads)
+
+
+def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
+    """The drift (R, 6) per s of runs that show one beyond chance; zero of the others."""
+    found = np.zeros((len(steps.runs), 6))
+    rows = [row for row in terms.to_pylist() if row["term"] == "drift"]
+    real = holm_significant(np.array([row["p_value"] for row in rows]), FALSE_ALARM)
+    for row, significant in zip(rows, real, strict=True):
+        k = CHANNELS.index(row["channel"])
+        found[steps.runs.index(row["run"]), k] = row["value"] * READING_SI[k] / 3600.0 if significant else 0.0
+    return found

@@ -1,0 +1,86 @@
+"""The mechanism that campaign.toml describes, as numbers in m."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from schemas.faults import CampaignFaults, Fault
+from stages.common.point_arrays import number_column
+from truing.estimation.rotation import exp_so3
+from truing.simulation.beam_element import section
+from truing.simulation.kinematics import unit
+from truing.simulation.legs import Legs
+from truing.simulation.mechanisms import mechanism
+from truing.simulation.structure import Machine, Section
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from schemas.mechanism import LeggedMechanism
+    from schemas.mechanism import Rod as RodSection
+
+FILE = "campaign.toml"
+
+
+def nominal_legs(section: LeggedMechanism) -> Legs:
+    """The mechanism that campaign.toml describes, in m."""
+    legs = section.legs
+    directions = [unit(np.array(leg.u)) for leg in legs if leg.u is not None]
+    return mechanism(
+        section.type,
+        np.array([leg.a_mm for leg in legs]) * 1e-3,
+        np.array([leg.b_mm for leg in legs]) * 1e-3,
+        directions if len(directions) == len(legs) else None,
+        np.array([leg.length_mm for leg in legs]) * 1e-3,
+        np.array([leg.rho0_mm for leg in legs]) * 1e-3,
+    )
+
+
+def facing(legs: Legs, poses: pa.Table) -> Legs:
+    """Return legs without actuators of their own direction as assembled on the side where the platform was measured.
+
+    Lengths alone leave two sides open; the direction u, which such a closure does not use, says from where to search.
+    """
+    import pyarrow.compute as pc
+
+    if "u" in legs.closure.geometry:
+        return legs
+    own = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))
+    rows = poses.filter(pc.and_(poses.column("default"), own))
+    p = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"]) * 1e-3
+    R = exp_so3(np.nan_to_num(np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])))
+    away = (p + R @ legs.b.mean(0) - legs.a.mean(0))[np.isfinite(p).all(1)]
+    return legs.replace(u=np.broadcast_to(unit(away.mean(0)), legs.a.shape)) if len(away) else legs
+
+
+def nominal_machine(mechanism: LeggedMechanism) -> Machine:
+    """The machine that campaign.toml describes, before any deformation."""
+    lengths = [leg.flexure_length_mm for leg in mechanism.legs]
+    known = all(length is not None for length in lengths)
+    return Machine(
+        nominal_legs(mechanism),
+        np.zeros((len(lengths), len(lengths))),
+        np.array(lengths, float) * 1e-3 if known else None,
+        _section(mechanism.flexure),
+        _section(mechanism.leg_tube),
+    )
+
+
+def _section(rod: RodSection | None) -> Section | None:
+    return None if rod is None else section(rod.diameter_mm * 1e-3, rod.youngs_gpa * 1e9, rod.poisson)
+
+
+def plain_machine(settings: Campaign) -> Machine:
+    """Return the nominal mechanism, its platform rigid; raises CampaignFaults where none has six legs or more."""
+    section = settings.mechanism
+    if section.type in ("none", "6-upur"):
+        expected = "a mechanism whose configurations can be chosen: legs and actuators, photogrammetry"
+        raise CampaignFaults([Fault(FILE, expected, column="mechanism.type", value=section.type)])
+    legs = nominal_legs(cast("LeggedMechanism", section))
+    if legs.count < 6:
+        expected = "six legs or more: fewer leave the platform free, and its pose is no matter of choice"
+        raise CampaignFaults([Fault(FILE, expected, column="mechanism.legs", value=str(legs.count))])
+    return Machine(legs, np.zeros((legs.count, legs.count)))

@@ -1,0 +1,42 @@
+"""Positions of an axis as deviations, and what is known of the axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.common.point_arrays import number_column
+from truing.estimation.interferometry.iso230 import Instrument
+from truing.estimation.interferometry.readings import REFERENCE_C
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.interferometer import Interferometer
+
+Array = NDArray[np.float64]
+_UM = 1e3  # per mm
+SEED = 230
+
+
+def deviations(rows: pa.Table) -> tuple[Array, Array]:
+    """Targets (P,) in mm and deviations (P, 2, C) in um of the rows of a run, which are in order."""
+    target = np.unique(number_column(rows, "target_mm"))
+    shape = len(target), 2, -1  # forward and backward
+    off = number_column(rows, "position_mm") - number_column(rows, "target_mm")
+    return target, off.reshape(shape) * _UM
+
+
+def instrument(rows: pa.Table, optics: Interferometer) -> Instrument:
+    """What the correction to 20 degrees C leaves uncertain of the axis' length; nothing where none was made."""
+    axis, spread = optics.material.axis, optics.surroundings_sigma
+    if axis is None:
+        return Instrument()
+    return Instrument(
+        expansion=axis.expansion_per_k,
+        expansion_sigma=axis.expansion_sigma_per_k,
+        temperature_sigma=0.0 if spread is None else spread.material_temperature_c,
+        warmer_by=float(np.mean(number_column(rows, "material_temperature_c"))) - REFERENCE_C,
+    )

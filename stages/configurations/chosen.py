@@ -1,0 +1,85 @@
+"""Configurations that were chosen, what was asked for, and how well a calibration sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.configurations.choice import Bounded
+from stages.configurations.problem import DesignProblem
+from truing.estimation.design.design_bound import efficiency, sum_log_det
+from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.simulation.pose_regressors import Placed
+
+
+@dataclass(frozen=True)
+class DesignWish:
+    """What is asked for.
+
+    method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
+    readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`;
+    at_once: components of a load that may act together; causes: what loads are to show, not a calibration.
+    """
+
+    poses: int
+    verification: int = 0
+    method: str = "exchange"
+    within: str = "workspace"
+    parameters: tuple[str, ...] = ()
+    trade_off: float = TRADE_OFF
+    seed: int = 0
+    at_once: int = 6
+    causes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Configurations (N,) as a calibration sees them: their number, information (L, q, q), how many lie outside."""
+
+    count: int
+    information: NDArray
+    outside: int
+
+    @property
+    def log_det(self) -> float:
+        """Return O1, the log determinant over all legs."""
+        return sum_log_det(self.information)
+
+
+@dataclass(frozen=True)
+class Design:
+    """Chosen configurations and what can be said of them.
+
+    placed: calibration poses, then verification poses; whole: the chosen with those kept; existing: the campaign's own;
+    candidates: what the bound is about, and the bound.
+    """
+
+    problem: DesignProblem
+    wish: DesignWish
+    placed: Placed
+    whole: Judged
+    kept: Judged | None
+    existing: Judged | None
+    candidates: Bounded
+    order: PoseOrder
+    table: pa.Table = field(repr=False)
+
+    @property
+    def efficiency(self) -> float:
+        """Return the share of the best possible."""
+        return efficiency(self.whole.log_det, self.candidates.upper, self.problem.size)
+
+    @property
+    def existing_efficiency(self) -> float | None:
+        """Return what share of the best of as many poses the campaign's own are; None where there are none to judge."""
+        if self.existing is None or self.kept is not None:
+            return None
+        best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.wish.poses))
+        return efficiency(self.existing.log_det, best, self.problem.size)

@@ -1,1 +1,0 @@
-"""Photographs opened, and the targets in them measured."""

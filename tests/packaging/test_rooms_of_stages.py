@@ -1,0 +1,46 @@
+"""Rooms of stages stand apart: none imports another's, and no stage is stale by science that it does not use."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from pipeline.remembered import RememberedDigests
+from pipeline.source_digest import SourceTree
+from tests.packaging.source_tree import PROJECT, imported_names, module_name, modules, within
+
+SHARED = ("stages.common", "stages.declaration")
+ROOMS = sorted({path.parent.name for path in modules("stages") if path.parent != PROJECT / "stages"})
+CAUSES = ("truing/simulation/causes/", "truing/inference/")
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_of_stages_imports_only_itself_and_what_is_shared(room: str) -> None:
+    allowed = (f"stages.{room}", *SHARED)
+    faults = {
+        module_name(path): strange
+        for path in modules(f"stages/{room}")
+        if (strange := [name for name in _of_stages(imported_names(path)) if not any(within(name, a) for a in allowed)])
+    }
+    assert not faults
+
+
+def _of_stages(names: set[str]) -> list[str]:
+    """What of the stages is named; of `from stages.a import b` the module alone."""
+    return sorted(name for name in names if within(name, "stages"))
+
+
+@cache
+def closure(stage: str) -> tuple[str, ...]:
+    """The files that decide whether a stage is stale."""
+    return tuple(SourceTree(PROJECT, RememberedDigests(None)).digests(f"stages.{stage}"))
+
+
+@pytest.mark.parametrize("stage", ["images", "ingest", "bundle", "qa", "pose", "deformation"])
+def test_a_change_in_a_cause_makes_no_stage_stale_that_knows_none(stage: str) -> None:
+    assert [file for file in closure(stage) if file.startswith(CAUSES)] == []
+
+
+def test_a_change_in_a_cause_makes_the_diagnosis_stale() -> None:
+    assert all(any(file.startswith(room) for file in closure("diagnose")) for room in CAUSES)

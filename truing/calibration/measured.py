@@ -1,0 +1,110 @@
+"""What a calibration compares: measured poses and readings with their covariances, and what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.measured_numbers import NetworkErrors
+from truing.simulation.structure import Machine
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True)
+class BodyPoses:
+    """Poses of a body in its parent: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with
+    R <- exp(theta) R; NaN where the body was not found."""
+
+    p: NDArray
+    R: NDArray
+    covariance: NDArray
+
+    def chosen(self, rows: NDArray) -> BodyPoses:
+        """Return some of the poses."""
+        return BodyPoses(self.p[rows], self.R[rows], self.covariance[rows])
+
+    @property
+    def found(self) -> NDArray:
+        """Return where (B,) the body was found."""
+        return np.isfinite(self.p).all(-1) & np.isfinite(self.covariance).all((-1, -2))
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Shifts (B, L), m, of the attachments along z of the platform off their survey, and sigma (B, L) of what their own
+    targets bring to it; NaN where none was seen, or a gross error was."""
+
+    shift: NDArray
+    sigma: NDArray
+
+    def chosen(self, rows: NDArray) -> Shifts:
+        """Return those of some poses."""
+        return Shifts(self.shift[rows], self.sigma[rows])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets.
+
+    Platform and legs are seen from the base, the base from the measurement: its error is common to all of them. Where
+    their points come out of photographs, ``network`` says what they have in common, and that takes its place.
+    """
+
+    poses: tuple[int | str, ...]
+    roles: NDArray  # (B,) of text
+    base: BodyPoses
+    platform: BodyPoses
+    rho: NDArray
+    legs: Mapping[int, BodyPoses]  # by leg, counted from 0
+    shifts: Shifts | None = None
+    network: NetworkErrors | None = None
+
+    def chosen(self, rows: NDArray) -> Measured:
+        """Return some of the poses, by mask (B,)."""
+        return Measured(
+            tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
+            self.roles[rows],
+            self.base.chosen(rows),
+            self.platform.chosen(rows),
+            self.rho[rows],
+            {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
+            self.shifts and self.shifts.chosen(rows),
+            self.network and self.network.chosen(rows),
+        )
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """What the targets on the attachments say of a deformation: K (L, L) m/m, sigma (L, L), NaN where open."""
+
+    K: NDArray
+    sigma: NDArray
+
+
+@dataclass(frozen=True)
+class SurveyedAttachments:
+    """Places b (A, 3), m, of the attachments of legs (A,), counted from 0, as surveyed; covariance (3A, 3A)."""
+
+    legs: NDArray
+    b: NDArray
+    covariance: NDArray
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """Measured poses that can be used, the nominal machine, what is known beforehand, and what was left out."""
+
+    measured: Measured
+    machine: Machine
+    tolerance: Mapping[str, float]  # one sigma of a, b, l, rho0 (m) and u (1), where campaign.toml gives it
+    reading_sigma: float  # m
+    deformations: Mapping[str, Deformation]  # linear, matrix, where the deformation stage determined them
+    surveyed: SurveyedAttachments | None
+    left_out: str
+    modulo_plane: bool = False  # too few platform targets away from the attachments: its frame deforms with them

@@ -1,0 +1,206 @@
+"""Effects of several sizes to hide in drawn campaigns, what was found of them, and rates."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from truing.estimation.dose_response import Interval, rate_bounds, size_found
+from truing.inference.detectable import POWER, Sight
+from truing.simulation.cause import Cause, Effect, Scene
+from truing.simulation.hidden_effects import Size, Sort, concerned, sorts, told_size
+
+# Sizes that are tried, in units of the one that theory expects to be found four times out of five.
+FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
+_NOTHING = -1
+
+
+class Plan(Protocol):
+    """A campaign that can be drawn again."""
+
+    @property
+    def scene(self) -> Scene:
+        """What causes may propose candidates from."""
+
+    @property
+    def leg_count(self) -> int:
+        """How many legs, or channels, parameters are numbered by."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """From which size on is this sort of effect found? ``seen``: how well theory expects its members to be."""
+
+    sort: Sort
+    seen: tuple[Sight, ...]
+    unit: Size  # an effect of one plausible scale, as the tables tell it
+
+    def rate(self, size: float) -> float:
+        """The probability of being found that theory expects at a size."""
+        return float(np.mean([own.power(size) for own in self.seen])) if self.seen else 0.0
+
+    def signal_to_noise(self, size: float) -> float:
+        """The signal-to-noise ratio at a size, in the mean."""
+        return float(np.mean([own.signal_to_noise(size) for own in self.seen])) if self.seen else 0.0
+
+    def size_of(self, power: float) -> float | None:
+        """The size, in plausible scales, that theory expects to be found with a probability; None where none is."""
+        sizes = np.geomspace(1e-4, 1e3, 281)
+        rates = np.array([self.rate(float(size)) for size in sizes])
+        return float(np.interp(power, rates, sizes)) if rates[-1] >= power else None
+
+    @cached_property
+    def expected(self) -> float | None:
+        """The size that theory expects to be found four times out of five; None where the campaign is blind to it."""
+        return self.size_of(POWER)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One campaign to be drawn and diagnosed: the question it answers (-1: nothing hidden), the size, what to hide."""
+
+    question: int
+    factor: float
+    effects: tuple[Effect, ...]
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the diagnosis said of one drawn campaign."""
+
+    question: int
+    factor: float
+    found: bool
+    named: bool
+    subject_right: bool
+    said: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often something was so, of how many."""
+
+    count: int
+    of: int
+
+    @property
+    def value(self) -> float | None:
+        """The rate; None of none."""
+        return self.count / self.of if self.of else None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Between which it lies with a probability of 95 %."""
+        return rate_bounds(self.count, self.of)
+
+
+def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: Iterable[Cause]) -> list[Question]:
+    """A question per sort of effect of the wanted causes (all, where none is named), in the order of those known."""
+    kinds: list[Cause] = [kind for kind in known if kind.catalogued]
+    kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
+    legs = plan.leg_count
+    asked = [_question(sort, seen, legs) for sort in sorts(kinds, plan.scene)]
+    return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
+
+
+def _question(sort: Sort, seen: Sequence[Sight], legs: int) -> Question:
+    parameters = _names(sort.causes[0], legs)
+    own = tuple(
+        sight
+        for sight in seen
+        if sight.kind == sort.kind
+        and concerned(sight.cause.subject) == sort.concerns
+        and _names(sight.cause, legs) == parameters
+    )
+    size = told_size(sort.causes[0], 1.0, legs)
+    parameter, beside = (re.sub(r"_\d+\b", "", names) for names in (size.parameter, size.beside))
+    return Question(sort, own, replace(size, parameter=parameter, beside=beside))
+
+
+def _names(cause: Any, legs: int) -> list[tuple[str, str]]:
+    return list(dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(legs)))
+
+
+def trials(asked: Sequence[Question], plan: Plan, draws: int, nothing: int, seed: int) -> list[Trial]:
+    """The campaigns to draw: ``draws`` per size of every question, and ``nothing`` without an effect.
+
+    One of each comes before the second of any, so that what is there of an interrupted call tells of all.
+    """
+    legs = plan.leg_count
+    listed = [Trial(_NOTHING, 0.0, (), (seed, 0, 0, number)) for number in range(nothing)]
+    for place, question in enumerate(asked):
+        if question.expected is None:
+            continue
+        for step, factor in enumerate(FACTORS):
+            for number in range(draws):
+                own = (seed, place + 1, step, number)
+                effect = question.sort.draw(factor * question.expected, legs, np.random.default_rng(own))
+                listed.append(Trial(place, factor, (effect,), (*own, 1)))
+    per_round = {_NOTHING: max(nothing // max(draws, 1), 1)}
+    return sorted(listed, key=lambda trial: trial.seed[3] // per_round.get(trial.question, 1))
+
+
+def answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
+    """What rows of diagnosis.parquet say of what was hidden. Named, too, is what cannot be told from a found one."""
+    listed = list(rows)
+    found = [row for row in listed if row["verdict"] == "found"]
+    hidden = trial.effects[0].cause if trial.effects else None
+    alike = [r for r in listed if r["verdict"] in ("found", "indistinguishable")] if found else []
+    own = [row for row in alike if hidden is not None and row["cause"] == hidden.id]
+    return Answer(
+        trial.question,
+        trial.factor,
+        bool(found),
+        bool(own),
+        any(hidden is not None and (row["subject"] or "") == hidden.subject for row in own),
+        tuple(f"{row['cause']} {row['subject'] or ''}".strip() for row in found),
+    )
+
+
+def false_alarms(answers: Iterable[Answer]) -> Rate:
+    """How often something was found where nothing was hidden."""
+    own = [given for given in answers if given.question == _NOTHING]
+    return Rate(sum(given.found for given in own), len(own))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A question with its answers: rates by size, and the sizes that are found four times and 19 times out of 20."""
+
+    question: Question
+    factors: tuple[float, ...]
+    found: tuple[Rate, ...]
+    named: tuple[Rate, ...]
+    subject_right: tuple[Rate, ...]
+    said: tuple[tuple[str, int], ...]  # what was found instead, and how often
+
+    def size(self, power: float) -> Interval | None:
+        """The size, in plausible scales, that is found with a probability; None where nothing was drawn."""
+        expected = self.question.size_of(0.5)
+        if not self.factors or self.question.expected is None or expected is None:
+            return None
+        counts = np.array([rate.of for rate in self.found])
+        sizes = np.array(self.factors) * self.question.expected
+        return size_found(sizes, np.array([rate.count for rate in self.found]), counts, expected, power)
+
+
+def curve(question: Question, place: int, answers: Iterable[Answer]) -> Curve:
+    """The answers to one question, by size."""
+    own = [given for given in answers if given.question == place]
+    factors = tuple(sorted({given.factor for given in own}))
+    by_factor = [[given for given in own if given.factor == factor] for factor in factors]
+    others: dict[str, int] = {}
+    for said in (said for given in own if not given.named for said in given.said):
+        others[said] = others.get(said, 0) + 1
+
+    def rates(what: str) -> tuple[Rate, ...]:
+        return tuple(Rate(sum(getattr(given, what) for given in group), len(group)) for group in by_factor)
+
+    listed = tuple(sorted(others.items(), key=lambda item: -item[1]))
+    return Curve(question, factors, rates("found"), rates("named"), rates("subject_right"), listed)
