@@ -1,4 +1,4 @@
-"""Leg-by-leg calibrations of many draws: truth, noise, and how many minima there are."""
+"""Leg-by-leg calibrations of many draws: truth, noise, compiled against plain, and how many minima there are."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from truing.simulation.parameters import Parameter, ParameterSet, deformation_se
 from truing.simulation.recalibration import (
     LegDraws,
     calibrate_leg,
+    calibrate_leg_compiled,
+    calibrate_leg_plain,
     leg_draws,
     leg_residuals,
     minima_from,
@@ -113,15 +115,49 @@ def test_the_scatter_of_many_draws_is_the_covariance() -> None:
     assert_between((found.cost / NOISE_M**2).mean() / (POSES - 6), 0.98, 1.02)
 
 
-def test_parameters_that_nothing_depends_on_leave_the_others_determined() -> None:
+@pytest.mark.parametrize("deformation", ["none", "linear", "matrix"])
+def test_compiled_and_plain_reach_the_same_minimum(deformation: str) -> None:
+    rng = np.random.default_rng(7)
+    K_true = {"matrix": K, "none": np.zeros((6, 6)), "linear": LINEAR}[deformation]
+    p, R, rho = campaign(rng, built(rng, K_true), 37)
+    for i in range(6):
+        leg = leg_draws(nominal(K_true), report_set(nominal(K_true), deformation), i, p, R, rho)
+        start = starts_of(leg, 37)
+        compiled, plain = calibrate_leg_compiled(leg, start), calibrate_leg_plain(leg, start, np.arange(37))
+        assert compiled.ok.all()
+        assert plain.ok.all()
+        assert_close(compiled.cost, plain.cost, atol=1e-8 * plain.cost.max())
+        spread = np.sqrt(np.diagonal(plain.covariance, axis1=1, axis2=2)) * NOISE_M
+        assert_close(compiled.x / spread, plain.x / spread, atol=1e-3)
+        alike = np.sqrt(np.diagonal(compiled.covariance, axis1=1, axis2=2)) * NOISE_M
+        # where u_x is all but open the minimum is a long flat one, and curvature changes along it
+        assert_close(alike / spread, np.ones_like(spread), atol=1e-6 if deformation != "none" else 1e-2)
+
+
+def test_draws_that_compiled_code_cannot_prove_are_solved_by_qr() -> None:
     rng = np.random.default_rng(8)
     p, R, rho = campaign(rng, built(rng, LINEAR), 20)
     parameters = ParameterSet(tuple(Parameter(name, i, "mm", 1e-3) for name in ("l", "b_x", "rho0") for i in range(6)))
     leg = leg_draws(nominal(np.zeros((6, 6))), parameters, 0, p, R, rho)  # without kappa nothing depends on rho0
-    found = calibrate_leg(leg, starts_of(leg, 20))
+    found = calibrate_leg_compiled(leg, starts_of(leg, 20))
     assert np.all(found.status == SolverStatus.RANK_DEFICIENT)
     assert np.all(found.rank == 2)
     assert np.isnan(found.covariance[:, 2]).all()
+
+
+def test_many_draws_run_compiled_and_threads_do_not_matter() -> None:
+    rng = np.random.default_rng(9)
+    p, R, rho = campaign(rng, built(rng, LINEAR), 1100)
+    leg = leg_draws(nominal(LINEAR), report_set(nominal(LINEAR), "linear"), 2, p, R, rho)
+    start = starts_of(leg, 1100)
+    one, two, chosen = (
+        calibrate_leg_compiled(leg, start, 1),
+        calibrate_leg_compiled(leg, start, 2),
+        calibrate_leg(leg, start),
+    )
+    assert np.array_equal(one.x, two.x)
+    assert np.array_equal(one.x, chosen.x)
+    assert np.array_equal(one.covariance, two.covariance)
 
 
 def test_batches_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,7 +187,7 @@ def test_with_u_y_plain_gauss_newton_cycles_and_the_damped_solver_converges() ->
     cycling = 0
     for i in range(6):
         leg = leg_draws(machine, parameters, i, p, R, rho)
-        fits = [calibrate_leg(leg, starts_of(leg, 1), method) for method in METHODS]
+        fits = [calibrate_leg_plain(leg, starts_of(leg, 1), np.arange(1), method) for method in METHODS]
         assert all(fit.ok.all() for fit in fits)
         assert_close(fits[0].cost, fits[1].cost, atol=1e-6 * fits[1].cost[0])
         costs = plain_gauss_newton(leg, starts_of(leg, 1))

@@ -18,9 +18,11 @@ from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.parameters import ParameterSet
 from truing.simulation.structure import Machine
 
-# A leg's own numbers.
+# A leg's own numbers, in the order of the compiled code.
 _NUMBERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "u_z", "l", "kappa", "rho0")
 _DRAWS_AT_ONCE = 1000
+# From so many draws on, compiled code wins although it has to be loaded first (0.5 s).
+_WORTH_COMPILED_CODE = 400
 
 
 @dataclass(frozen=True)
@@ -128,13 +130,37 @@ def _single(machine: Machine, leg: int) -> Machine:
 
 
 def calibrate_leg(leg: LegDraws, start: NDArray, method: Method = "trust-region") -> Solution:
-    """Return the calibrations of one leg from starts (D, P)."""
+    """Return the calibrations of one leg from starts (D, P); many by the trust region run compiled."""
+    if method == "trust-region" and leg.machine.legs.closure.name == "6-pus" and len(start) >= _WORTH_COMPILED_CODE:
+        return calibrate_leg_compiled(leg, start)
+    return calibrate_leg_plain(leg, start, np.arange(len(start)), method)
+
+
+def calibrate_leg_plain(leg: LegDraws, start: NDArray, draws: NDArray, method: Method = "trust-region") -> Solution:
+    """Return the calibrations of one leg from some of the draws (d,), by QR; starts (D, P)."""
     arrays = [np.broadcast_to(array, (len(start), *array.shape[1:])) for array in (leg.p, leg.R, leg.rho)]
     parts = []
-    for some in np.array_split(np.arange(len(start)), max(1, len(start) // _DRAWS_AT_ONCE)):
+    for some in np.array_split(draws, max(1, len(draws) // _DRAWS_AT_ONCE)):
         data = (array[some] for array in arrays)
         parts.append(least_squares(leg_residuals(leg), start[some], *data, method=method))
     return join_solutions(parts)
+
+
+def calibrate_leg_compiled(leg: LegDraws, start: NDArray, threads: int | None = None) -> Solution:
+    """Return the calibrations of one leg of fixed length from starts (D, P), compiled; what is unclear by QR."""
+    from truing.simulation.recalibration_kernel import solve
+
+    legs, own = leg.machine.legs, leg.machine.deformation[0, 0, 0]
+    parts = (legs.a[0, 0, 0], legs.b[0, 0, 0], legs.u[0, 0, 0], legs.l[0, 0], own, legs.rho0[0, 0])
+    slots = np.array([_NUMBERS.index(entry.name) for entry in leg.parameters.entries])
+    fits = solve(np.concatenate(parts), slots, start, leg.p, leg.R, leg.rho[..., 0], threads=threads)
+    status = np.full(len(start), str(SolverStatus.CONVERGED), np.array([str(s) for s in SolverStatus]).dtype)
+    rank = np.full(len(start), start.shape[1])
+    solution = Solution(fits.x, fits.cost, fits.covariance, rank, status, fits.iterations)
+    unclear = np.flatnonzero(~fits.arrived)
+    if len(unclear):
+        solution.put(unclear, calibrate_leg_plain(leg, start, unclear))
+    return solution
 
 
 def leg_residuals(leg: LegDraws) -> Callable[..., tuple[NDArray, NDArray]]:
