@@ -19,6 +19,7 @@ from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 
 _MOST_ROWS = 300_000  # of object points that a look beforehand compares with their readings; `run` compares all
+_UNITS = ("temperature-unit", "time-unit")  # checks of single columns, that a mapping cures
 _ROUNDS = 3  # taking out a faulty key may uncover what stood behind it
 
 
@@ -213,6 +214,7 @@ def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     doubtful = [row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn"]
     far = {row["subject"]: row["message"] for row in checks if row["check"] == "noise" and _is_far(row["value"])}
     axes = {f"{subject} {axis}" for subject in far for axis in "xyz"}
+    doubtful += [row["message"] for row in checks if row["check"] in _UNITS and row["verdict"] in ("warn", "fail")]
     return apart, (*doubtful, *(message for subject, message in far.items() if subject not in axes))
 
 

@@ -173,6 +173,14 @@ OF_POINTS: Checks = {
         "Write down what happened; repeat a pose from before the pause. Not evaluated: times are not recorded, or "
         "merely count the poses.",
     ),
+    "time-unit": QualityCheck(
+        "Can the column `time_s` be seconds, by its pace from pose to pose and by how far it counts?",
+        "Days of a spreadsheet, hours or milliseconds turn every drift, creep and pause into one of another size.",
+        Rule(warns="a median pace below 0.2 s or above 20000 s that another unit makes likely; counts since 1970"),
+        'Say the unit in [files] (`units = { time_s = "d" }`, or `columns = { time_s = { scale = 1e-9 } }`). '
+        "Passes without a word: minutes at a pace that seconds may have, and even paces of a clock. Not evaluated: "
+        "fewer than 12 times, or times that merely count.",
+    ),
     "temperature-span": QualityCheck(
         "How far did the temperature walk?",
         "Lengths follow it: 1 m of steel by 12 µm each kelvin.",
@@ -184,9 +192,10 @@ OF_POINTS: Checks = {
         "Kelvin or degrees Fahrenheit pass as a warming by tens or hundreds of kelvins, and everything grows by it.",
         Rule(
             warns="a reference like one in another unit, with nothing to contradict it",
-            fails="a column and the reference that contradict each other by a unit",
+            fails="a column and the reference that contradict each other by a unit, or parts of a column that do",
         ),
-        'Say the unit in [files] (`units = { temperature_c = "K" }`), or correct the reference.',
+        'Say the unit in [files] (`units = { temperature_c = "K" }`), convert the rows that are named, or correct '
+        "the reference. A part in another unit is told by steps of 25 K and more that the conversion undoes.",
         withholds="models",
     ),
 }

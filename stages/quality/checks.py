@@ -30,7 +30,7 @@ from stages.quality.of_targets import (
     moved_targets,
     unobserved_poses,
 )
-from stages.quality.of_time import base_drift, temperature_span, time_gaps
+from stages.quality.of_time import base_drift, temperature_span, time_gaps, time_unit
 from stages.quality.temperature_units import temperature_columns, temperature_units
 
 if TYPE_CHECKING:
@@ -67,13 +67,22 @@ def all_checks(
     stood = settings.is_frame_fixed and reference is None
     yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
     yield time_gaps(around, limits)
+    time = around.time if table is None else number_column(table, "time_s")
+    yield time_unit(time, None, "configurations", "pose", is_counted=around.is_counted)
     yield temperature_span(around, limits)
-    recorded = (
-        {name: number_column(table, name) for name in temperature_columns(table.column_names)}
-        if table is not None
-        else {}
-    )
-    yield from temperature_units(recorded, settings.mechanism.reference_temperature_c)
+    yield from _temperature_units(table, settings.mechanism.reference_temperature_c)
+
+
+def _temperature_units(configurations: pa.Table | None, reference_c: float) -> Iterator[Check]:
+    if configurations is None:
+        yield from temperature_units({}, reference_c)
+        return
+    recorded = {
+        name: number_column(configurations, name) for name in temperature_columns(configurations.column_names)
+    }
+    order = np.argsort(number_column(configurations, "time_s"), kind="stable")
+    rows = [f"pose {pose}" for pose in configurations.column("pose").to_pylist()]
+    yield from temperature_units(recorded, reference_c, rows, order)
 
 
 def _repeats(

@@ -28,6 +28,7 @@ from stages.quality.of_readings import (
 from stages.quality.of_signals import signal_checks
 from stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
 from stages.quality.of_surroundings import surroundings_checks
+from stages.quality.of_time import time_unit
 from stages.quality.of_zeros import run_zeros, zero_return
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ def loading_checks(view: LoadingView, settings: Campaign, limits: CampaignLimits
     yield steps_there(view, limits)
     yield runs_whole(view)
     yield pauses(view, limits)
+    table = "interferometer" if view.channels else "signals"
+    yield time_unit(view.steps.time_s, view.steps.run, table, "step", is_counted=view.is_counted)
     yield from load_range(view, settings.loading, limits)
     if view.channels:
         yield from _of_readings(view, settings, share, limits)

@@ -44,7 +44,9 @@ def surroundings_checks(
         yield _likely(view, name, what)
         yield _steady(view, name, what, limits)
     recorded = {name: known[name] for name in temperature_columns(known)}
-    yield from temperature_units(recorded, reference_c)
+    steps = view.steps
+    rows = [f"{view.run_name(run)} step {step}" for run, step in zip(steps.run, steps.step, strict=True)]
+    yield from temperature_units(recorded, reference_c, rows, np.argsort(steps.time_s, kind="stable"))
     yield from _humidity(view)
     yield _air(view, optics, limits)
 

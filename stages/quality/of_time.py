@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import COUNTED, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import find_drift
+from truing.estimation.time_units import FEWEST, SECONDS, MistakenTimes, mistaken_times
+from truing.report.numbers import duration
 
 _LEAST_POSES = 8  # that tell a walk from chance
+_UNITS = {"d": "days", "h": "hours", "min": "minutes", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
 
 def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Iterator[Check]:
@@ -58,6 +62,35 @@ def time_gaps(around: Surroundings, limits: CampaignLimits) -> Check:
         f"The longest pause is {steps[longest]:.0f} s, {steps[longest] / usual:.1f} times the usual, "
         f"before pose {around.poses[longest + 1]}.",
     )
+
+
+def time_unit(
+    time: NDArray[np.float64], run: NDArray[np.int64] | None, table: str, what: str, *, is_counted: bool
+) -> Check:
+    """Whether times (N,) of runs (N,), or of none, are seconds; table, what: which hold them, and what a row is."""
+    if is_counted:
+        return without("unit of times", "time-unit", "", COUNTED)
+    if np.isfinite(time).sum() < FEWEST:
+        return without("unit of times", "time-unit", "", "too few rows with times")
+    found = mistaken_times(time, run)
+    if found is None:
+        said = f"The times of {table} may well be seconds."
+        return Check("time-unit", table, 1.0, 1.0, "s", PASS, said)
+    factor = SECONDS[found.unit]
+    said = f"time_s of {table} goes on by {found.pace:.3g} from {what} to {what}, and is likely in "
+    said += f"{_UNITS.get(found.unit, found.unit)} ({_paced(found, found.unit)})"
+    said += "".join(f", or in {_UNITS[unit]} ({_paced(found, unit)})" for unit in found.others)
+    return Check("time-unit", table, factor, 1.0, "s", WARN, f"{said}: write {_cure(found.unit)} in [files.{table}].")
+
+
+def _paced(found: MistakenTimes, unit: str) -> str:
+    return f"{duration(float(f'{found.pace * SECONDS[unit]:.3g}'))} each"
+
+
+def _cure(unit: str) -> str:
+    if unit in ("ns", "100 ns"):
+        return f"columns = {{ time_s = {{ scale = {SECONDS[unit]:g} }} }}"
+    return f'units = {{ time_s = "{unit}" }}'
 
 
 def temperature_span(around: Surroundings, limits: CampaignLimits) -> Check:
