@@ -91,7 +91,10 @@ _OF_READINGS: Checks = {
     "noise": QualityCheck(
         "How large is the scatter of a channel, over the declared noise?",
         "Every uncertainty rests on the declared noise; ten per cent off is ordinary.",
-        Rule("beyond 1.1 times either way, beyond chance", "beyond 2 times either way, beyond chance"),
+        Rule(
+            "beyond 1.1 times either way, beyond chance; signals beyond 100 times either way",
+            "beyond 2 times either way, beyond chance",
+        ),
         "Declare what the channel does, or find what shakes: air along the beam, the table, the load's suspension.",
     ),
     "jumps": QualityCheck(

@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from stages.common.words import listed
 from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.loading_view import LoadingView
+from stages.quality.unit_slips import FAR, unit_slip
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.observability import Observability, observe
+from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, search_exchanges
 from truing.estimation.sensor.load_table import load_table
+from truing.report.numbers import count
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -29,6 +32,7 @@ _OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, b
 _SIGMAS = 6.0  # of the scatter of that power in few rows
 _ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
 _FEWEST = 8
+_LEAST_FREEDOM = 4
 
 
 def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int], share: float) -> Iterator[Check]:
@@ -40,6 +44,7 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
     used = np.flatnonzero(np.isfinite(steps.signal).all(axis=1))
     for at, name in enumerate(steps.signals):
         yield _cut(view, at, name, settings.signals.range_mv)
+    yield _noise(view, settings.noise.signal_mv)
     if len(used) < _FEWEST:
         yield without("calibration", "loads-span", "", "too few load steps with all signals")
         return
@@ -71,6 +76,36 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
         said = f"{name}: {len(places)} samples are cut at {ends}: {listed(places)}."
     count = float(len(places))
     return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, said)
+
+
+def _noise(view: LoadingView, noise_mv: float | None) -> Check:
+    """The scatter of signals that follows neither loads nor time, over the declared noise: are the two of one size?"""
+    steps = view.steps
+    if noise_mv is None:
+        return without("noise", "noise", "signals", "no noise is declared for them")
+    ratios = [_scatter(view, at, noise_mv * _MILLIVOLT) for at in range(len(steps.signals))]
+    known = [ratio for ratio in ratios if np.isfinite(ratio)]
+    if not known:
+        return without("noise", "noise", "signals", "too few load steps beside what they may follow")
+    ratio = float(np.median(known))
+    slip = unit_slip(ratio, noise_mv, "mV")
+    said = f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of {count(len(known), 'signal')}."
+    if slip and ratio > 1.0:
+        slip += " Else signals follow something that was not recorded."
+    return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, said + slip)
+
+
+def _scatter(view: LoadingView, at: int, sigma: float) -> float:
+    """Scatter over sigma of one signal; NaN where too few steps tell it."""
+    there = np.isfinite(view.steps.signal[:, at])
+    if there.sum() < _FEWEST:
+        return float("nan")
+    steps = view.steps.chosen(there)
+    run = np.unique(steps.run, return_inverse=True)[1]
+    groups = response_columns(steps.load, run, steps.time_s, np.zeros((len(run), 0)))
+    declared = np.full(len(run), sigma)
+    fit = fit_channel(steps.signal[:, at], declared, groups, run, steps.time_s, steps.load, view.load_sigma)
+    return float(np.sqrt(fit.chi_square / fit.dof)) if fit.dof >= _LEAST_FREEDOM else float("nan")
 
 
 def _followed(load: Array, value: Array) -> Array:

@@ -9,6 +9,7 @@ _NEAR = 5.0  # times about a unit's own factor, and twice that where so much was
 _SIZES = {  # of other units, in the one of the key
     "mm": {"um": 1e-3, "nm": 1e-6, "m": 1e3},
     "um": {"nm": 1e-3, "mm": 1e3, "m": 1e6},
+    "mV": {"uV": 1e-3, "nV": 1e-6, "V": 1e3},
     "arcsec": {"mas": 1e-3, "deg": 3600.0, "mrad": 206.265, "rad": 206264.8},
 }
 

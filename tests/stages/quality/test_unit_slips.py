@@ -12,6 +12,8 @@ from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
+from tests.sensor_campaign import SIGNAL_MV, campaign_toml, measured
+from tests.sensor_campaign import write_campaign as write_bench
 from tests.stages.line import run_line
 from truing.report.numbers import percent
 
@@ -59,3 +61,21 @@ def test_micrometres_written_for_millimetres_are_told_by_qa_and_check(tmp_path) 
 @pytest.mark.parametrize(("value", "said"), [(0.191, "0.19 %"), (0.0, "0 %"), (99.7, "100 %"), (110.4, "110 %")])
 def test_percentages_have_no_power_of_ten(value: float, said: str) -> None:
     assert percent(value) == said
+
+
+@pytest.mark.parametrize(
+    ("factor", "verdict", "meant"),
+    [(1.0, "pass", ""), (1e3, "warn", "Did you mean 10 uV, that is 0.01 mV?"), (1e-3, "warn", "Did you mean 1e-05 V,")],
+)
+def test_a_noise_of_signals_in_another_unit_is_told_by_qa_and_check(tmp_path, factor, verdict, meant) -> None:
+    _, signals = measured(np.random.default_rng(3))
+    declared = f"signal_mv = {SIGNAL_MV}"
+    toml = campaign_toml().replace(declared, f"signal_mv = {SIGNAL_MV * factor:.6f}")
+    write_bench(tmp_path / "c", None, signals, toml)
+    qa = run_line(tmp_path / "c", "ingest", "qa")[0]["qa"].to_pandas().set_index(["check", "subject"])
+    row = qa.loc[("noise", "signals")]
+    assert row["verdict"] == verdict
+    assert 0.5 < row["value"] * factor < 2.0
+    assert meant in row["message"]
+    lines = CliRunner().invoke(app, ["check", str(tmp_path / "c")]).output.splitlines()
+    assert sum("Did you mean" in line for line in lines) == bool(meant)
