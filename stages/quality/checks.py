@@ -77,9 +77,7 @@ def _temperature_units(configurations: pa.Table | None, reference_c: float) -> I
     if configurations is None:
         yield from temperature_units({}, reference_c)
         return
-    recorded = {
-        name: number_column(configurations, name) for name in temperature_columns(configurations.column_names)
-    }
+    recorded = {name: number_column(configurations, name) for name in temperature_columns(configurations.column_names)}
     order = np.argsort(number_column(configurations, "time_s"), kind="stable")
     rows = [f"pose {pose}" for pose in configurations.column("pose").to_pylist()]
     yield from temperature_units(recorded, reference_c, rows, order)

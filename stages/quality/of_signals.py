@@ -89,7 +89,9 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
         return without("noise", "noise", "signals", "too few load steps beside what they may follow")
     ratio = float(np.median(known))
     slip = unit_slip(ratio, noise_mv, "mV")
-    said = f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of {count(len(known), 'signal')}."
+    said = (
+        f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of {count(len(known), 'signal')}."
+    )
     if slip and ratio > 1.0:
         slip += " Else signals follow something that was not recorded."
     return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, said + slip)
