@@ -11,7 +11,7 @@ FROM_CELSIUS = {"degF": lambda c: 1.8 * c + 32.0, "K": lambda c: c + 273.15}
 
 
 def good_column(rng: np.random.Generator) -> np.ndarray:
-    """A column as laboratories have it: drift, true steps, a day and night, an experiment of heating, alone or added."""
+    """A column as laboratories have it: drift, true steps, day and night, a heating, alone or added."""
     n = int(rng.integers(8, 120))
     at = np.linspace(0.0, 1.0, n)
     value = rng.uniform(15.0, 25.0) + np.cumsum(rng.normal(0.0, rng.choice([0.01, 0.05, 0.2]), n))

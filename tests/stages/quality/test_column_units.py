@@ -96,8 +96,10 @@ def test_two_hundred_good_columns_of_times_pass():
 
 @pytest.mark.parametrize(
     ("unit", "start"),
-    [("d", 45_000.3), ("d", 738_000.3), ("d", 0.3), ("h", 0.0), ("ms", 0.0), ("ms", 1.7e12)]
-    + [("us", 1.7e15), ("100 ns", 6.38e17), ("ns", 0.0), ("ns", 1.7e18)],
+    [
+        *(("d", 45_000.3), ("d", 738_000.3), ("d", 0.3), ("h", 0.0), ("ms", 0.0), ("ms", 1.7e12)),
+        *(("us", 1.7e15), ("100 ns", 6.38e17), ("ns", 0.0), ("ns", 1.7e18)),
+    ],
 )
 def test_times_in_another_unit_are_told(unit, start):
     pace = np.random.default_rng(4).uniform(150.0, 400.0, 40)
