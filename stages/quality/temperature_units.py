@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.check import FAIL, PASS, WARN, Check, listed, without
+from stages.common.words import listed
+from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.mixed_temperature_units import MistakenRows, mistaken_rows
 from truing.estimation.temperature_units import MistakenUnit, mistaken_unit
 from truing.report.numbers import count
