@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from schemas.campaign import Campaign
-    from stages.rigid_poses.body_pose import BodyPoses
+    from truing.estimation.rigid_poses.body_poses import BodyPoses
     from truing.simulation.bench.seen_motion import BeamGeometry
 
 DECLARATION = Stage(
@@ -55,10 +55,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return Outcome.not_evaluated(empty, why)
     from stages.common.point_arrays import observation_rows, pose_ids
     from stages.common.point_errors import common_correlation, point_errors
-    from stages.rigid_poses.correlated_poses import with_correlations
-    from stages.rigid_poses.measured_poses import with_measured
-    from stages.rigid_poses.scan_poses import with_scans
     from stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
+    from stages.rigid_poses.untargeted_poses import with_measured, with_scans
+    from truing.estimation.rigid_poses.correlated_bodies import with_correlations
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans), *pose_ids(measured)]))
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
@@ -140,7 +139,8 @@ def _bodies(
 ) -> list[BodyPoses]:
     """Every body by itself; own (N, 3, 3): the covariance of each observation without what is common to all poses."""
     from stages.common.point_arrays import observation_rows, pose_points, survey_points
-    from stages.rigid_poses.body_pose import fit_body
+    from stages.rigid_poses.exclusions import decided_points
+    from truing.estimation.rigid_poses.body_poses import fit_body
 
     survey = ARTIFACTS["survey"].empty() if survey is None else survey
     names = tuple(dict.fromkeys(observations.column("body").to_pylist()))
@@ -149,7 +149,11 @@ def _bodies(
         progress(done, len(names), name)
         points = pose_points(observations, name, poses)
         each = None if own is None else own[observation_rows(observations, name, poses, points.targets)]
-        bodies.append(fit_body(points, name, survey_points(survey, name), settings.exclude, settings.keep, each))
+        out, keep = (
+            decided_points(points, name, rules, verb)
+            for rules, verb in ((settings.exclude, "excluded"), (settings.keep, "kept"))
+        )
+        bodies.append(fit_body(points, name, survey_points(survey, name), out, keep, each))
     return bodies
 
 
@@ -157,7 +161,7 @@ def _exclusion_effects(bodies: Sequence[BodyPoses], survey: pa.Table | None, set
     if not settings.exclude:
         return {}
     from stages.common.point_arrays import survey_points
-    from stages.rigid_poses.without_exclusions import exclusion_rows
+    from stages.rigid_poses.exclusions import exclusion_rows
 
     known = ARTIFACTS["survey"].empty() if survey is None else survey
     rows = exclusion_rows([(body, survey_points(known, body.name)) for body in bodies], settings)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -15,29 +16,6 @@ Array = NDArray[np.float64]
 
 _AXES = "xyz"
 _PAIRS = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
-
-
-@dataclass(frozen=True)
-class SurveyPoints:
-    """One body's survey: targets (T names), points (T, 3) in m in the body frame, cov (T, 3, 3) in m^2, leg
-    (T,), 0 for none."""
-
-    targets: tuple[str, ...]
-    points: Array
-    cov: Array
-    leg: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class PosePoints:
-    """One body over all poses: poses (B ids), targets (T names), points (B, T, 3) in m as measured, zero where
-    not seen; cov (B, T, 3, 3) in m^2; seen (B, T)."""
-
-    poses: tuple[int | str, ...]
-    targets: tuple[str, ...]
-    points: Array
-    cov: Array
-    seen: NDArray[np.bool_]
 
 
 def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:

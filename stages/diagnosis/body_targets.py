@@ -9,14 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import (
-    PosePoints,
-    default_motions,
-    pose_points,
-    residual_points,
-    survey_points,
-)
+from stages.common.point_arrays import default_motions, pose_points, residual_points, survey_points
 from stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
+from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.target_positions import (
     changes_of_place,

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
-from stages.common.point_arrays import PosePoints, SurveyPoints, number_column, pose_ids, pose_points, survey_points
+from stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.response import keep_consistent
+from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama

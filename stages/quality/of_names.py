@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from schemas.near_names import meant_by
-from stages.common.point_arrays import PosePoints, pose_points
+from stages.common.point_arrays import pose_points
 from stages.common.words import listed
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import PASS, WARN, Check, without
+from truing.estimation.rigid_poses.points import PosePoints
 
 if TYPE_CHECKING:
     import pyarrow as pa

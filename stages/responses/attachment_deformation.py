@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import (
-    SurveyPoints,
     default_rotations,
     number_column,
     pose_ids,
@@ -35,6 +34,7 @@ from truing.estimation.response_structure import (
     symmetry,
 )
 from truing.estimation.rigid_poses.frame import residual_covariance
+from truing.estimation.rigid_poses.points import SurveyPoints
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import (
-    PosePoints,
     default_motions,
     observation_rows,
     pose_points,
@@ -23,6 +22,7 @@ from stages.common.point_errors import point_errors
 from truing.estimation.covariance import apply_rotation, relative_slope
 from truing.estimation.rigid_poses.correlated import PointsOfBodies, by_survey, joint_motions
 from truing.estimation.rigid_poses.point_errors import PointErrors
+from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rotation import skew
 
 if TYPE_CHECKING:

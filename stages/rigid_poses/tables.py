@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from schemas.artifacts import ARTIFACTS
 from stages.common.point_arrays import decisions
-from stages.rigid_poses.body_pose import BodyPoses
-from truing.estimation.covariance import relative, relative_of_pair, relative_slope
+from truing.estimation.covariance import relative_slope
 from truing.estimation.measured_numbers import pose_numbers
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
+from truing.estimation.rigid_poses.body_poses import BodyPoses, seen_from
 from truing.estimation.rotation import log_so3
 
 if TYPE_CHECKING:
@@ -38,25 +37,6 @@ def poses_table(
 def residuals_table(bodies: Sequence[BodyPoses], identifier: str) -> pa.Table:
     """One row per observed point: measured minus fitted by the default method, and whether it was used."""
     return _table("residuals", [_residual_columns(body) for body in bodies], identifier)
-
-
-def seen_from(
-    base: BodyPoses, fit: RigidFit, method: str, cross: NDArray[np.float64] | None = None
-) -> tuple[Any, Any, Any, NDArray[np.object_]]:
-    """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair.
-
-    cross (B, 6, 6): covariance of the body's motion and the base's, where their errors have something in common.
-    """
-    other = base.fits.get(method, base.fit)
-    if cross is None:
-        R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
-    else:
-        between = np.where(np.isfinite(cross), cross, 0.0)
-        above = np.concatenate([other.covariance, np.swapaxes(between, 1, 2)], axis=2)
-        both = np.concatenate([above, np.concatenate([between, fit.covariance], axis=2)], axis=1)
-        R, p, covariance = relative_of_pair(other.R, other.t, fit.R, fit.t, both)
-    of_base = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
-    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), of_base))
 
 
 def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None, frame: str) -> dict[str, Any]:

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from stages.common.calibration_data import body_poses
 from stages.common.point_arrays import (
-    PosePoints,
-    SurveyPoints,
     default_motions,
     number_column,
     pose_ids,
@@ -26,6 +24,7 @@ from stages.uncertainty_statement.found_causes import found_causes, of_instrumen
 from stages.uncertainty_statement.statement import Statement
 from truing.calibration.measured import BodyPoses
 from truing.estimation.covariance import relative, survey_frame_covariance
+from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 from truing.estimation.rotation import left_jacobian_so3, log_so3
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
 

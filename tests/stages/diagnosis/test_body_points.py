@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from schemas.campaign import read_campaign
-from stages.common.point_arrays import PosePoints
 from stages.diagnosis.body_points import gather_bodies
 from stages.diagnosis.body_targets import moved_for_certain
 from stages.diagnosis.mechanism_points import Gathered
 from tests.blind.generator.bodies import Body, Hidden, Layout, draw, without_survey, write
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
+from truing.estimation.rigid_poses.points import PosePoints
 
 LAYOUT = Layout(poses=40)
 

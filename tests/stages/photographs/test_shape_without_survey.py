@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.common.point_arrays import PosePoints, SurveyPoints
-from stages.rigid_poses.body_pose import fit_body
 from tests.tolerance import assert_between, assert_close
+from truing.estimation.rigid_poses.body_poses import fit_body
 from truing.estimation.rigid_poses.point_errors import PointErrors
+from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 POSES, TARGETS, NOISE, SCALE = 5, 12, 1e-6, 3e-4
@@ -37,7 +37,7 @@ def photographed(seed: int) -> tuple[np.ndarray, PosePoints, np.ndarray]:
 
 def off(shape: np.ndarray, points: PosePoints, own: np.ndarray | None) -> float:
     """How far the shape that was found is from the true one, wherever it lies, m."""
-    found = fit_body(points, "plate", NO_SURVEY, (), (), own)
+    found = fit_body(points, "plate", NO_SURVEY, None, None, own)
     assert not found.rejected.any()
     onto = umeyama(found.source, shape[None], np.ones((1, TARGETS)))
     return float(np.sqrt(np.mean((onto.apply(found.source) - shape) ** 2)))

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.rows import Rows
-from stages.rigid_poses.body_pose import BodyPoses, chosen_points, fit_body
+from truing.estimation.rigid_poses.body_poses import BodyPoses, PointDecisions, fit_body, largest_motion
+from truing.estimation.rigid_poses.points import PosePoints
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.sections import Overrule
-    from stages.common.point_arrays import SurveyPoints
+    from truing.estimation.rigid_poses.points import SurveyPoints
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,7 +28,9 @@ def exclusion_rows(bodies: Sequence[tuple[BodyPoses, SurveyPoints]], settings: C
         named = [(number, rule, chosen_points(body.points, body.name, rule)) for number, rule in _numbered(settings)]
         named = [one for one in named if one[2].any()]
         if named:
-            with_all = fit_body(body.points, body.name, survey, (), settings.keep)
+            with_all = fit_body(
+                body.points, body.name, survey, None, decided_points(body.points, body.name, settings.keep, "kept")
+            )
             found += [(number, _row(number, rule, chosen, body, with_all)) for number, rule, chosen in named]
     rows = Rows("exclusion_effects")
     for _, row in sorted(found, key=lambda one: one[0]):
@@ -40,7 +43,7 @@ def _numbered(settings: Campaign) -> list[tuple[int, Overrule]]:
 
 
 def _row(number: int, rule: Overrule, chosen: Mask, body: BodyPoses, with_all: BodyPoses) -> dict[str, Any]:
-    off = _moved(body, with_all)[chosen.any(axis=1)]
+    off = largest_motion(body, with_all)[chosen.any(axis=1)]
     told = off[np.isfinite(off)]  # a pose that is lost without these points has nothing to be compared with
     largest = float(told.max()) if len(told) else None
     sigma = float(np.sqrt(np.median(np.einsum("nii->n", body.points.cov[body.points.seen])) / 3.0))
@@ -58,8 +61,21 @@ def _row(number: int, rule: Overrule, chosen: Mask, body: BodyPoses, with_all: B
     }
 
 
-def _moved(body: BodyPoses, other: BodyPoses) -> Array:
-    """(B,) how far apart in m the two fits put the body at most, of the targets that were seen; NaN without both."""
-    places = [np.einsum("bij,bti->btj", fit.R, body.points.points - fit.t[:, None]) for fit in (body.fit, other.fit)]
-    distance = np.linalg.norm(places[0] - places[1], axis=-1)
-    return np.where(body.points.seen, distance, 0.0).max(axis=1)
+def decided_points(points: PosePoints, body: str, rules: Iterable[Overrule], verb: str) -> PointDecisions:
+    """The points of a body that rules name; verb: excluded, or kept."""
+    chosen = np.zeros(points.seen.shape, bool)
+    words = np.full(points.seen.shape, "", dtype=object)
+    for rule in rules:
+        here = chosen_points(points, body, rule)
+        chosen |= here
+        words[here] = f"{verb} by {rule.signed}: {rule.reason}"
+    return PointDecisions(chosen, words)
+
+
+def chosen_points(points: PosePoints, body: str, rule: Overrule) -> Mask:
+    """(B, T) which points of a body a rule names; an absent key stands for all, and runs have none."""
+    if rule.body not in (None, body):
+        return np.zeros(points.seen.shape, bool)
+    at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)
+    at_target = np.array([rule.target in (None, target) for target in points.targets], dtype=bool)
+    return np.asarray(at_pose[:, None] & at_target & points.seen)

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import PosePoints, SurveyPoints
-from truing.estimation.covariance import survey_frame_covariance
+from truing.estimation.covariance import relative, relative_of_pair, survey_frame_covariance
 from truing.estimation.rigid_poses.common_shape import common_shape
 from truing.estimation.rigid_poses.haralick import haralick
+from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.procrustes import generalised_procrustes
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, mask_entries
 from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_distances, target_scatter
 from truing.estimation.rigid_poses.umeyama import umeyama
-
-if TYPE_CHECKING:
-    from schemas.sections import Overrule
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -70,21 +67,36 @@ class BodyPoses:
         return self.fits[self.default]
 
 
+@dataclass(frozen=True)
+class PointDecisions:
+    """Which points (B, T) a person decided on, and in which words (B, T)."""
+
+    chosen: Mask
+    words: NDArray[np.object_]
+
+    @classmethod
+    def none(cls, shape: tuple[int, ...]) -> PointDecisions:
+        """No decision on any point."""
+        return cls(np.zeros(shape, bool), np.full(shape, "", dtype=object))
+
+
 def fit_body(
     points: PosePoints,
     body: str,
     survey: SurveyPoints,
-    exclude: Iterable[Overrule],
-    keep: Iterable[Overrule],
+    out: PointDecisions | None = None,
+    keep: PointDecisions | None = None,
     own: Array | None = None,
 ) -> BodyPoses:
-    """Poses of a body, relative to its survey, or to the shape that its poses share where it has none.
+    """Return poses of a body, relative to its survey, or to the shape that its poses share where it has none.
 
+    out, keep: points that a person left out, and those that a person says are no gross errors.
     own (B, T, 3, 3): covariances without what is common to all poses. That shape is found with them: an error of scale,
     alike in all poses, would else leave it open along the line to each point.
     """
-    excluded, excluded_why = _overruled(points, body, exclude, "excluded")
-    kept, kept_why = _overruled(points, body, keep, "kept")
+    nothing = PointDecisions.none(points.seen.shape)
+    excluded, excluded_why = (out or nothing).chosen, (out or nothing).words
+    kept, kept_why = (keep or nothing).chosen, (keep or nothing).words
     if survey.targets:
         fitted = fit_to_survey(points, survey, ~excluded, kept)
     else:
@@ -126,26 +138,6 @@ def _each(word: Callable[[float], str], values: Array, where: Mask) -> NDArray[n
     out = np.full(values.shape, "", dtype=object)
     out[where] = [word(v) for v in values[where]]
     return out
-
-
-def _overruled(points: PosePoints, body: str, rules: Iterable[Overrule], verb: str) -> tuple[Mask, NDArray[np.object_]]:
-    """(B, T) which points a person decided on, and in which words."""
-    chosen = np.zeros(points.seen.shape, bool)
-    words = np.full(points.seen.shape, "", dtype=object)
-    for rule in rules:
-        here = chosen_points(points, body, rule)
-        chosen |= here
-        words[here] = f"{verb} by {rule.signed}: {rule.reason}"
-    return chosen, words
-
-
-def chosen_points(points: PosePoints, body: str, rule: Overrule) -> Mask:
-    """(B, T) which points of a body a rule names; an absent key stands for all, and runs have none."""
-    if rule.body not in (None, body):
-        return np.zeros(points.seen.shape, bool)
-    at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)
-    at_target = np.array([rule.target in (None, target) for target in points.targets], dtype=bool)
-    return np.asarray(at_pose[:, None] & at_target & points.seen)
 
 
 @dataclass(frozen=True)
@@ -303,3 +295,40 @@ def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
     rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
     sigma = max(sigma_from_distances(source, points.points, usable), rounding)
     return np.where(undeclared[..., None, None], sigma**2 * np.eye(3), points.cov)
+
+
+def seen_from(
+    base: BodyPoses, fit: RigidFit, method: str, cross: NDArray[np.float64] | None = None
+) -> tuple[Any, Any, Any, NDArray[np.object_]]:
+    """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair.
+
+    cross (B, 6, 6): covariance of the body's motion and the base's, where their errors have something in common.
+    """
+    other = base.fits.get(method, base.fit)
+    if cross is None:
+        R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
+    else:
+        between = np.where(np.isfinite(cross), cross, 0.0)
+        above = np.concatenate([other.covariance, np.swapaxes(between, 1, 2)], axis=2)
+        both = np.concatenate([above, np.concatenate([between, fit.covariance], axis=2)], axis=1)
+        R, p, covariance = relative_of_pair(other.R, other.t, fit.R, fit.t, both)
+    of_base = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
+    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), of_base))
+
+
+def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> BodyPoses:
+    """A body that no target says anything of; ``default``: the method that its poses are to come from."""
+    count = len(poses)
+    none = np.zeros((count, 0), bool)
+    points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), none)
+    residual, reason = np.zeros((count, 0, 3)), np.zeros((count, 0), dtype=object)
+    nothing = np.zeros((none.shape[1], 3))
+    known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none, none)
+    return BodyPoses(name, points, {}, default, residual, none, none, {}, reason, 1.0, *known)
+
+
+def largest_motion(body: BodyPoses, other: BodyPoses) -> Array:
+    """(B,) how far apart in m the two fits put the body at most, of the targets that were seen; NaN without both."""
+    places = [np.einsum("bij,bti->btj", fit.R, body.points.points - fit.t[:, None]) for fit in (body.fit, other.fit)]
+    distance = np.linalg.norm(places[0] - places[1], axis=-1)
+    return np.where(body.points.seen, distance, 0.0).max(axis=1)
