@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,32 +18,17 @@ from stages.common.point_arrays import (
 )
 from stages.common.rows import Rows
 from stages.declaration import Outcome
-from stages.responses.correlated_shifts import correlated_residuals
+from stages.responses.framed_points import framed_points
 from stages.responses.tables import error_rows
-from truing.estimation.response import ResponseFit, fit_models, keep_consistent, residual_sets
+from truing.estimation.deformation.correlated_shifts import correlated_residuals
+from truing.estimation.deformation.targets import BodyShifts, body_shifts, target_models, with_common_errors
+from truing.estimation.response import ResponseFit, residual_sets
 from truing.estimation.response_structure import entry_tests, gain_p_value
-from truing.estimation.rigid_poses.frame import residual_covariance
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class BodyShifts:
-    """One body: poses, targets, residuals (B, T, 3) in m in its own frame, NaN where not seen, and their covariance."""
-
-    body: str
-    poses: tuple[int | str, ...]
-    targets: tuple[str, ...]
-    shift: Array
-    noise: Array
-
-    @property
-    def flat(self) -> Array:
-        """(B, 3T) target by target, x y z."""
-        return self.shift.reshape(len(self.shift), -1)
 
 
 def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) -> Outcome:
@@ -53,18 +37,19 @@ def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) 
     words = []
     bodies = tuple(dict.fromkeys(tables["residuals"].column("body").to_pylist()))
     every = pose_ids(tables["residuals"])
-    together = correlated_residuals(tables, every)
+    framed = framed_points(tables, every)
+    together = None if framed is None else correlated_residuals(framed)
     for body in bodies:
         found = _body_shifts(tables, body)
         if together is not None:
-            found = _with_common_errors(found, every, *together(body, found.targets))
+            found = with_common_errors(found, every, *together(body, found.targets))
         u, heldout = _drive_values(tables["configurations"], found.poses, drives)
         _shift_rows(shifts, found)
         fitted = ~heldout & np.isfinite(u).all(axis=1)
         if fitted.sum() <= len(drives) + 1 or len(found.targets) < 3:
             words.append(f"{body} not evaluated (too few poses or targets)")
             continue
-        fits = _fit(found, u, fitted)
+        fits = target_models(found, u, fitted)
         _model_rows(models, found, fits["matrix"], drives)
         _error_rows(errors, found, fits)
         words.append(_words(found, fits))
@@ -84,33 +69,13 @@ def _body_shifts(tables: Mapping[str, pa.Table], body: str) -> BodyShifts:
 
     rows = tables["residuals"].filter(pc.equal(tables["residuals"].column("body"), body))
     poses, targets = pose_ids(rows), tuple(dict.fromkeys(rows.column("target").to_pylist()))
-    observed = pose_points(tables["observations"], body, poses, targets)
-    shift = residual_points(tables["residuals"], body, poses, targets)
-    rotation = default_rotations(tables["poses"], body, poses)
-    noise = np.einsum("bji,btjk,bkl->btil", rotation, observed.cov, rotation)
-    seen = np.isfinite(shift[:, :, 2])
-    used = used_targets(tables["residuals"], body, poses, targets) & seen
-    place = _mean_shape(observed.points, observed.seen & seen, rotation, shift)
-    return BodyShifts(body, poses, targets, shift, residual_covariance(place, noise, used, seen))
-
-
-def _with_common_errors(
-    found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: NDArray[np.bool_]
-) -> BodyShifts:
-    """The shifts with the covariance of points that have errors in common, in poses where bodies had a joint fit."""
-    rows = np.array([every.index(pose) for pose in found.poses])
-    return replace(found, noise=np.where(there[rows, None, None], noise[rows], found.noise))
-
-
-def _mean_shape(points: Array, seen: NDArray[np.bool_], rotation: Array, shift: Array) -> Array:
-    """(T, 3) targets in the body's axes, up to a common shift: enough for how a frame's error reaches them."""
-    weight = seen.astype(float)
-    local = np.einsum("bji,btj->bti", rotation, points) - np.nan_to_num(shift)
-    centre = (local * weight[..., None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)[:, None]
-    centred = (local - centre[:, None]) * weight[..., None]
-    whole = weight.min(axis=1) > 0.0
-    chosen = whole if whole.any() else np.ones(len(whole), bool)
-    return centred[chosen].sum(axis=0) / np.maximum(weight[chosen].sum(axis=0), 1.0)[:, None]
+    return body_shifts(
+        body,
+        pose_points(tables["observations"], body, poses, targets),
+        residual_points(tables["residuals"], body, poses, targets),
+        used_targets(tables["residuals"], body, poses, targets),
+        default_rotations(tables["poses"], body, poses),
+    )
 
 
 def _drive_values(
@@ -122,12 +87,6 @@ def _drive_values(
     u = np.column_stack([number_column(configurations, drive) for drive in drives])[rows]
     role = np.array(configurations.column("role").to_pylist(), dtype=object)[rows]
     return u - np.nanmean(u, axis=0), role == "verification"
-
-
-def _fit(found: BodyShifts, u: Array, fitted: NDArray[np.bool_]) -> dict[str, ResponseFit]:
-    y, cov = found.flat[fitted], found.noise[fitted]
-    kept = keep_consistent(u[fitted], y, cov)
-    return fit_models(u[fitted], np.where(kept, y, np.nan), cov, ("none", "matrix"))
 
 
 def _shift_rows(rows: Rows, found: BodyShifts) -> None:

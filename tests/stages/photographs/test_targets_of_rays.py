@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from stages.responses.correlated_shifts import correlated_residuals
-from stages.responses.joint_frames import framed_bodies
+from stages.responses.framed_points import framed_bodies, framed_points
 from stages.responses.target_deformation import target_deformation
+from truing.estimation.deformation.correlated_shifts import correlated_residuals
 
 Tables = dict[str, pa.Table]
 
@@ -46,8 +46,9 @@ def _slopes(shifts: pd.DataFrame, drive: pd.Series) -> np.ndarray:
 
 def test_residuals_of_all_targets_scatter_together_as_stated(drawn: Tables) -> None:
     poses = tuple(range(1, 101))
-    told = correlated_residuals(drawn, poses)
-    assert told is not None
+    framed = framed_points(drawn, poses)
+    assert framed is not None
+    told = correlated_residuals(framed)
     left_out = drawn["residuals"].to_pandas().groupby("pose")["rejected"].any()
     whole = ~left_out.to_numpy()  # few have lost a target as a gross error, and have another frame
     assert whole.mean() > 0.9

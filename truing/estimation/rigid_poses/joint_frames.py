@@ -2,37 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import (
-    default_motions,
-    observation_rows,
-    pose_points,
-    residual_points,
-    survey_points,
-    text_column,
-    used_targets,
-)
-from stages.common.point_errors import point_errors
 from truing.estimation.covariance import apply_rotation, relative_slope
 from truing.estimation.rigid_poses.correlated import PointsOfBodies, by_survey, joint_motions
 from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rotation import skew
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-NETWORK = ("point_correlations", "point_sensitivities", "object_points")
+Index = NDArray[np.int64]
 _FEWEST = 3
 
 
@@ -59,6 +43,16 @@ class FramedBody:
 
 
 @dataclass(frozen=True)
+class FramedPoints:
+    """Bodies over all poses, what the errors of their points have in common, and the correlations (K, K) of parameters
+    common to all poses."""
+
+    bodies: Sequence[FramedBody]
+    errors: PointErrors
+    correlation: Array
+
+
+@dataclass(frozen=True)
 class JointFrame:
     """The bodies, by number, that were fitted together in a pose, and the points (N,), by body and target, that were
     weighed: gain (6b, 3N) of their errors on the motions (t, theta), body by body."""
@@ -80,49 +74,6 @@ class PointGain:
     def rows(self, p: int, bodies: Sequence[FramedBody]) -> Index:
         """The rows (n,) of the observations of a pose."""
         return np.array([bodies[b].row[p, t] for b, t in zip(self.body, self.target, strict=True)], np.int64)
-
-
-def errors_in_common(tables: Mapping[str, pa.Table]) -> PointErrors | None:
-    """The errors of the observations; None where points are independent."""
-    return point_errors(tables["observations"], *(tables.get(name) for name in NETWORK))
-
-
-def framed_bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> list[FramedBody]:
-    """Every body that has poses, against its survey, or against the shape that its residuals were counted from."""
-    table = tables["poses"]
-    parents = dict(zip(text_column(table, "body"), text_column(table, "parent"), strict=True))
-    observed = dict.fromkeys(text_column(tables["observations"], "body"))
-    return [_framed(tables, name, parents[name], poses) for name in observed if name in parents]
-
-
-def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple[int | str, ...]) -> FramedBody:
-    surveyed = survey_points(tables["survey"], name) if "survey" in tables else None
-    found = pose_points(tables["observations"], name, poses, (surveyed and surveyed.targets) or None)
-    R, t = default_motions(tables["poses"], name, poses)
-    used = used_targets(tables["residuals"], name, poses, found.targets) & found.seen
-    frame: Mask = np.ones(len(found.targets), bool)
-    if surveyed is not None and surveyed.targets:
-        source, cov, away = surveyed.points, surveyed.cov, surveyed.leg == 0
-        cov_shape = cov
-        frame = found.seen.any(axis=0) & (away if away.sum() >= _FEWEST else frame)
-    else:
-        source, cov_shape = _shape(tables["residuals"], name, found, (R, t, used))
-        cov = np.zeros_like(cov_shape)
-    row = observation_rows(tables["observations"], name, poses, found.targets)
-    return FramedBody(name, parent, found.targets, source, cov, cov_shape, frame, R, t, found.points, used, row)
-
-
-def _shape(residuals: pa.Table, name: str, found: PosePoints, motion: tuple[Array, Array, Mask]) -> tuple[Array, Array]:
-    """Where targets (T, 3) are in their body: as measured, less the residual; zero for those that no pose used. And the
-    covariances (T, 3, 3) of means over the poses that used them."""
-    R, t, used = motion
-    residual = residual_points(residuals, name, found.poses, found.targets)
-    local = np.einsum("bji,btj->bti", R, found.points - t[:, None]) - residual
-    told = used & np.isfinite(local).all(axis=-1)
-    count = np.maximum(told.sum(axis=0), 1)
-    mean = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
-    turned = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), found.cov, np.nan_to_num(R))
-    return mean, np.where(told[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2
 
 
 def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> JointFrame | None:
@@ -228,3 +179,14 @@ def relative_gain(
 def _rows(gain: Array, frame: JointFrame, body: int) -> Array:
     first = 6 * frame.bodies.index(body)
     return gain[first : first + 6]
+
+
+def mean_shape(R: Array, t: Array, used: Mask, points: PosePoints, residual: Array) -> tuple[Array, Array]:
+    """Return where targets (T, 3) are in their body: as measured, less the residual (B, T, 3); zero for those that no
+    pose used. And the covariances (T, 3, 3) of means over the poses that used them (B, T)."""
+    local = np.einsum("bji,btj->bti", R, points.points - t[:, None]) - residual
+    told = used & np.isfinite(local).all(axis=-1)
+    count = np.maximum(told.sum(axis=0), 1)
+    mean = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
+    turned = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), points.cov, np.nan_to_num(R))
+    return mean, np.where(told[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2
