@@ -22,7 +22,7 @@ def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Ta
     Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the
     model is none.
     """
-    from truing.simulation.bench.sensor_text import is_sensor, read_sensor
+    from truing.simulation.bench.model_text import is_sensor, read_sensor
 
     if is_sensor(parsed_toml(model)):
         from stages.sensor.predicted_readings import predicted_readings
@@ -37,7 +37,7 @@ def _predicted_poses(model: str, configurations: pa.Table, file: str) -> pa.Tabl
     Needs the columns pose, rho1_mm .. rhoL_mm and those that the model's effects follow (a temperature, the time).
     """
     from truing.simulation.extended_model import predict_poses
-    from truing.simulation.model_text import read_model
+    from truing.simulation.mechanism_text import read_model
 
     extended = read_model(model)
     conditions = _conditions(configurations, extended, file)

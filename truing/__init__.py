@@ -37,15 +37,15 @@ if TYPE_CHECKING:
     from truing.runs.recorded_run import Run, load
     from truing.simulation.air import ciddor_index, edlen_index
     from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
-    from truing.simulation.bench.sensor_text import read_sensor
+    from truing.simulation.bench.model_text import read_sensor
     from truing.simulation.calibration_problem import CalibrationProblem
     from truing.simulation.cause import Cause, Parameter, Step
     from truing.simulation.chain import simulate
     from truing.simulation.extended_model import ExtendedModel, predict_poses
     from truing.simulation.kinematics import forward, inverse
     from truing.simulation.legs import Closure, Legs
+    from truing.simulation.mechanism_text import read_model
     from truing.simulation.mechanisms import mechanism
-    from truing.simulation.model_text import read_model
     from truing.simulation.parameters import ParameterSet, full_set, report_set
     from truing.simulation.recalibration import recalibrate
     from truing.simulation.six_upur.geometry import JointCentres, joint_centres
@@ -184,10 +184,10 @@ _ROOMS = {
     "truing.simulation.kinematics": ("forward", "inverse"),
     "truing.simulation.legs": ("Closure", "Legs"),
     "truing.simulation.mechanisms": ("mechanism",),
-    "truing.simulation.model_text": ("read_model",),
+    "truing.simulation.mechanism_text": ("read_model",),
     "truing.simulation.parameters": ("ParameterSet", "full_set", "report_set"),
     "truing.simulation.recalibration": ("recalibrate",),
-    "truing.simulation.bench.sensor_text": ("read_sensor",),
+    "truing.simulation.bench.model_text": ("read_sensor",),
     "truing.simulation.six_upur.geometry": ("JointCentres", "joint_centres"),
     "truing.simulation.six_upur.influence": ("influence_matrix", "merit"),
     "truing.simulation.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),

@@ -23,7 +23,7 @@ from truing.inference.pulls import TOLD, pulls
 from truing.simulation.cause import Effect
 from truing.simulation.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
 from truing.simulation.identified import IdentifiedGeometry, identified_geometry, name_and_leg
-from truing.simulation.model_text import read_model
+from truing.simulation.mechanism_text import read_model
 
 if TYPE_CHECKING:
     import pyarrow as pa

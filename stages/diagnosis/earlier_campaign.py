@@ -15,13 +15,13 @@ from stages.common.rows import Rows
 from truing.inference.changes import Comparison, compare
 from truing.inference.fit import fit_points
 from truing.inference.fitted_model import Fitter, Stand
-from truing.simulation.bench.earlier_sensor import earlier_sensor
-from truing.simulation.bench.sensor_text import is_sensor, read_sensor
+from truing.simulation.bench.model_text import is_sensor, read_sensor
+from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
-from truing.simulation.earlier import earlier_knowledge
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.model_text import read_model
-from truing.simulation.prior_campaign import Earlier
+from truing.simulation.mechanism_prior import mechanism_prior
+from truing.simulation.mechanism_text import read_model
+from truing.simulation.prior_campaign import CampaignPrior
 from truing.simulation.told_numbers import alternatives, figures, numbers_of, told_numbers
 
 if TYPE_CHECKING:
@@ -53,39 +53,39 @@ def started(gathered: Gathered, text: str, seed: int) -> Gathered:
     if changed is not None:
         kept = earlier.without(sorted({*changed, *chain.from_iterable(compared.instead(changed))}))
     said = _words(campaign, earlier, stand.model, compared)
-    lost = {cause.id for cause in causes if cause.lasts} - {cause.id for cause in earlier.causes}
+    lost = {cause.id for cause in causes if cause.is_persistent} - {cause.id for cause in earlier.causes}
     missing = f"{', '.join(sorted(lost))} of {campaign}, whose columns are missing here" if lost else ""
     words = "; ".join(part for part in (gathered.left_out, missing, said) if part)
     return replace(gathered, model=with_earlier(gathered.model, kept), left_out=words)
 
 
-def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], Earlier]:
+def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
     """The earlier campaign's name, its effects, and what it tells of a model of points or of readings."""
     if is_sensor(parsed_toml(text)):
         sensor = read_sensor(text)
-        return sensor.context.get("campaign", _UNNAMED), sensor.causes, earlier_sensor(sensor, model)
+        return sensor.context.get("campaign", _UNNAMED), sensor.causes, sensor_prior(sensor, model)
     found = read_model(text)
-    return found.context.get("campaign", _UNNAMED), found.model.causes, earlier_knowledge(found, model)
+    return found.context.get("campaign", _UNNAMED), found.model.causes, mechanism_prior(found, model)
 
 
-def with_earlier(model: Any, earlier: Earlier) -> Any:
+def with_earlier(model: Any, earlier: CampaignPrior) -> Any:
     """The model, of points or of readings, that starts from what an earlier campaign found."""
-    return replace(model, known=replace(model.known, earlier=earlier)).with_causes(())
+    return replace(model, prior_campaign=earlier).with_causes(())
 
 
-def _compared(earlier: Earlier, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Comparison:
+def _compared(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Comparison:
     """The earlier numbers against those of a model that was fitted without the earlier campaign's knowledge."""
     now = _now(earlier, model, shared, covariance)
     return compare(earlier.mean, earlier.covariance, *now, earlier.shared, earlier.frames)
 
 
-def _now(earlier: Earlier, model: EffectsModel, shared: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+def _now(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
     """The earlier numbers (n,) as a model has them, and their covariance (n, n)."""
     own, slopes = earlier.places(model), earlier.slopes(model, shared)
     return earlier.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
 
 
-def _words(campaign: str, earlier: Earlier, model: EffectsModel, compared: Comparison) -> str:
+def _words(campaign: str, earlier: CampaignPrior, model: EffectsModel, compared: Comparison) -> str:
     changed = compared.changed()
     if changed is None:
         return (
@@ -103,7 +103,7 @@ def changes_table(final: Stand) -> pa.Table | None:
 
     None where the campaign starts from nothing.
     """
-    earlier: Earlier | None = final.model.known.earlier
+    earlier: CampaignPrior | None = final.model.prior_campaign
     if earlier is None:
         return None
     model: Any = with_earlier(final.model, earlier.nothing).with_causes(final.causes)

@@ -13,7 +13,7 @@ from schemas.faults import CampaignFaults, Fault
 from stages.common.point_arrays import number_column
 from stages.common.reading_arrays import LOAD_COLUMNS
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI
-from truing.simulation.bench.extended_sensor import ExtendedSensor, goes_with_a_run, predict_readings
+from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _checked(extended: ExtendedSensor, table: pa.Table, file: str) -> Array:
     names, faults = table.schema.names, []
     six = any(name in names for name in LOAD_COLUMNS)
     needed = {**_TEXT, **_NUMBERS, **({} if six else {"load_axis": "the axis that is loaded", "load": "the load"})}
-    for cause in (own for own in extended.causes if not goes_with_a_run(own)):
+    for cause in (own for own in extended.causes if own.is_persistent):
         needed |= {own_name(name): f"which {cause.id} follows" for name in cause.needs(len(LOADS)) if name not in LOADS}
     needed = {name: what for name, what in needed.items() if name not in LOAD_COLUMNS}
     faults += [Fault(file, f"a column of that name, {what}", column=n) for n, what in needed.items() if n not in names]

@@ -24,7 +24,7 @@ from truing.runs.comparison.step import FALSE_ALARM, NAMES
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.causes.drive import ActuatorGain as Gain
 from truing.simulation.extended_model import ExtendedModel
-from truing.simulation.model_text import read_model
+from truing.simulation.mechanism_text import read_model
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 DRAWS = 80

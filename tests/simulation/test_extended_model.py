@@ -16,7 +16,7 @@ from truing.simulation.cause import Cause
 from truing.simulation.causes import catalogue
 from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.extended_model import ExtendedModel, predict_poses, with_targets
-from truing.simulation.model_text import read_model, write_model
+from truing.simulation.mechanism_text import read_model, write_model
 from truing.simulation.point_model import PointModel
 from truing.simulation.targets import BASE, PLATFORM
 from truing.simulation.unknowns import Conditions

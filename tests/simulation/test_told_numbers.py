@@ -7,7 +7,7 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.inference.changes import compare
-from truing.simulation.prior_campaign import Earlier
+from truing.simulation.prior_campaign import CampaignPrior
 from truing.simulation.told_numbers import Number, Told, figures
 
 
@@ -15,7 +15,7 @@ from truing.simulation.told_numbers import Number, Told, figures
 def test_a_change_has_the_sign_of_now_less_before_whichever_way_the_tables_count(follows: float) -> None:
     """The components of an actuator's direction follow its tilts with either sign: one that points down, for one."""
     one, sure = np.eye(1), np.eye(1) * 1e-4
-    earlier = Earlier((), (), np.zeros(1), sure, 0 * one, one, np.linalg.inv(sure) - one, np.zeros(1))
+    earlier = CampaignPrior((), (), np.zeros(1), sure, 0 * one, one, np.linalg.inv(sure) - one, np.zeros(1))
     told = Told((Number("u_y", 1, "1", 2e-3),), np.array([[follows]]), np.zeros(1))
     now = np.array([0.8])
     found = figures(earlier, told, compare(np.zeros(1), sure, now, sure, one), now, sure)

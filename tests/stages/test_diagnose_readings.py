@@ -29,7 +29,7 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.bench.extended_sensor import predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
-from truing.simulation.bench.sensor_text import read_sensor, write_sensor
+from truing.simulation.bench.model_text import read_sensor, write_sensor
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "force-sensor"
 CERTAINTY = 0.999

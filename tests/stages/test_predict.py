@@ -11,7 +11,7 @@ from stages.predict import predict
 from tests.simulation.made_models import OFFERED, made_model
 from truing.simulation.cause import Cause
 from truing.simulation.extended_model import acts_on_poses
-from truing.simulation.model_text import write_model
+from truing.simulation.mechanism_text import write_model
 
 RHO = [f"rho{leg}_mm" for leg in range(1, 7)]
 

@@ -22,7 +22,7 @@ from tests.stages.line import run_line
 from truing.inference.fitted_model import Fitter, Stand
 from truing.simulation.cause import Cause
 from truing.simulation.extended_model import extended
-from truing.simulation.model_text import write_model
+from truing.simulation.mechanism_text import write_model
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))
 POSES = 24

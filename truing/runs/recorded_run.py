@@ -87,8 +87,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
         path = self.folder / ARTIFACTS["model"].file
         if not path.is_file():
             return None
-        from truing.simulation.bench.sensor_text import is_sensor, read_sensor
-        from truing.simulation.model_text import read_model
+        from truing.simulation.bench.model_text import is_sensor, read_sensor
+        from truing.simulation.mechanism_text import read_model
 
         text = read_settings_text(path)
         document = parsed_toml(text)

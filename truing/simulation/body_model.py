@@ -7,7 +7,7 @@ jitter of the instrument, and the frame of the measurement is then one frame too
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -158,10 +158,6 @@ class BodyModel(RecordedModel):
             scale_bars=self.photographed.scale_bars if self.photographed else (),
             scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
         )
-
-    def with_causes(self, causes: Sequence[Cause]) -> Self:
-        """Return the model with these effects among its unknowns."""
-        return replace(self, causes=tuple(causes))
 
     def at(self, conditions: BodyConditions) -> Self:
         """Return the model at other poses."""

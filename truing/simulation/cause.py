@@ -185,7 +185,7 @@ class Cause:
         return False
 
     @property
-    def lasts(self) -> bool:
+    def is_persistent(self) -> bool:
         """Return whether it stays with the machine; what hangs on a campaign's own time or targets ends with it."""
         return True
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from typing import Self
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,16 @@ from truing.simulation.photographs.photographed import Photographed
 from truing.simulation.recording import Recording
 from truing.simulation.split import Split
 
+if TYPE_CHECKING:
+    from truing.simulation.prior_campaign import CampaignPrior
+
 
 @dataclass(frozen=True)
 class EffectsModel(ABC):
     """Points as a function of unknowns that all poses share (G,) and of each pose's own (B, H), with some effects."""
 
     causes: tuple[Cause, ...] = field(default=(), kw_only=True)
+    prior_campaign: CampaignPrior | None = field(default=None, kw_only=True)
 
     @property
     @abstractmethod
@@ -49,6 +54,21 @@ class EffectsModel(ABC):
     def with_share(self, share: float) -> Self:
         """Return the model with another share in common, of parameters that split."""
         return self
+
+    def with_causes(self, causes: Sequence[Cause]) -> Self:
+        """Return the model with these effects among its unknowns, and those that a prior campaign found."""
+        given = () if self.prior_campaign is None else self.prior_campaign.causes
+        keys = {cause.key for cause in given}
+        return replace(self, causes=(*given, *(cause for cause in causes if cause.key not in keys)))
+
+    def scale_of(self, name: str) -> NDArray:
+        """Return what a unit of the unknowns of a part of the layout is in SI: (n,) or ()."""
+        return self.effect_sigma(next(cause for cause in self.causes if cause.key == name))
+
+    def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what a prior campaign says beforehand: whitened residual and derivative."""
+        prior = self.prior_campaign
+        return (np.empty(0), np.empty((0, self.shared_size))) if prior is None else prior.rows(self, shared)
 
     @property
     def shared_size(self) -> int:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
-from truing.simulation.cause import Cause, Step
+from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.effects_model import COMMON
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import ShapeUnknowns
@@ -34,6 +34,16 @@ class ExtendedModel:
     covariance: NDArray
     survey_sigma: NDArray
     context: dict[str, str]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that were found."""
+        return self.model.effects(self.shared)
+
+    def covariance_of(self, cause: Cause) -> NDArray:
+        """Return the covariance (P, P) of an effect's parameters, SI."""
+        part, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
+        return self.covariance[part, part] * np.outer(sigma, sigma)
 
 
 @dataclass(frozen=True)
@@ -68,9 +78,10 @@ def with_targets(model: PointModel, own: NDArray) -> PointModel:
     names, bodies = (tuple(told[k] for k in kept) if told else () for told in (found.names, found.bodies))
     targets = Targets(found.body[kept], found.leg[kept], names, bodies)
     # What was known before is in the covariance already.
-    surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0), earlier=None)
+    surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
-    return replace(model, targets=targets, known=surveyed, conditions=conditions, photographed=None)
+    alone = replace(model, photographed=None, prior_campaign=None)
+    return replace(alone, targets=targets, known=surveyed, conditions=conditions)
 
 
 def exact_survey(targets: Targets) -> ShapeUnknowns:

@@ -64,7 +64,7 @@ class NonparametricEffect(Cause):
         return self.first > 1
 
     @property
-    def lasts(self) -> bool:
+    def is_persistent(self) -> bool:
         """Return whether it stays with what it concerns: not what depends on the time."""
         return self.of_time.isdisjoint(self.columns)
 

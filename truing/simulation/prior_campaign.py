@@ -1,9 +1,14 @@
-"""What a prior campaign of the same machine or sensor has found, as rows of whitened knowledge for the next one."""
+"""What a prior campaign of the same machine or sensor has found, as rows of whitened knowledge for the next one.
+
+A prior model holds what was known before it (tolerances) and what its campaign has told. Only the latter is handed on,
+beside the tolerances of the next campaign: these then enter once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +28,10 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Earlier:
-    """What an earlier campaign found of n numbers that the next one has too, counted from the latter's nominal, SI.
+class CampaignPrior:
+    """What a prior campaign found of n numbers that the next one has too, counted from the latter's nominal, SI.
 
-    ``causes`` are its effects that last. mean (n,) and covariance (n, n): where it left the numbers; frames (n, n):
+    ``causes`` are its persistent effects. mean (n,) and covariance (n, n): where it left the numbers; frames (n, n):
     what another survey adds to that; shared (n, n): the information in it that the next campaign has too (tolerances,
     and the survey where that is the same); information (n, n): what is new to the next campaign, centred at middle
     (n,), where that alone would have put the numbers: what is shared drew the estimate away from there, and comes in
@@ -41,6 +46,26 @@ class Earlier:
     shared: NDArray
     information: NDArray
     middle: NDArray
+
+    @classmethod
+    def of(
+        cls,
+        causes: tuple[Cause, ...],
+        parts: tuple[Part, ...],
+        estimate: tuple[NDArray, NDArray],
+        information: NDArray,
+        shared: NDArray,
+        nominal: NDArray | float = 0.0,
+        **further: Any,
+    ) -> Self:
+        """Return what an estimate (n,), (n, n) hands on, of which information (n, n) is new to the next campaign.
+
+        What is shared drew the estimate towards the nominal (n,).
+        """
+        mean, covariance = estimate
+        middle = centred(information, information @ mean + shared @ (mean - nominal))
+        frames = np.zeros_like(information)
+        return cls(causes, parts, mean, covariance, frames, shared, information, middle, **further)
 
     @property
     def scale(self) -> NDArray:
@@ -69,14 +94,37 @@ class Earlier:
         derivative[:, self.places(model)] = factor @ self.slopes(model, shared)
         return factor @ (self.middle - self.values(model, shared)), derivative
 
-    def without(self, free: Sequence[int]) -> Earlier:
+    def without(self, free: Sequence[int]) -> Self:
         """Return the same where some numbers, by their places (of n), may have changed since: nothing is known then."""
         return replace(self, information=marginal(self.information, np.asarray(free, int)))
 
     @property
-    def nothing(self) -> Earlier:
+    def nothing(self) -> Self:
         """Return the same without its knowledge: only the effects are left."""
         return replace(self, information=np.zeros_like(self.information))
+
+
+def persistent_causes(
+    causes: Sequence[Cause], legs: int, covariates: Mapping[str, NDArray], given: Collection[str]
+) -> tuple[Cause, ...]:
+    """Return the effects that stay with the machine and that the next campaign can predict.
+
+    It has the columns that they depend on: covariates, with a number at every epoch, or ``given`` beside these.
+    """
+
+    def has(name: str) -> bool:
+        return name in given or (name in covariates and bool(np.isfinite(covariates[name]).all()))
+
+    return tuple(cause for cause in causes if cause.is_persistent and all(map(has, cause.needs(legs))))
+
+
+def block_diagonal(*blocks: NDArray) -> NDArray:
+    """Return the matrix that has blocks (n, m) along its diagonal."""
+    sizes = np.cumsum([(0, 0), *(block.shape for block in blocks)], 0)
+    whole = np.zeros(tuple(sizes[-1]))
+    for (row, column), block in zip(sizes[:-1], blocks, strict=True):
+        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
+    return whole
 
 
 def centred(information: NDArray, pull: NDArray) -> NDArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.inference.changes import LEVEL, Comparison
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.identified import identified_geometry, name_and_leg
-from truing.simulation.prior_campaign import Earlier, Part
+from truing.simulation.prior_campaign import CampaignPrior, Part
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.unknowns import Unknowns
 
@@ -37,10 +37,10 @@ class Number:
         return self.name if self.leg is None else f"{self.name}{self.leg}"
 
 
-def numbers_of(earlier: Earlier, model: Any) -> list[Number]:
+def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
     """Return the numbers (n,) in their order; directions of actuators as tilts."""
-    causes, found = {cause.key: cause for cause in earlier.causes}, []
-    for part in earlier.parts:
+    causes, found = {cause.key: cause for cause in prior.causes}, []
+    for part in prior.parts:
         if part.name in _AXES:
             found += _of_geometry(part, model.leg_count)
         elif part.name in _OF_SENSOR:
@@ -82,17 +82,17 @@ class Told:
         }
 
 
-def told_numbers(earlier: Earlier, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Told:
+def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Told:
     """The geometry as the tables tell it, or a sensor's lengths and stiffnesses, then the effects."""
     if not isinstance(model, Unknowns):
-        rows = numbers_of(earlier, model)
+        rows = numbers_of(prior, model)
         return Told(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
-    geometry, own = identified_geometry(model, shared, covariance), earlier.places(model)
-    parts = {part.name for part in earlier.parts}
+    geometry, own = identified_geometry(model, shared, covariance), prior.places(model)
+    parts = {part.name for part in prior.parts}
     kept = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)
     entries = [entry for entry, told in zip(geometry.parameters, kept, strict=True) if told]
     si = np.array([entry.si for entry in entries])
-    effects = [number for number in numbers_of(earlier, model) if number.effect_of is not None]
+    effects = [number for number in numbers_of(prior, model) if number.effect_of is not None]
     lower = np.zeros((len(effects), len(own)))
     lower[:, len(own) - len(effects) :] = np.diag([number.scale for number in effects])
     rows = [Number(entry.name, entry.leg + 1, entry.unit, entry.si) for entry in entries]
@@ -101,16 +101,16 @@ def told_numbers(earlier: Earlier, model: EffectsModel, shared: NDArray, covaria
 
 
 def figures(
-    earlier: Earlier, told: Told, found: Comparison, now: NDArray, covariance: NDArray, level: float = LEVEL
+    prior: CampaignPrior, told: Told, found: Comparison, now: NDArray, covariance: NDArray, level: float = LEVEL
 ) -> dict[str, Any]:
     """Each row then and now, the difference over its sigma, and which changed; now (n,) with covariance (n, n)."""
     by = told.by_numbers
     spread = np.sqrt(np.maximum(np.diag(by @ found.covariance @ by.T), 0.0))
-    prior = np.diag(by @ np.linalg.inv(earlier.shared) @ by.T)
-    measured = np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * prior
+    beforehand = np.diag(by @ np.linalg.inv(prior.shared) @ by.T)
+    measured = np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * beforehand
     return {
-        "before": told.nominal + by @ earlier.mean,
-        "sigma_before": np.sqrt(np.diag(by @ (earlier.covariance + earlier.frames) @ by.T)),
+        "before": told.nominal + by @ prior.mean,
+        "sigma_before": np.sqrt(np.diag(by @ (prior.covariance + prior.frames) @ by.T)),
         "now": told.nominal + by @ now,
         "sigma_now": np.sqrt(np.diag(by @ covariance @ by.T)),
         "sigma_difference": spread,

@@ -6,24 +6,20 @@ the bodies, how each leg's survey frame sits on its leg, effects) and, pose by p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.cause import Cause
 from truing.simulation.effects_model import RecordedModel
 from truing.simulation.kinematics import Forward, forward, leg_vectors, unit
 from truing.simulation.legs import Change, Legs
 from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import LEG, Targets
-
-if TYPE_CHECKING:
-    from truing.simulation.prior_campaign import Earlier
 
 # What nothing is known of: wide enough not to pull, narrow enough to keep the equations well scaled.
 FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05
@@ -50,7 +46,6 @@ class Known:
     reference_temperature_c: float = 20.0
     pitch_m: float | None = None
     flexure_length_m: float | None = None
-    earlier: Earlier | None = None  # what an earlier campaign found of the machine
 
 
 @dataclass(frozen=True)
@@ -143,12 +138,6 @@ class Unknowns(RecordedModel):
         return replace(
             self, known=replace(self.known, survey=scaled, reading_sigma=self.known.reading_sigma * readings)
         )
-
-    def with_causes(self, causes: Sequence[Cause]) -> Self:
-        """Return the model with these effects among its unknowns, and those that an earlier campaign found."""
-        given = () if self.known.earlier is None else self.known.earlier.causes
-        keys = {cause.key for cause in given}
-        return replace(self, causes=(*given, *(cause for cause in causes if cause.key not in keys)))
 
     def at(self, conditions: Conditions) -> Self:
         """Return the model at other poses."""
@@ -249,14 +238,11 @@ class Unknowns(RecordedModel):
         """Return what a unit of the unknowns of a part of the layout, geometry or effect, is in SI: (n,) or ()."""
         if name in self.known.geometry:
             return np.asarray(self.known.geometry[name])
-        return self.effect_sigma(next(cause for cause in self.causes if cause.key == name))
+        return super().scale_of(name)
 
     def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what survey and earlier campaigns say beforehand: whitened residual and derivative."""
-        parts = [self.survey_rows(shared)]
-        if self.known.earlier is not None:
-            parts.append(self.known.earlier.rows(self, shared))
-        residuals, derivatives = zip(*parts, strict=True)
+        """Return what survey and prior campaigns say beforehand: whitened residual and derivative."""
+        residuals, derivatives = zip(self.survey_rows(shared), super()._known_rows(shared), strict=True)
         return np.concatenate(residuals), np.concatenate(derivatives)
 
     def survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:

@@ -19,9 +19,9 @@ from tests.stages.two_campaigns import MACHINE, fitted, gathered, longer, measur
 from tests.tolerance import assert_close
 from truing.simulation.causes.drive import ActuatorGain as Gain
 from truing.simulation.causes.warmth import LegThermal
-from truing.simulation.earlier import earlier_knowledge
 from truing.simulation.identified import identified_geometry
-from truing.simulation.model_text import read_model
+from truing.simulation.mechanism_prior import mechanism_prior
+from truing.simulation.mechanism_text import read_model
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 
@@ -134,7 +134,7 @@ def test_a_survey_that_both_rest_on_is_counted_once(home: Path) -> None:
     """What it says of the attachments is common to both campaigns, and nothing that the earlier one could hand on."""
     first, same, other = (gathered(measured(home, seed, same_survey=seed != 7)) for seed in (5, 6, 7))
     found = read_model(model_text(fitted(first), "first"))
-    common, own = (earlier_knowledge(found, one.model) for one in (same, other))
+    common, own = (mechanism_prior(found, one.model) for one in (same, other))
     joints = common.places(same.model)
     joints = (joints >= same.model.layout["b"].start) & (joints < same.model.layout["b"].stop)
     assert np.allclose(np.diag(own.shared), 1.0)
@@ -148,7 +148,7 @@ def test_before_anything_new_is_measured_the_machine_is_where_the_earlier_campai
     """Tolerances, the common survey and what is handed on pull in balance there: none of them twice."""
     stand = fitted(gathered(measured(home, 8, [hidden(GAIN)])), Gain((LEG,)))
     found = read_model(model_text(stand, "first"))
-    handed_on = earlier_knowledge(found, stand.model.with_causes(()))
+    handed_on = mechanism_prior(found, stand.model.with_causes(()))
     model = with_earlier(stand.model.with_causes(()), handed_on)
     own, at = handed_on.places(model), np.zeros(model.shared_size)
     at[own] = handed_on.mean

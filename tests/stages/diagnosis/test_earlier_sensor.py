@@ -26,7 +26,7 @@ from truing.inference.fitted_model import Fitter, Stand
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.bench.extended_sensor import ExtendedSensor, extended_sensor
 from truing.simulation.bench.known_readings import zeros_of
-from truing.simulation.bench.sensor_text import read_sensor, write_sensor
+from truing.simulation.bench.model_text import read_sensor, write_sensor
 from truing.simulation.causes.bench.load_path import LoadEccentricity as Eccentricity
 
 LAYOUT = Layout(

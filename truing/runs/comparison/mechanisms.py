@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from truing.inference.changes import compare
 from truing.runs.comparison.step import LEVEL, NAMES, Step, beyond_chance, held_at_zero, not_judged
 from truing.simulation.cause import Cause
-from truing.simulation.earlier import earlier_knowledge
 from truing.simulation.extended_model import ExtendedModel
 from truing.simulation.identified import identified_geometry, name_and_leg
+from truing.simulation.mechanism_prior import mechanism_prior
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.told_numbers import TOLD, Told, figures, told_numbers
@@ -62,9 +62,9 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> Step:
     """
     if stated := _stated_otherwise(before.model, now.model):
         return not_judged(stated)
-    own_keys, lasting = ({c.key for c in one.model.causes if c.lasts} for one in (now, before))
+    own_keys, lasting = ({c.key for c in one.model.causes if c.is_persistent} for one in (now, before))
     common = tuple(c for c in before.model.causes if c.key in own_keys & lasting)
-    earlier = earlier_knowledge(before, _surveyed(now), common)
+    earlier = mechanism_prior(before, _surveyed(now), common)
     then_at, now_at = (earlier.places(one.model) for one in (before, now))
     apart = earlier.frames + sum(
         held_at_zero(one.shared, one.covariance, own, _of_others(one.model, common))
@@ -103,7 +103,7 @@ def _known(told: Told, covariance: NDArray, prior: NDArray) -> NDArray:
 def _of_others(model: PointModel, common: tuple[Cause, ...]) -> list[NDArray]:
     """Return where the parameters of lasting effects stand that the other model does not have."""
     keys = {cause.key for cause in common}
-    own = [model.layout[cause.key] for cause in model.causes if cause.lasts and cause.key not in keys]
+    own = [model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys]
     return [np.arange(part.start, part.stop) for part in own]
 
 

@@ -32,8 +32,8 @@ def sensor_numbers(found: ExtendedSensor) -> pd.DataFrame:
         ("compliance", None, None, name, value, spread, unit)
         for (name, unit), value, spread in zip(names, found.compliance.ravel(), sigma, strict=False)
     ]
-    for cause, values, places in zip(found.causes, found.values, _places(found), strict=True):
-        rows += effect_rows(cause, values, sigma[places], _LEGS)
+    for cause, values in zip(found.causes, found.values, strict=True):
+        rows += effect_rows(cause, values, sigma[found.layout[cause.key]], _LEGS)
     return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
 
 
@@ -53,7 +53,7 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
     """
     if not np.allclose(before.nominal, now.nominal, rtol=1e-6, atol=0.0):
         return not_judged("their campaign.toml name another sensor, as simulated")
-    keys = {c.key for c in before.causes if c.lasts} & {c.key for c in now.causes if c.lasts}
+    keys = {c.key for c in before.causes if c.is_persistent} & {c.key for c in now.causes if c.is_persistent}
     (old, sigma_old), (new, sigma_new) = (_common(one, keys) for one in (before, now))
     limit = np.full(len(old), np.inf)
     limit[:_ENTRIES] = np.sqrt(1.0 - TOLD) * simulated
@@ -96,19 +96,11 @@ def _unit(channel: str, load: str) -> str:
     return f"{'m' if channel[0] == 'd' else 'rad'}/{'N' if load[0] == 'f' else '(N m)'}"
 
 
-def _places(found: ExtendedSensor) -> list[NDArray]:
-    """Return where the parameters of each effect stand in the covariance."""
-    first = _ENTRIES + np.cumsum([0, *(len(values) for values in found.values)])
-    return [np.arange(start, start + len(values)) for start, values in zip(first, found.values, strict=False)]
-
-
 def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
     """Return compliance and common effects, by key, with their sigmas and what other effects leave open."""
     every = np.concatenate([found.compliance.ravel(), *found.values])
-    order = sorted(range(len(found.causes)), key=lambda n: found.causes[n].key)
-    places = _places(found)
-    own = np.concatenate([np.arange(_ENTRIES), *(places[n] for n in order if found.causes[n].key in keys)]).astype(int)
-    others = [places[n] for n in order if found.causes[n].lasts and found.causes[n].key not in keys]
+    rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
+    own, others = found.places(_kept(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
     spread = found.covariance[np.ix_(own, own)] + held_at_zero(every, found.covariance, own, others)
     return every[own], np.sqrt(np.diag(spread))
 
@@ -130,4 +122,8 @@ def _scales(found: ExtendedSensor, keys: set[str]) -> NDArray:
 
 
 def _kept(found: ExtendedSensor, keys: set[str]) -> list[Cause]:
-    return sorted((cause for cause in found.causes if cause.key in keys), key=lambda cause: cause.key)
+    return sorted((cause for cause in found.causes if cause.key in keys), key=_key)
+
+
+def _key(cause: Cause) -> str:
+    return cause.key

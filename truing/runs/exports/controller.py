@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from schemas.artifacts import ARTIFACTS
-from truing.simulation.effect_text import toml_key, toml_value
+from truing.simulation.model_text import toml_key, toml_value
 
 if TYPE_CHECKING:
     from truing.runs.recorded_run import Run

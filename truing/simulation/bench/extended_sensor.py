@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from truing.simulation.bench.known_readings import KnownReadings, ReadingConditi
 from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.bench.reading_state import CHANNELS
-from truing.simulation.cause import Cause, Step
+from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _AXES = 6
@@ -42,6 +43,32 @@ class ExtendedSensor:
     context: dict[str, str]
     rows: NDArray = field(default_factory=lambda: np.eye(_AXES))
     share: float = 0.5
+
+    @cached_property
+    def layout(self) -> dict[str, slice]:
+        """Return where the parameters of each effect, by its key, stand in the covariance."""
+        ends = _AXES * _AXES + np.cumsum([len(own) for own in self.values], dtype=int)
+        found = zip(self.causes, self.values, ends.tolist(), strict=True)
+        return {cause.key: slice(end - len(own), end) for cause, own, end in found}
+
+    def places(self, causes: Sequence[Cause]) -> NDArray:
+        """Return where the compliance and the parameters of some effects stand in the covariance."""
+        effects = [np.r_[self.layout[cause.key]] for cause in causes]
+        return np.concatenate([np.arange(_AXES * _AXES), *effects]).astype(int)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that were found."""
+        return tuple(map(Effect, self.causes, self.values))
+
+    def covariance_of(self, cause: Cause) -> NDArray:
+        """Return the covariance (P, P) of an effect's parameters, SI."""
+        part = self.layout[cause.key]
+        return self.covariance[part, part]
+
+    def value_of(self, cause: Cause) -> NDArray:
+        """Return the values (P,) of an effect's parameters, SI."""
+        return self.values[self.causes.index(cause)]
 
 
 @dataclass(frozen=True)
@@ -96,48 +123,38 @@ def concerns_signals(cause: Cause) -> bool:
     return cause.subject.startswith("signal ")
 
 
-def goes_with_a_run(cause: Cause) -> bool:
-    """Return whether a cause ended with the campaign: what slipped or drifted in one of its runs."""
-    return not cause.lasts
-
-
 def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) -> PredictedReadings:
     """Return the readings of all six channels at some load steps, with effects that stay with sensor and bench."""
-    kept = [n for n, cause in enumerate(extended.causes) if not goes_with_a_run(cause)]
-    causes = tuple(extended.causes[n] for n in kept)
-    values = [extended.values[n] for n in kept]
-    model = _model(extended, extended.compliance, conditions).with_causes(causes)
-    shared = np.zeros(model.shared_size)
-    for cause, own in zip(causes, values, strict=True):
-        shared[model.layout[cause.key]] = own / model.effect_sigma(cause)
+    causes = tuple(cause for cause in extended.causes if cause.is_persistent)
+    model, shared = _at(extended, causes, conditions)
     value = model.points(shared, np.zeros((len(conditions.load), 0)))[..., 0]
     slopes = np.concatenate([_by_compliance(extended, conditions, causes, shared), _by_effects(model, shared)], -1)
-    places = np.concatenate([np.arange(_AXES * _AXES), *(_places(extended, n) for n in kept)]).astype(int)
+    places = extended.places(causes)
     covariance = extended.covariance[np.ix_(places, places)]
     variance = np.einsum("bkp,pq,bkq->bk", slopes, covariance, slopes)
     return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
 
 
 def drives(extended: ExtendedSensor) -> tuple[Cause, ...]:
-    """Return the lasting effects that make of a load another wrench than was written down."""
-    return tuple(cause for cause in extended.causes if cause.step is Step.DRIVE and not goes_with_a_run(cause))
+    """Return the persistent effects that make of a load another wrench than was written down."""
+    return tuple(cause for cause in extended.causes if cause.step is Step.DRIVE and cause.is_persistent)
 
 
 def acting_wrenches(extended: ExtendedSensor, conditions: ReadingConditions) -> NDArray:
     """Return the wrenches (B, 6) that act where loads were written down, N and N m."""
-    causes = drives(extended)
-    model = _model(extended, extended.compliance, conditions).with_causes(causes)
-    shared = np.zeros(model.shared_size)
-    for cause, own in zip(extended.causes, extended.values, strict=True):
-        if cause in causes:
-            shared[model.layout[cause.key]] = own / model.effect_sigma(cause)
+    model, shared = _at(extended, drives(extended), conditions)
     return model.wrenches(shared, np.zeros((len(conditions.load), 0)))
 
 
-def _places(extended: ExtendedSensor, number: int) -> NDArray:
-    """Return where an effect's parameters stand in the covariance."""
-    first = _AXES * _AXES + sum(len(own) for own in extended.values[:number])
-    return np.arange(first, first + len(extended.values[number]))
+def _at(
+    extended: ExtendedSensor, causes: Sequence[Cause], conditions: ReadingConditions
+) -> tuple[ReadingModel, NDArray]:
+    """Return the model with some of the effects at load steps, and its shared unknowns (G,)."""
+    model = _model(extended, extended.compliance, conditions).with_causes(causes)
+    shared = np.zeros(model.shared_size)
+    for cause in causes:
+        shared[model.layout[cause.key]] = extended.value_of(cause) / model.effect_sigma(cause)
+    return model, shared
 
 
 def _by_compliance(

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.optics import Optics
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
-
-if TYPE_CHECKING:
-    from truing.simulation.prior_campaign import Earlier
 
 # What nothing is known of: so many times a plausible size.
 _FREE = 1e4
@@ -89,7 +85,6 @@ class KnownReadings:
     wavelength_m: float = 632.990577e-9
     reference_temperature_c: float = 20.0
     optics: Optics = field(default_factory=Optics.plain)
-    earlier: Earlier | None = None  # what an earlier campaign found of the sensor
 
     @property
     def signals(self) -> int:

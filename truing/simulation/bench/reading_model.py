@@ -5,7 +5,7 @@ Load steps stand for poses and channels for targets, of one dimension each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -145,12 +145,6 @@ class ReadingModel(EffectsModel):
             word_of_target="channel",
         )
 
-    def with_causes(self, causes: Sequence[Cause]) -> Self:
-        """Return the model with these effects among its unknowns, and those that an earlier campaign found."""
-        given = () if self.known.earlier is None else self.known.earlier.causes
-        keys = {cause.key for cause in given}
-        return replace(self, causes=(*given, *(cause for cause in causes if cause.key not in keys)))
-
     def at(self, conditions: ReadingConditions) -> Self:
         """Return the model at other load steps; runs that it does not know have no zero."""
         return replace(self, conditions=conditions)
@@ -200,15 +194,6 @@ class ReadingModel(EffectsModel):
             return {"points": passage.of_cause(cause, values) * self.effect_scale(cause)}
 
         return found
-
-    def scale_of(self, name: str) -> NDArray:
-        """Return what a unit of the unknowns of an effect is in SI: (n,)."""
-        return self.effect_sigma(next(cause for cause in self.causes if cause.key == name))
-
-    def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what an earlier campaign says beforehand: whitened residual and derivative."""
-        earlier = self.known.earlier
-        return (np.empty(0), np.empty((0, self.shared_size))) if earlier is None else earlier.rows(self, shared)
 
     @property
     def _has_two_models(self) -> bool:

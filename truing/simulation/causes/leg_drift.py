@@ -38,7 +38,7 @@ class LegDrift(PerLeg):
     id = "leg-drift"
     step = Step.STRUCTURE
     kind = Kind.SHAPED
-    lasts = False
+    is_persistent = False
     reads = frozenset()
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:

@@ -109,9 +109,9 @@ class NonparametricMechanismEffect(NonparametricEffect):
         return " ".join(f"leg{leg}" for leg in self.legs)
 
     @property
-    def lasts(self) -> bool:
+    def is_persistent(self) -> bool:
         """Return whether it stays with the machine: not what depends on the time, or concerns targets."""
-        return super().lasts and self.quantity != Quantity.TARGETS
+        return super().is_persistent and self.quantity != Quantity.TARGETS
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return everything that legs, bodies and the scale may depend on in a campaign."""

@@ -44,7 +44,7 @@ class TargetMoved(Cause):
     step = Step.STRUCTURE
     kind = Kind.SHAPED
     reach = 1e5  # a target that is used again elsewhere moves by metres
-    lasts = False
+    is_persistent = False
     reads = frozenset()
 
     @property
@@ -154,7 +154,7 @@ class TargetsSwapped(Cause):
     id = "targets-swapped"
     step = Step.INSTRUMENT
     kind = Kind.DISCRETE
-    lasts = False
+    is_persistent = False
     reads = frozenset()
 
     @property

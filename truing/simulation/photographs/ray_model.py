@@ -5,7 +5,7 @@ Poses are poses; channels, of one dimension and unit noise, stand for targets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -106,10 +106,6 @@ class RayModel(EffectsModel):
             rays=own,
             word_of_target="rays of",
         )
-
-    def with_causes(self, causes: Sequence[Cause]) -> Self:
-        """Return the model with these effects among its unknowns."""
-        return replace(self, causes=tuple(causes))
 
     def at(self, conditions: RayPoses) -> Self:
         """Return the model at other poses."""

@@ -102,7 +102,7 @@ class ZeroDrift(OfRun):
 
     id = "zero-drift"
     reach = 30.0
-    lasts = False
+    is_persistent = False
 
     @property
     def subject(self) -> str:

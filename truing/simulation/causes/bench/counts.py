@@ -44,7 +44,7 @@ class FringeSlip(OfRun):
     id = "fringe-slip"
     kind = Kind.DISCRETE
     reach = 1e3
-    lasts = False
+    is_persistent = False
 
     @property
     def subject(self) -> str:

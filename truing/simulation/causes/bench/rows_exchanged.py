@@ -26,7 +26,7 @@ class RowsExchanged(ReadingCause):
     id = "rows-exchanged"
     step = Step.DRIVE
     kind = Kind.DISCRETE
-    lasts = False
+    is_persistent = False
 
     @property
     def subject(self) -> str:

@@ -49,7 +49,7 @@ class CameraInstability(RayCause):
     id = "camera-instability"
     kind = Kind.SHAPED
     reach = 30.0
-    lasts = False
+    is_persistent = False
 
     @property
     def subject(self) -> str:

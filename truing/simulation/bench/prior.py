@@ -1,7 +1,7 @@
-"""What an earlier campaign of the same sensor has found, as knowledge that a model of the next one starts from.
+"""What a prior campaign of the same sensor has found, as knowledge that a model of the next one starts from.
 
 Its model.toml tells the compliance, not the lengths and stiffnesses behind it; so what is handed on is the information
-about those combinations of them that move the compliance, with the effects that last. Of both, what was known before
+about those combinations of them that move the compliance, with the persistent effects. Of both, what was known before
 (the tolerances, a plausible size) is taken out, for the next campaign brings it along.
 """
 
@@ -17,7 +17,7 @@ from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Cause
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.prior_campaign import Earlier, Part, centred, clipped
+from truing.simulation.prior_campaign import CampaignPrior, Part, block_diagonal, clipped, persistent_causes
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _ENTRIES = 36
@@ -27,8 +27,8 @@ _ROUNDS = 6
 
 
 @dataclass(frozen=True)
-class EarlierSensor(Earlier):
-    """What an earlier campaign found of a sensor: what it told of the compliance is held against the compliance itself,
+class SensorPrior(CampaignPrior):
+    """What a prior campaign found of a sensor: what it told of the compliance is held against the compliance itself,
     which follows stiffnesses in a curve.
 
     Its numbers are counted in the sigmas (m,) ``counted`` of lengths and stiffnesses as that campaign had them. along
@@ -56,57 +56,43 @@ class EarlierSensor(Earlier):
         own = np.diag(self._ratio(sensor))
         told = self.back @ _by_unknowns(sensor, stiffness)
         own = own + self.along.T @ (told - self.along @ own)
-        return _block(own, super().slopes(model, shared)[len(own) :, len(own) :])
+        return block_diagonal(own, super().slopes(model, shared)[len(own) :, len(own) :])
 
     def _ratio(self, sensor: UncertainSensor) -> NDArray:
         """Return what one sigma of each length and stiffness (m,) is by now: legs may have more in common, or less."""
         return np.asarray(sensor.scales / self.counted)
 
 
-def earlier_sensor(found: ExtendedSensor, model: ReadingModel) -> EarlierSensor:
-    """Return what an earlier model tells of the unknowns of a model of the next campaign.
+def sensor_prior(found: ExtendedSensor, model: ReadingModel) -> SensorPrior:
+    """Return what a prior model tells of the unknowns of a model of the next campaign.
 
-    Tolerances are taken to be those of the next one. Effects that it cannot follow, for want of a column, are left out.
+    Tolerances are taken to be those of the next one. Effects that it cannot predict, for want
+    of a column, are left out.
     """
-    kept = [n for n, cause in enumerate(found.causes) if cause.lasts and _is_told(cause, model)]
-    causes = tuple(found.causes[n] for n in kept)
+    causes = persistent_causes(found.causes, model.leg_count, model.steps.covariates, model.known.channels)
     sensor = replace(model.known.sensor, share=found.share)
     start, rows = _behind(sensor, found.compliance)
     left, size, right = np.linalg.svd(rows, full_matrices=False)
     seen = size > _LEAST * size.max(initial=0.0)
     along = right[seen]  # (r, n): combinations of the unknowns, each known to one sigma beforehand
     back = (left[:, seen] / size[seen]).T / _scale(found.compliance)
-    effects = [model.effect_sigma(cause) for cause in causes]
-    places = np.concatenate([np.arange(_ENTRIES), *(_places(found, n) for n in kept)]).astype(int)
-    turn = _block(back, np.diag(1.0 / np.concatenate(effects)) if effects else np.zeros((0, 0)))
+    sigmas = [model.effect_sigma(cause) for cause in causes]
+    places = found.places(causes)
+    turn = block_diagonal(back, *(np.diag(1.0 / sigma) for sigma in sigmas))
     told = np.linalg.inv(turn @ found.covariance[np.ix_(places, places)] @ turn.T)
-    spread = _block(along, np.eye(told.shape[0] - len(along)))
+    spread = block_diagonal(along, np.eye(len(told) - len(along)))
     information = clipped(spread.T @ clipped(told - np.eye(len(told))) @ spread)
-    values = [found.values[n] / sigma for n, sigma in zip(kept, effects, strict=True)]
+    values = [found.value_of(cause) / sigma for cause, sigma in zip(causes, sigmas, strict=True)]
     mean, identity = np.concatenate([along.T @ (along @ start), *values]), np.eye(len(information))
-    return EarlierSensor(
+    behind = {"along": along, "back": back, "compliance": found.compliance.ravel(), "start": along @ start}
+    return SensorPrior.of(
         causes,
-        _parts(sensor, causes, effects),
-        mean,
-        np.linalg.inv(identity + information),
-        np.zeros_like(information),
-        identity,
+        _parts(sensor, causes, sigmas),
+        (mean, np.linalg.inv(identity + information)),
         information,
-        centred(information, information @ mean + mean),
-        sensor.scales,
-        along,
-        back,
-        found.compliance.ravel(),
-        along @ start,
-    )
-
-
-def _is_told(cause: Cause, model: ReadingModel) -> bool:
-    """Return whether a campaign has the columns that an effect follows, with a number at every step."""
-    known = model.steps.covariates
-    return all(
-        name in model.known.channels or (name in known and bool(np.isfinite(known[name]).all()))
-        for name in cause.needs(model.leg_count)
+        identity,
+        counted=sensor.scales,
+        **behind,
     )
 
 
@@ -139,18 +125,6 @@ def _parted(model: EffectsModel, shared: NDArray) -> tuple[UncertainSensor, NDAr
     """Return the sensor of a model of readings, with its lengths and its stiffnesses at shared unknowns (G,)."""
     known: KnownReadings = model.known  # type: ignore[attr-defined]
     return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]
-
-
-def _places(found: ExtendedSensor, number: int) -> NDArray:
-    first = _ENTRIES + sum(len(own) for own in found.values[:number])
-    return np.arange(first, first + len(found.values[number]))
-
-
-def _block(first: NDArray, second: NDArray) -> NDArray:
-    whole = np.zeros((first.shape[0] + second.shape[0], first.shape[1] + second.shape[1]))
-    whole[: first.shape[0], : first.shape[1]] = first
-    whole[first.shape[0] :, first.shape[1] :] = second
-    return whole
 
 
 def _parts(sensor: UncertainSensor, causes: tuple[Cause, ...], effects: list[NDArray]) -> tuple[Part, ...]:

@@ -1,7 +1,6 @@
-"""What an earlier campaign of the same machine has found, as knowledge that a model of the next one starts from.
+"""What a prior campaign of the same mechanism has found, as knowledge that a model of the next one starts from.
 
-An earlier model holds what was known before it (tolerances) and what its campaign has told. Only the latter is handed
-on, as rows of whitened knowledge beside the tolerances: these then enter once. Where both campaigns rest on the same
+Where both campaigns rest on the same
 survey, what that says of the attachments enters once too; where they do not, the frames of base and platform differ by
 the noise of the surveys that define them.
 """
@@ -17,8 +16,15 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause
 from truing.simulation.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
-from truing.simulation.inputs import drive_of
-from truing.simulation.prior_campaign import Earlier, Part, centred, clipped, marginal
+from truing.simulation.prior_campaign import (
+    CampaignPrior,
+    Part,
+    block_diagonal,
+    centred,
+    clipped,
+    marginal,
+    persistent_causes,
+)
 from truing.simulation.targets import BASE, PLATFORM
 from truing.simulation.unknowns import FREE_LENGTH_M, Unknowns
 
@@ -26,44 +32,27 @@ _SAME_M = 1e-9
 _GEOMETRY = ("a", "b", "u", "l")
 
 
-def earlier_knowledge(found: ExtendedModel, model: Unknowns, common: tuple[Cause, ...] | None = None) -> Earlier:
-    """Return what an earlier model tells of the unknowns of a model of the next campaign.
+def mechanism_prior(found: ExtendedModel, model: Unknowns, common: tuple[Cause, ...] | None = None) -> CampaignPrior:
+    """Return what a prior model tells of the unknowns of a model of the next campaign.
 
-    Effects that the next one cannot follow, for want of a column, are left out; ``common``: those that both have.
+    Effects that the next one cannot predict, for want of a column, are left out; ``common``: those that both have.
     """
-    old = found.model
-    causes = common
+    old, causes = found.model, common
     if causes is None:
-        causes = tuple(cause for cause in old.causes if cause.lasts and _is_told(cause, model))
+        drives = {f"rho{leg}_mm" for leg in range(1, model.leg_count + 1)}
+        causes = persistent_causes(old.causes, model.leg_count, model.conditions.covariates, drives)
     wider = model.with_causes(causes)
     names = [name for name in _GEOMETRY if name in old.layout and name in wider.layout]
     names += [cause.key for cause in causes]
     parts = tuple(Part(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
     bridge = _bridge(old, wider, names)
     own, others = _split(old, names)
-    identity = np.eye(len(found.shared))
-    told = clipped(np.linalg.inv(found.covariance) - identity)
+    told = clipped(np.linalg.inv(found.covariance) - np.eye(len(found.shared)))
     told = marginal(told + np.diag(np.isin(np.arange(len(told)), others).astype(float)), others)[np.ix_(own, own)]
     back, nominal = np.linalg.inv(bridge), _offset(old, wider, names)
-    mean, shared, information = bridge @ found.shared[own] + nominal, back.T @ back, clipped(back.T @ told @ back)
-    earlier = Earlier(
-        causes,
-        parts,
-        mean,
-        bridge @ found.covariance[np.ix_(own, own)] @ bridge.T,
-        np.zeros_like(bridge),
-        shared,
-        information,
-        centred(information, information @ mean + shared @ (mean - nominal)),
-    )
-    return _by_survey(earlier, found, wider)
-
-
-def _is_told(cause: Cause, model: Unknowns) -> bool:
-    """Return whether a campaign has the columns that an effect follows, with a number at every pose."""
-    known = model.conditions.covariates
-    names = [name for name in cause.needs(model.nominal.count) if drive_of(name) is None]
-    return all(name in known and bool(np.isfinite(known[name]).all()) for name in names)
+    estimate = bridge @ found.shared[own] + nominal, bridge @ found.covariance[np.ix_(own, own)] @ bridge.T
+    prior = CampaignPrior.of(causes, parts, estimate, clipped(back.T @ told @ back), back.T @ back, nominal)
+    return _by_survey(prior, found, wider)
 
 
 def _size(model: Unknowns, name: str) -> int:
@@ -79,7 +68,7 @@ def _split(model: Unknowns, names: Sequence[str]) -> tuple[NDArray, NDArray]:
 
 
 def _bridge(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
-    """Return the matrix (n, n) from the earlier model's unknowns to the next one's: scales, and axes of the tilts."""
+    """Return the matrix (n, n) from the prior model's unknowns to the next one's: scales, and axes of the tilts."""
     blocks = []
     for name in names:
         size = _size(old, name)
@@ -89,12 +78,7 @@ def _bridge(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
             own = np.einsum("lim,lin->lmn", new.across, old.across)
             turn = np.einsum("lmn,lk->lmkn", own, np.eye(len(own))).reshape(size, size)
         blocks.append(turn * ratio)
-    whole = np.zeros((sum(map(len, blocks)),) * 2)
-    first = 0
-    for block in blocks:
-        whole[first : first + len(block), first : first + len(block)] = block
-        first += len(block)
-    return whole
+    return block_diagonal(*blocks)
 
 
 def _offset(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
@@ -104,25 +88,23 @@ def _offset(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
     return away[own]
 
 
-def _by_survey(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> Earlier:
+def _by_survey(prior: CampaignPrior, found: ExtendedModel, model: Unknowns) -> CampaignPrior:
     """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
     if _same_survey(found, model):
         away, slopes = model.survey_rows(np.zeros(model.shared_size))
-        rows = slopes[:, earlier.places(model)]
-        common, information = rows.T @ rows, clipped(earlier.information - rows.T @ rows)
-        pull = earlier.information @ earlier.middle - rows.T @ away
-        return replace(
-            earlier, shared=earlier.shared + common, information=information, middle=centred(information, pull)
-        )
-    moves, spread = _frames(earlier, found, model)
+        rows = slopes[:, prior.places(model)]
+        common, information = rows.T @ rows, clipped(prior.information - rows.T @ rows)
+        pull = prior.information @ prior.middle - rows.T @ away
+        return replace(prior, shared=prior.shared + common, information=information, middle=centred(information, pull))
+    moves, spread = _frames(prior, found, model)
     if not len(spread):
-        return earlier
-    carried = moves.T @ earlier.information
+        return prior
+    carried = moves.T @ prior.information
     inner = np.linalg.inv(np.linalg.inv(spread) + carried @ moves)
     return replace(
-        earlier,
+        prior,
         frames=moves @ spread @ moves.T,
-        information=clipped(earlier.information - carried.T @ inner @ carried),
+        information=clipped(prior.information - carried.T @ inner @ carried),
     )
 
 
@@ -140,7 +122,7 @@ def _places(model: Unknowns) -> dict[tuple[int, str], NDArray]:
     return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
 
 
-def _frames(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> tuple[NDArray, NDArray]:
+def _frames(prior: CampaignPrior, found: ExtendedModel, model: Unknowns) -> tuple[NDArray, NDArray]:
     """Return how the numbers follow motions of the frames (n, 12), and the covariance (12, 12) of these, m and rad.
 
     Empty where a frame rests on the attachments themselves.
@@ -151,14 +133,14 @@ def _frames(earlier: Earlier, found: ExtendedModel, model: Unknowns) -> tuple[ND
         for one, sigma in ((found.model, found.survey_sigma), (model, survey_noise(model))):
             own = (one.targets.body == body) & (one.targets.leg < 0)
             if own.sum() < LEAST_FRAME:
-                return np.zeros((len(earlier.mean), 0)), np.zeros((0, 0))
+                return np.zeros((len(prior.mean), 0)), np.zeros((0, 0))
             total += sigma[own].mean() ** 2 * np.linalg.inv(_rigid_information(one.known.shape[own]))
         covariances.append(total)
     spread = np.zeros((12, 12))
     spread[:6, :6], spread[6:, 6:] = covariances
     # The least that a survey may leave open, lest an exact one cannot be inverted.
     spread += np.eye(12) * (1e-6 * FREE_LENGTH_M) ** 2
-    return _moved_by_frames(earlier, model), spread
+    return _moved_by_frames(prior, model), spread
 
 
 def _rigid_information(places: NDArray) -> NDArray:
@@ -166,7 +148,7 @@ def _rigid_information(places: NDArray) -> NDArray:
     return np.asarray(np.einsum("nij,nik->jk", rows, rows))
 
 
-def _moved_by_frames(earlier: Earlier, model: Unknowns) -> NDArray:
+def _moved_by_frames(prior: CampaignPrior, model: Unknowns) -> NDArray:
     """Return how joints and directions follow a motion (t, theta) of the base's frame, then of the platform's."""
     legs, across = model.nominal, model.across
     turned = -skew(legs.u)
@@ -176,7 +158,7 @@ def _moved_by_frames(earlier: Earlier, model: Unknowns) -> NDArray:
         "u": (0, np.einsum("lim,lij->lmj", across, np.concatenate([np.zeros_like(turned), turned], -1))),
     }
     found = []
-    for part in earlier.parts:
+    for part in prior.parts:
         rows = np.zeros((len(part.scale), 12))
         if part.name in blocks:
             first, moved = blocks[part.name]
