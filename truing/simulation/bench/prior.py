@@ -16,8 +16,7 @@ from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.reading_model import ReadingModel
 from truing.simulation.cause import Cause
-from truing.simulation.effects_model import EffectsModel
-from truing.simulation.prior_campaign import CampaignPrior, Part, block_diagonal, clipped, persistent_causes
+from truing.simulation.prior_campaign import CampaignPrior, LaidOut, Part, block_diagonal, clipped, persistent_causes
 from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _ENTRIES = 36
@@ -42,7 +41,7 @@ class SensorPrior(CampaignPrior):
     compliance: NDArray
     start: NDArray
 
-    def values(self, model: EffectsModel, shared: NDArray) -> NDArray:
+    def values(self, model: LaidOut, shared: NDArray) -> NDArray:
         """Return the numbers (n,): unknowns, of which the told combinations are those that the compliance tells."""
         sensor, geometry, stiffness = _parted(model, shared)
         own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
@@ -50,7 +49,7 @@ class SensorPrior(CampaignPrior):
         others = super().values(model, shared)[len(own) :]
         return np.concatenate([own + self.along.T @ (told - self.along @ own), others])
 
-    def slopes(self, model: EffectsModel, shared: NDArray) -> NDArray:
+    def slopes(self, model: LaidOut, shared: NDArray) -> NDArray:
         """Return how the numbers follow their own unknowns (n, n)."""
         sensor, _, stiffness = _parted(model, shared)
         own = np.diag(self._ratio(sensor))
@@ -121,7 +120,7 @@ def _by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
     return np.asarray(slopes.reshape(-1, _ENTRIES).T)
 
 
-def _parted(model: EffectsModel, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
+def _parted(model: LaidOut, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
     """Return the sensor of a model of readings, with its lengths and its stiffnesses at shared unknowns (G,)."""
     known: KnownReadings = model.known  # type: ignore[attr-defined]
     return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]
