@@ -13,7 +13,7 @@ from stages.declaration import Outcome, Progress, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.bundle_adjustment.adjusting import AdjustedNetwork
+    from truing.estimation.bundle.named_adjustment import AdjustedNetwork
     from truing.formats.source import CampaignFiles
 
 DECLARATION = Stage(
@@ -42,10 +42,9 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
     """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
-    from stages.bundle_adjustment.adjusting import Choices, adjust_network
     from stages.bundle_adjustment.given_cameras import given_cameras
     from stages.bundle_adjustment.image_cameras import image_cameras
-    from stages.bundle_adjustment.known_points import known_points_table
+    from stages.bundle_adjustment.known_points import faults_of, known_points_table
     from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from stages.bundle_adjustment.scale_sources import scale_sources
     from stages.bundle_adjustment.statistics import statistics_table
@@ -60,6 +59,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from stages.bundle_adjustment.tables import NetworkTables
     from stages.common.ray_statistics import ray_tables
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
+    from truing.estimation.bundle.named_adjustment import Choices, KnownElsewhereError, adjust_network
 
     given = settings.photographs
     known = given.datum == "known" and "known_points" in tables
@@ -74,6 +74,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     try:
         found = adjust_network(named, rays, cameras.interior, choices, progress)
         artifacts = NetworkTables(found, rays).all(tables.get("scale_bars"))
+    except KnownElsewhereError as error:
+        raise CampaignFaults(faults_of(error)) from None
     except UndeterminedNetworkError as error:
         expected = "rays that make a network: images that see points in common, from different sides"
         if not named.network.rays.count:  # circles find each other along lines of sight of images that codes oriented

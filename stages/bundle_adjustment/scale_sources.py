@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
-from stages.bundle_adjustment.adjusting import AdjustedNetwork
 from stages.bundle_adjustment.survey_distances import SurveyedPoints
+from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import State
 from truing.estimation.rigid_poses.umeyama import umeyama
 

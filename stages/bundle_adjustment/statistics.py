@@ -9,7 +9,7 @@ import numpy as np
 
 from schemas.artifacts import ARTIFACTS
 from schemas.photograph_artifacts import FROM_MARKER
-from stages.bundle_adjustment.adjusting import AdjustedNetwork
+from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
 from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
 

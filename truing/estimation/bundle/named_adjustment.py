@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
-from stages.bundle_adjustment.known_points import KnownTested, loosened, test_known
-from stages.bundle_adjustment.rays_as_network import ImagePoints, NamedNetwork, Names
-from stages.declaration import Progress
 from truing.estimation.bundle.adjustment import Adjustment
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.eccentricity import facing, network_eccentricity
+from truing.estimation.bundle.known_tested import KnownTested, loosened, tested_known
+from truing.estimation.bundle.named_network import ImagePoints, NamedNetwork, Names, Pose
 from truing.estimation.bundle.network import Index, Network, State
 from truing.estimation.bundle.snooping import Snooped, adjust_robustly
 from truing.estimation.bundle.start_values import Start, find_start
@@ -29,6 +27,25 @@ _ELSEWHERE = 0.01  # of the extent of a pose's known points
 _BEYOND_SIGMA = 10.0
 _MANY_ELSEWHERE = 0.25  # of them: fewer are gross errors of their own
 _BEYOND = 0.5  # of the extent of the coded points: so far around them circles without code are sought
+
+
+@dataclass(frozen=True)
+class KnownElsewhere:
+    """A pose of which many known points lie elsewhere than rays meet; furthest: a point, by so many metres."""
+
+    pose: Pose
+    elsewhere: int
+    known: int
+    furthest: str
+    off_m: float
+
+
+class KnownElsewhereError(ValueError):
+    """Known points are of another object, frame or name than the rays."""
+
+    def __init__(self, poses: Sequence[KnownElsewhere]) -> None:
+        super().__init__(f"known points of {len(poses)} poses lie elsewhere than their rays meet")
+        self.poses = tuple(poses)
 
 
 @dataclass(frozen=True)
@@ -70,16 +87,21 @@ class AdjustedNetwork:
 
 
 def adjust_network(
-    named: NamedNetwork, table: ImagePoints, interior: Array, choices: Choices, progress: Progress
+    named: NamedNetwork,
+    table: ImagePoints,
+    interior: Array,
+    choices: Choices,
+    progress: Callable[[int, int, str], None],
 ) -> AdjustedNetwork:
-    """The adjusted network of all rays, circles without code included.
+    """Return the adjusted network of all rays, circles without code included.
 
-    interior (C, 10) to start from, NaN where a principal distance is not known. Raises UndeterminedNetworkError.
+    interior (C, 10) to start from, NaN where a principal distance is not known. progress: done, of how many, what next.
+    Raises UndeterminedNetworkError, and KnownElsewhereError where the datum is of another object.
     """
     progress(0, 4, "start values")
     start = find_start(named.network, interior, named.markers)
-    if choices.datum == "known":
-        check_known(named, start.state)
+    if choices.datum == "known" and (elsewhere := known_elsewhere(named, start.state)):
+        raise KnownElsewhereError(elsewhere)
     progress(1, 4, f"adjusting {named.network.rays.count:,} rays")
     known, agrees, state = KnownTested(), start.ray_agrees, start.state
     if choices.datum == "known":
@@ -102,10 +124,12 @@ def adjust_network(
     return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii, known)
 
 
-def check_known(named: NamedNetwork, state: State) -> None:
-    """Raise `CampaignFaults` where many known points of a pose lie elsewhere than its rays meet: these are good to far
-    less than a hundredth of the object, so that the coordinates are of another object, frame or name."""
-    known, faults = named.network.known, []
+def known_elsewhere(named: NamedNetwork, state: State) -> list[KnownElsewhere]:
+    """Return the poses of which many known points lie elsewhere than their rays meet.
+
+    These are good to far less than a hundredth of the object: the coordinates are of another object, frame or name.
+    """
+    known, found = named.network.known, []
     pose = named.network.point_pose[known.point]
     for number, name in enumerate(named.poses):
         own = np.flatnonzero((pose == number) & np.isfinite(state.points[known.point, 0]))
@@ -118,14 +142,9 @@ def check_known(named: NamedNetwork, state: State) -> None:
         elsewhere = off > np.maximum(_ELSEWHERE * extent, _BEYOND_SIGMA * sigma)
         if elsewhere.mean() > _MANY_ELSEWHERE:
             worst = int(np.argmax(off))
-            furthest = f"{named.points[known.point[own[worst]]]} by {1e3 * off[worst]:.3g} mm"
-            value = f"{elsewhere.sum()} of {len(own)} elsewhere, {furthest}"
-            expected = (
-                f"coordinates of points as the rays of pose {name} show them: is their frame, unit or name another?"
-            )
-            faults.append(Fault("known_points", expected, column="x_mm, y_mm, z_mm", value=value))
-    if faults:
-        raise CampaignFaults(faults)
+            furthest = str(named.points[known.point[own[worst]]])
+            found.append(KnownElsewhere(name, int(elsewhere.sum()), len(own), furthest, float(off[worst])))
+    return found
 
 
 def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, State]:
@@ -134,7 +153,7 @@ def _against_known(network: Network, start: Start, choices: Choices) -> tuple[Kn
         loose = _robustly(loosened(network, start.state), start.state, choices, start.ray_agrees)
     except UndeterminedNetworkError:  # such as single photographs, which known points alone orient
         return KnownTested(), start.ray_agrees, start.state
-    found = test_known(network, loose)
+    found = tested_known(network, loose)
     state, points = loose.adjustment.state, start.state.points
     state = replace(state, points=np.where(np.isfinite(points), state.points, points))
     return found, loose.used if found.rows else start.ray_agrees, state

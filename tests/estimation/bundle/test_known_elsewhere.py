@@ -1,0 +1,38 @@
+"""Known points that are not where rays meet are a fault; a few gross errors among them, or a rough start, are none."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from stages.bundle_adjustment.known_points import faults_of
+from truing.estimation.bundle.named_adjustment import KnownElsewhere, KnownElsewhereError, known_elsewhere
+from truing.estimation.bundle.network import KnownPoints
+
+XYZ = np.random.default_rng(4).normal(0.0, 0.2, (12, 3))
+
+
+def elsewhere(given: np.ndarray, sigma_m: float = 2e-5) -> list[KnownElsewhere]:
+    known = KnownPoints(np.arange(12), given, np.broadcast_to(sigma_m**2 * np.eye(3), (12, 3, 3)))
+    network = SimpleNamespace(known=known, point_pose=np.zeros(12, int))
+    named: Any = SimpleNamespace(network=network, poses=("cold",), points=np.array([f"base/P{n}" for n in range(12)]))
+    state: Any = SimpleNamespace(points=XYZ)
+    return known_elsewhere(named, state)
+
+
+def test_of_another_frame() -> None:
+    given = XYZ * [1.0, 1.0, -1.0] + [0.0, 0.0, 0.2]
+    (found,) = elsewhere(given)
+    off = np.linalg.norm(given - XYZ, axis=1)
+    assert (found.pose, found.elsewhere, found.known) == ("cold", 12, 12)
+    assert (found.furthest, found.off_m) == (f"base/P{off.argmax()}", off.max())
+    (fault,) = faults_of(KnownElsewhereError([found]))
+    assert (fault.file, fault.column) == ("known_points", "x_mm, y_mm, z_mm")
+    assert fault.value == f"12 of 12 elsewhere, {found.furthest} by {1e3 * off.max():.3g} mm"
+    assert "pose cold" in fault.expected
+    assert not elsewhere(XYZ[:, [1, 0, 2]], sigma_m=1.0)
+
+
+def test_of_few_that_are_wrong() -> None:
+    assert not elsewhere(XYZ + 5e-4)
+    assert not elsewhere(XYZ + np.where(np.arange(12)[:, None] < 2, 0.3, 0.0))
