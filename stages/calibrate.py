@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from stages.calibration.extended import Extended
     from stages.common.rows import Rows
+    from truing.calibration.extended import Extended
     from truing.calibration.measured import Gathered
 
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.extended import ESTIMATOR, MODEL, Extended, extended_figures
+from stages.calibration.extended import extended_figures
 from stages.common.rows import Rows
 from truing.calibration.accuracy import PoseErrors
 from truing.calibration.choice import Figure, Judged, error_figures, fit_figures
+from truing.calibration.extended import ESTIMATOR, MODEL, Extended
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD
 from truing.estimation.held_out import Choice
 from truing.simulation.structure import Machine

@@ -6,8 +6,6 @@ It was fitted to the points themselves, by the diagnosis; here it is put into th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,13 +14,11 @@ from numpy.typing import NDArray
 from stages.common.point_arrays import pose_ids
 from stages.common.pose_conditions import pose_conditions
 from stages.common.rows import Rows
-from truing.calibration.accuracy import PoseErrors
+from truing.calibration.extended import MODEL, Extended, errors_at, identifiable
 from truing.calibration.measured import Measured
-from truing.estimation.rotation import log_so3
-from truing.inference.pulls import TOLD, pulls
-from truing.simulation.cause import Effect
-from truing.simulation.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
-from truing.simulation.identified import IdentifiedGeometry, identified_geometry, name_and_leg
+from truing.inference.pulls import pulls
+from truing.simulation.extended_model import ExtendedModel, some_of
+from truing.simulation.identified import name_and_leg
 from truing.simulation.mechanism_text import read_model
 
 if TYPE_CHECKING:
@@ -30,50 +26,12 @@ if TYPE_CHECKING:
 
     from truing.simulation.unknowns import Conditions
 
-MODEL, ESTIMATOR = "extended", "points"
-# How the platform deforms in the model, by the cause that was found; the richest counts.
-_DEFORMATIONS = {
-    "platform-deformation-matrix": "matrix",
-    "platform-deformation-nonlinear": "nonlinear",
-    "platform-deformation-linear": "linear",
-}
-
-
-@dataclass(frozen=True)
-class Extended:
-    """The extended model of a campaign, and its errors at the measured poses."""
-
-    found: ExtendedModel
-    errors: PoseErrors
-
-    @property
-    def deformation(self) -> str:
-        """How the platform deforms in it."""
-        ids = {cause.id for cause in self.found.model.causes}
-        return next((name for cause, name in _DEFORMATIONS.items() if cause in ids), "none")
-
-    @cached_property
-    def geometry(self) -> IdentifiedGeometry:
-        """The geometry that it identified."""
-        return identified_geometry(self.found.model, self.found.shared, self.found.covariance)
-
-    @property
-    def effects(self) -> tuple[tuple[Effect, NDArray], ...]:
-        """The effects that it holds, with the covariance (P, P) of their parameters, SI."""
-        model = self.found.model
-        parts = [(effect, model.layout[effect.cause.key]) for effect in model.effects(self.found.shared)]
-        scales = [model.effect_sigma(effect.cause) for effect, _ in parts]
-        return tuple(
-            (effect, self.found.covariance[part, part] * np.outer(scale, scale))
-            for (effect, part), scale in zip(parts, scales, strict=True)
-        )
-
 
 def extended_of(text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray) -> Extended:
     """The model that a model.toml describes, held against measured poses; fitted (B,): poses that it was fitted to."""
     found = read_model(text)
     conditions = _conditions(found, tables["configurations"], measured)
-    return Extended(found, _errors(found, conditions, measured, fitted))
+    return Extended(found, errors_at(found, conditions, measured, fitted))
 
 
 def _conditions(found: ExtendedModel, configurations: pa.Table, measured: Measured) -> Conditions:
@@ -84,36 +42,11 @@ def _conditions(found: ExtendedModel, configurations: pa.Table, measured: Measur
     return some_of(whole, np.array([place[pose] for pose in measured.poses], int))
 
 
-def _errors(found: ExtendedModel, conditions: Conditions, measured: Measured, fitted: NDArray) -> PoseErrors:
-    """Measured minus predicted poses, as the instrument should have seen them; NaN where a condition is not known."""
-    error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
-    rows = np.flatnonzero(_told(found, conditions))
-    if len(rows):
-        poses = predict_poses(found, some_of(conditions, rows), recorded=True)
-        platform = measured.platform.chosen(rows)
-        turned = log_so3(platform.R @ np.swapaxes(poses.R, -1, -2))
-        away = np.concatenate([platform.p - poses.p, turned], -1)
-        error[rows] = np.where(poses.converged[:, None], away, np.nan)
-        # Poses that took part have pulled the model to themselves: they share its error.
-        shared = np.where(fitted[rows, None, None], 2.0, 0.0) * poses.of_model
-        noise[rows] = platform.covariance + poses.covariance - shared
-    return PoseErrors(error, noise)
-
-
-def _told(found: ExtendedModel, conditions: Conditions) -> NDArray:
-    """Where (B,) every column that the model's effects follow holds a number."""
-    legs = found.model.nominal.count
-    needed = {name for cause in found.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
-    columns = [conditions.covariates[name] for name in needed & conditions.covariates.keys()]
-    known = [np.isfinite(column.reshape(len(column), -1)).all(1) for column in columns]
-    return np.logical_and.reduce([np.ones(len(conditions.readings), bool), *known])
-
-
 def extended_parameters(extended: Extended) -> Rows:
     """The numbers of the machine, then the parameters of the effects, as rows of calibration.parquet."""
     rows, geometry = Rows("calibration"), extended.geometry
     si = np.array([entry.si for entry in geometry.parameters])
-    told = _identifiable(geometry)
+    told = identifiable(geometry)
     if len(si):
         shift = geometry.values - geometry.nominal
         spread = np.where(told, np.diag(geometry.prior) - geometry.sigma**2, np.nan)
@@ -133,10 +66,6 @@ def extended_parameters(extended: Extended) -> Rows:
         )
     _add_effects(rows, extended)
     return rows
-
-
-def _identifiable(geometry: IdentifiedGeometry) -> NDArray:
-    return np.asarray(1.0 - geometry.sigma**2 / np.diag(geometry.prior) >= TOLD)
 
 
 def _add_effects(rows: Rows, extended: Extended) -> None:

@@ -2,136 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.common.rows import Rows
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
+from truing.calibration.fits import Calibration
+from truing.calibration.knowledge import absorbed, observe_legs, observe_model
 from truing.calibration.measured import Gathered, Measured
-from truing.calibration.question import (
-    Case,
-    Question,
-    is_deformation,
-    observation_covariance,
-    problem_of,
-    question,
-    survey_rows,
-    widest,
-    with_targets,
-)
-from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.combinations import Inseparable, inseparable
 from truing.estimation.design.identifiable_set import choose_identifiable
-from truing.estimation.design.observability import Observability, indices, observe
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import ParameterSet, deformation_set, full_set
-
-# A shift of the attachments per displacement that is plausible of a platform, where no target tells.
-_PLAUSIBLE_KAPPA = 0.01
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Derivatives (N, Q) by some numbers, in standard deviations of all that was measured, and by the entries of K."""
-
-    jacobian: NDArray
-    by_K: NDArray
-
-
-def linear(gathered: Gathered, asked: Question, values: NDArray, measured: Measured) -> Linear:
-    """Return how all that was measured follows the question's numbers at some values, and the entries of K (L L).
-
-    Below the closings stands what the survey of the attachments says of them.
-    """
-    problem = asked.problem
-    size = len(problem.parameters)
-    entries = deformation_set(problem.nominal, "matrix")
-    bent = replace(problem, parameters=entries, nominal=problem.machine(values))
-    still = np.zeros((len(measured.rho), problem.deviations))
-    at = problem.constrain(values, still)
-    by_K = bent.constrain(np.concatenate([bent.start[: len(entries)], values[size:]]), still).by_values
-    factor = np.linalg.cholesky(at.by_deviation @ asked.noise @ np.swapaxes(at.by_deviation, -1, -2))
-    rows = np.linalg.solve(factor, np.concatenate([at.by_values, by_K[..., : len(entries)]], -1))
-    rows = rows.reshape(-1, rows.shape[-1])
-    if gathered.surveyed is not None:
-        known = survey_rows(gathered.surveyed, problem.parameters)
-        known = np.linalg.solve(np.linalg.cholesky(gathered.surveyed.covariance), known)
-        rows = np.concatenate([rows, np.pad(known, ((0, 0), (0, rows.shape[1] - size)))])
-    return Linear(rows[:, : -len(entries)], rows[:, -len(entries) :])
+from truing.estimation.design.observability import Observability, indices
 
 
 def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Rows:
     """Return what the data can know: leg by leg of the rigid legs with all their numbers, and of the chosen model."""
     rows = Rows("observability")
-    for leg, found in enumerate(_leg_by_leg(gathered, fitted)):
+    for leg, found in enumerate(observe_legs(gathered, fitted)):
         _add(rows, gathered.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
-    whole = _of_chosen(gathered, fitted, chosen)
+    whole = observe_model(gathered, fitted, chosen)
     _add(rows, chosen.case.structure.name, chosen.case.deformation, None, whole, len(fitted.poses))
     return rows
-
-
-def _of_chosen(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Observability:
-    """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
-    attachments too."""
-    asked = _whole_question(gathered, fitted, chosen.case)
-    values = np.concatenate([chosen.values, asked.problem.start[asked.count :]])
-    seen = linear(gathered, asked, values, fitted).jacobian
-    bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
-    scales, units = _scales(gathered.tolerance, chosen.parameters), chosen.parameters.units
-    jacobian = _without(_with_common_known(seen, asked), asked.count) * units
-    return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
-
-
-def _whole_question(gathered: Gathered, measured: Measured, case: Case) -> Question:
-    asked = question(gathered, measured, case)
-    return with_targets(asked, gathered, measured, case.deformation != "none") or asked
-
-
-def _with_common_known(jacobian: NDArray, asked: Question) -> NDArray:
-    """Return the derivatives with what is known beforehand of errors common to all poses below."""
-    known = np.zeros((asked.common, jacobian.shape[1]))
-    known[:, jacobian.shape[1] - asked.common :] = np.eye(asked.common)
-    return np.concatenate([jacobian, known])
-
-
-def _without(jacobian: NDArray, count: int) -> NDArray:
-    """Return the first columns with what the others, of which nothing is known, can imitate taken out of them."""
-    if count == jacobian.shape[1]:
-        return jacobian
-    others = np.linalg.qr(jacobian[:, count:])[0]
-    return jacobian[:, :count] - others @ (others.T @ jacobian[:, :count])
-
-
-def _leg_by_leg(gathered: Gathered, fitted: Measured) -> list[Observability]:
-    """Return the observability of each leg's numbers: joints, direction, length, reference reading and kappa."""
-    machine = gathered.machine
-    parameters = full_set(machine, "linear", rho0=True)
-    problem = CalibrationProblem(
-        KinematicModel(machine.legs.closure.name), machine, parameters, fitted.platform.p, fitted.platform.R, fitted.rho
-    )
-    at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
-    noise = observation_covariance(fitted, gathered.reading_sigma)
-    sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
-    scale = _scales(gathered.tolerance, parameters)
-    legs = np.array([entry.leg for entry in parameters.entries])
-    labels, units = np.array(parameters.labels), parameters.units
-    told = at.by_values / sigma[..., None] * units
-    return [
-        observe(told[:, leg, legs == leg], (scale / units)[legs == leg], labels[legs == leg].tolist())
-        for leg in range(machine.legs.count)
-    ]
-
-
-def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray:
-    """Return what a parameter may plausibly be off (P,): its tolerance; of the reference reading that of the joints."""
-    heads = [entry.name.partition("_")[0] for entry in parameters.entries]
-    known = {"rho0": tolerance.get("a", 0.0), "kappa": _PLAUSIBLE_KAPPA, **tolerance}
-    given = np.array([known.get(head, 0.0) for head in heads])
-    return np.where(given > 0, given, widest(parameters))
 
 
 def _add(rows: Rows, model: str, deformation: str, leg: int | None, found: Observability, poses: int) -> None:
@@ -177,11 +68,8 @@ def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence
 
 
 def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Calibration, whole: Calibration) -> None:
-    known, entries = gathered.deformations["matrix"], calibration.parameters.entries
-    found = _absorption(gathered, fitted, calibration)
-    size = (known.K - calibration.case.nominal.deformation).ravel()
-    spread = np.diag(found.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit"))[: len(entries)]
-    units = calibration.parameters.units
+    entries, units = calibration.parameters.entries, calibration.parameters.units
+    found = absorbed(gathered, fitted, calibration, whole)
     rows.add(
         effect="platform-deformation-matrix",
         model=calibration.case.structure.name,
@@ -190,51 +78,7 @@ def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Cal
         leg=[entry.leg + 1 for entry in entries],
         parameter=[entry.name for entry in entries],
         unit=[entry.unit for entry in entries],
-        predicted=(found.shift @ size)[: len(entries)] / units,
-        observed=(calibration.values - _counterparts(calibration, whole)) / units,
-        sigma=np.sqrt(np.maximum(spread, 0.0) + _told_apart(calibration, whole)) / units,
-    )
-
-
-def _absorption(gathered: Gathered, fitted: Measured, calibration: Calibration) -> Absorption:
-    """Return what the calibration's parameters take over of each entry of K, seen from before any fit.
-
-    The maximum-likelihood fit weighs what was measured by its noise, and has the tolerances as prior; the implicit one
-    has neither.
-    """
-    if calibration.estimator != MAXIMUM_LIKELIHOOD:
-        problem = problem_of(calibration.case, calibration.parameters, fitted)
-        bent = replace(problem, parameters=deformation_set(problem.nominal, "matrix"))
-        still = np.zeros((len(fitted.rho), problem.deviations))
-        both = [one.constrain(one.start, still).by_values for one in (problem, bent)]
-        rows = [by_values.reshape(-1, by_values.shape[-1]) for by_values in both]
-        return absorb(rows[0], -rows[1], calibration.parameters.labels)
-    asked = _whole_question(gathered, fitted, calibration.case)
-    scales = np.where(np.isfinite(asked.tolerance), asked.tolerance, widest(calibration.parameters))
-    seats = np.diag(asked.prior.information)[asked.count :] ** -0.5
-    seen = linear(gathered, asked, asked.problem.start, fitted)
-    labels = [entry.label for entry in asked.problem.entries]
-    return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
-
-
-def _told_apart(calibration: Calibration, whole: Calibration) -> NDArray:
-    """Return the variance (P,) of what the whole fit knows more, or less, of the parameters: it has other data."""
-    place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
-    own = np.diag(calibration.declared)
-    more = [place.get(label, variance) for label, variance in zip(calibration.parameters.labels, own, strict=True)]
-    return np.abs(own - more) if calibration.estimator == MAXIMUM_LIKELIHOOD else np.zeros(len(own))
-
-
-def _counterparts(calibration: Calibration, whole: Calibration) -> NDArray:
-    """Return the values (P,) that the calibration's parameters have in one with the whole deformation.
-
-    kappa is counted from its nominal value, of which the effect left out is counted too.
-    """
-    own, nominal = calibration.parameters, calibration.nominal
-    place = dict(zip(whole.parameters.labels, whole.values, strict=True))
-    return np.array(
-        [
-            nominal[i] if entry.name == "kappa" else place.get(entry.label, nominal[i])
-            for i, entry in enumerate(own.entries)
-        ]
+        predicted=found.predicted / units,
+        observed=found.observed / units,
+        sigma=found.sigma / units,
     )

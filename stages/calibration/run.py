@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stages.calibration.accuracy import accuracy_rows
 from stages.calibration.choice import choice_rows, departure_rows, extended_choice_rows, nominal_rows
-from stages.calibration.extended import MODEL, Extended, extended_correlations, extended_parameters
+from stages.calibration.extended import extended_correlations, extended_parameters
 from stages.calibration.knowledge import absorption_rows, observability_rows
 from stages.common.rows import Rows
 from stages.common.words import listed
@@ -18,6 +18,7 @@ from stages.declaration import Outcome, Progress
 from truing.calibration.accuracy import PoseErrors, nominal_errors
 from truing.calibration.choice import Judged, choice, doubts
 from truing.calibration.every_case import Failure, calibrations, judged, screened_poses
+from truing.calibration.extended import MODEL, Extended
 from truing.calibration.fits import Calibration
 from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
 from stages.common.point_arrays import number_column, positions
-from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER
+from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
 from truing.simulation.unknowns import Conditions
 
 if TYPE_CHECKING:
@@ -52,48 +52,7 @@ def _span(time: NDArray | None) -> tuple[float, float] | None:
     return (float(known.min()), float(known.max())) if len(known) else None
 
 
-def order_in_time(time: NDArray | None, poses: int) -> NDArray:
-    """Rank (B,) of each pose in time over the whole campaign; as in the table where there is no time, or none here."""
-    known = np.zeros(poses) if time is None else np.where(np.isfinite(time), time, np.inf)
-    rank = np.empty(poses)
-    rank[np.argsort(known, kind="stable")] = np.arange(poses)
-    return rank
-
-
-def remembered(readings: NDArray, time: NDArray, kept: float) -> NDArray:
-    """Sum (B, L), m, of each actuator's movements up to a pose in time order, every earlier one ``kept`` times as much
-    as the next; 0 for the first."""
-    order = np.argsort(time, kind="stable")
-    steps = np.nan_to_num(np.diff(readings[order], axis=0))
-    total = np.zeros_like(readings)
-    for before, now, step in zip(order[:-1], order[1:], steps, strict=True):
-        total[now] = kept * total[before] + step
-    return total
-
-
 def _is_number(kind: pa.DataType) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
-
-
-def approach(readings: NDArray, time: NDArray, least: float) -> NDArray:
-    """Direction (B, L) of each actuator's last movement larger than ``least`` (m) in time order; +1 before any."""
-    order = np.argsort(time, kind="stable")
-    steps = np.diff(readings[order], axis=0, prepend=readings[order][:1])
-    moved = np.abs(np.nan_to_num(steps)) > least
-    last = np.maximum.accumulate(np.where(moved, np.arange(len(order))[:, None], -1), axis=0)
-    signs = np.take_along_axis(np.sign(steps), np.maximum(last, 0), 0)
-    direction = np.ones_like(readings)
-    direction[order] = np.where(last >= 0, signs, 1.0)
-    return direction
-
-
-def chosen(conditions: Conditions, rows: NDArray) -> Conditions:
-    """The conditions of some poses (rows: mask)."""
-    return Conditions(
-        conditions.readings[rows],
-        {name: value[rows] for name, value in conditions.covariates.items()},
-        tuple(pose for pose, kept in zip(conditions.poses, rows, strict=True) if kept),
-        conditions.span_s,
-    )

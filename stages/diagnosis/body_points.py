@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from schemas.covariates import stand_in
 from stages.common.point_arrays import number_column, pose_ids, positions
-from stages.common.pose_conditions import approach, order_in_time
 from stages.common.why_not import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
 from stages.diagnosis.body_standing import Standing, standing
 from stages.diagnosis.body_targets import BodyTargets, targets_of
@@ -20,6 +19,7 @@ from stages.diagnosis.mechanism_points import Gathered
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.body_model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.causes.body_terms import CAME_FROM, place_columns
+from truing.simulation.inputs import approach, order_in_time
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import Targets
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stages.common.nominal_mechanism import facing, nominal_legs
 from stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
-from stages.common.pose_conditions import chosen, pose_conditions
+from stages.common.pose_conditions import pose_conditions
 from stages.diagnosis.judged_points import judged_points, swapped_targets
 from stages.diagnosis.shown import Channels
 from truing.estimation.rigid_poses.umeyama import umeyama
@@ -19,6 +19,7 @@ from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.simulation.cause import Cause
 from truing.simulation.causes.targets import TargetsSwapped
+from truing.simulation.extended_model import some_of
 from truing.simulation.inputs import ORDER
 from truing.simulation.legs import Legs
 from truing.simulation.point_model import PointModel, nominal_leg_frames
@@ -109,7 +110,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     model, bodies, dropped = _model(legs, bodies, conditions, frames, fitted, prior)
     words = [f"{int((~usable).sum())} poses without readings or base"] if not usable.all() else []
     return Gathered(
-        model.at(chosen(conditions, fitted)),
+        model.at(some_of(conditions, fitted)),
         _poses(bodies, conditions, frames, fitted),
         _poses(bodies, conditions, frames, held) if held.any() else None,
         "; ".join([*words, *dropped]),
@@ -177,7 +178,7 @@ def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
 
 def _poses(bodies: _Bodies, conditions: Conditions, frames: Frames, rows: NDArray) -> Poses:
     measured = MeasuredPoints(bodies.points[rows], bodies.cov[rows], bodies.seen[rows])
-    return Poses(measured, chosen(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
+    return Poses(measured, some_of(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
 
 
 def _model(

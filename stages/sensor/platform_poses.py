@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,18 +12,10 @@ from stages.common.point_arrays import decisions
 from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from stages.common.rows import Rows
 from stages.declaration import Outcome
-from truing.estimation.interferometry.load_run import branches
-from truing.estimation.interferometry.platform_displacement import (
-    PlatformDisplacement,
-    drift_columns,
-    platform_displacement,
-    zero_columns,
-)
+from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
-from truing.estimation.interferometry.run_curves import RunCurves, run_curves
-from truing.estimation.interferometry.run_starts import at_starts, begun_far, start_rows
 from truing.report.numbers import count as counted
-from truing.simulation.bench.seen_motion import BeamGeometry, SeenMotion
+from truing.simulation.bench.seen_motion import BeamGeometry
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -39,41 +30,18 @@ _HOUR = 3600.0
 _UNITS = ("um", "um", "um", "arcsec", "arcsec", "arcsec")
 _MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 _MOVED_UNIT = np.array([1e-3] * 3 + [1.0] * 3)
-BRANCHES = ("unloading", "unloaded", "loading")
-# Of the largest load of its axis: loads that differ by less are the same.
-_SAME = 1e-6
-
-
-@dataclass(frozen=True)
-class PlatformPoses:
-    """Displacements of K cases, and the runs' terms that they are counted from.
-
-    zero, drift (R, 6) and their sigmas, NaN where a run did not read a channel, or did not tell its drift; drift per s.
-    kept: by a person. geometry: what the declared geometry of beams made of the cases; None without any.
-    """
-
-    steps: RecordedSteps
-    cases: LoadCases
-    curves: RunCurves
-    kept: Decided
-    value: Array
-    covariance: Array
-    zero: Array
-    zero_sigma: Array
-    drift: Array
-    drift_sigma: Array
-    geometry: SeenMotion | None = None
 
 
 def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: Campaign) -> Outcome:
     """The tables of the pose stage: displacement, reading_residuals, run_terms."""
     whole = load_steps({"readings": readings})
     steps, out = without_excluded(whole, settings)
-    found = find_poses(steps, geometry, decided(steps, settings.keep, "kept"))
+    kept = decided(steps, settings.keep, "kept")
+    found = find_poses(steps, geometry, kept.readings)
     steps, identifier = found.steps, "int64" if isinstance(found.steps.runs[0], int) else "string"
     tables = {
         "displacement": _displacement_rows(found, out).table(identifier),
-        "reading_residuals": _residual_rows(found, whole, out).table(identifier),
+        "reading_residuals": _residual_rows(found, whole, out, kept).table(identifier),
         "run_terms": _term_rows(found).table(identifier),
     }
     if out.readings.any():
@@ -82,80 +50,6 @@ def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: 
     read = f"{count} readings of {counted(len(steps.runs), 'run')} in {counted(len(found.value), 'load case')}"
     left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
     return Outcome(tables, read=read, left_out=left_out, figure=_figure(found))
-
-
-def find_poses(steps: RecordedSteps, geometry: BeamGeometry | None, kept: Decided) -> PlatformPoses:
-    """Join readings to displacements, each channel by itself: their errors have nothing in common.
-
-    What channels read are the platform's components, but for the declared geometry of their beams. ``kept`` are no
-    gross errors, for a person says so.
-    """
-    cases = load_cases(steps)
-    curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
-    curves = replace(curves, rejected=curves.rejected & ~kept.readings)
-    origin = _origins(steps, curves)
-    counted = replace(steps, reading=steps.reading - origin[steps.run])
-    count, runs = len(cases.load), len(steps.runs)
-    value, covariance = np.full((count, 6), np.nan), np.zeros((count, 6, 6))
-    terms = np.full((4, runs, 6), np.nan)
-    for k in range(6):
-        rows = np.flatnonzero(np.isfinite(steps.reading[:, k]) & ~curves.rejected[:, k])
-        covariance[:, k, k] = np.inf
-        if not len(rows):
-            continue
-        one, met, drifting = _of_channel(counted, cases, curves.sigma[rows, k], rows, k)
-        value[: len(one.value), k], covariance[: len(one.value), k, k] = one.value[:, k], one.covariance[:, k, k]
-        sigma = np.sqrt(np.diag(one.shared_covariance))
-        terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
-        terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
-    found = PlatformPoses(steps, cases, curves, kept, value, covariance, *terms)
-    if geometry is None:
-        return found
-    seen = geometry.solved(cases.load, value, covariance)
-    return replace(found, value=seen.value, covariance=seen.covariance, geometry=seen)
-
-
-def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
-    """Where runs (R, 6) count from, m and rad: zero, but for what begins unloaded far from it, as coordinates do."""
-    rows = start_rows(steps)
-    start = at_starts(np.where(curves.rejected, np.nan, steps.reading), rows)
-    return np.where(begun_far(start, at_starts(curves.sigma, rows)), start, 0.0)
-
-
-def _of_channel(
-    steps: RecordedSteps, cases: LoadCases, sigma: Array, rows: NDArray[np.int64], k: int
-) -> tuple[PlatformDisplacement, NDArray[np.int64], Mask]:
-    """Displacements by one channel, its runs, and which of them tell their own drift: they came back to a load.
-
-    The zero of a run is one reading. Nothing is known of its drift before.
-    """
-    met, run = np.unique(steps.run[rows], return_inverse=True)
-    time, case = steps.time_s[rows], cases.of_step[rows]
-    zeros, drifts = zero_columns(run), drift_columns(run, time)
-    largest = np.abs(drifts).max(axis=0)
-    drifting = np.array([_comes_back(case[run == r], time[run == r]) for r in range(len(met))])
-    scale = largest[drifting]
-    first = np.array([sigma[run == r][0] for r in range(len(met))])
-    shared = np.concatenate([zeros, drifts[:, drifting] / scale], axis=1)
-    known = np.concatenate([first, np.full(int(drifting.sum()), np.inf)])
-    along = np.broadcast_to(np.eye(6)[k], (len(rows), 6))
-    found = platform_displacement(along, steps.reading[rows, k], sigma, case, shared, known)
-    per_second = np.concatenate([np.ones(len(met)), 1.0 / scale])
-    return _rescaled(found, per_second), met, drifting
-
-
-def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacement:
-    covariance = found.shared_covariance * np.outer(factor, factor)
-    return replace(found, shared=found.shared * factor, shared_covariance=covariance, gain=found.gain / factor)
-
-
-def _comes_back(case: NDArray[np.int64], time: Array) -> bool:
-    """Whether a run visits a load case at two times at least."""
-    visits = np.unique(case, return_inverse=True)[1]
-    low, high = np.full(visits.max() + 1, np.inf), np.full(visits.max() + 1, -np.inf)
-    np.minimum.at(low, visits, time)
-    np.maximum.at(high, visits, time)
-    return bool(np.any(high > low))
 
 
 def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
@@ -183,13 +77,13 @@ def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
     return rows
 
 
-def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided) -> Rows:
+def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kept: Decided) -> Rows:
     """A row per reading, those of ``whole`` that a person left out among them."""
     steps, curves, rows = found.steps, found.curves, Rows("reading_residuals")
     at, k = np.nonzero(np.isfinite(whole.reading))
     rejected, residual = (curves.rejected | out.readings)[at, k], curves.residual[at, k] / READING_SI[k]
     sigma = curves.sigma[at, k] / READING_SI[k]
-    spoken = out.words + found.kept.words
+    spoken = out.words + kept.words
     reasons = [
         said or (f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if gross else None)
         for said, gross, r, s in zip(spoken[at, k], rejected, residual, sigma, strict=True)
@@ -205,7 +99,7 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided) -> 
         weight=np.where(rejected, 0.0, 1.0),
         rejected=rejected,
         reason=reasons,
-        decision=decisions(out.readings, found.kept.readings)[at, k],
+        decision=decisions(out.readings, kept.readings)[at, k],
         **_geometry_columns(found, at, k),
     )
     return rows
@@ -216,7 +110,7 @@ def _exclusion_rows(
 ) -> Rows:
     """What a person's exclusions change: the displacements once more, of all readings; a row per [[exclude]] and
     channel."""
-    with_all = find_poses(whole, geometry, decided(whole, settings.keep, "kept"))
+    with_all = find_poses(whole, geometry, decided(whole, settings.keep, "kept").readings)
     change = np.abs(with_all.value - found.value) / READING_SI
     over = np.abs(with_all.value - found.value) / np.sqrt(np.einsum("kii->ki", with_all.covariance))
     rows = Rows("exclusion_effects")
@@ -309,31 +203,3 @@ def _by_axis(found: PlatformPoses) -> dict[str, Mask]:
     alone &= alone.sum(1, keepdims=True) == 1
     known = np.isfinite(found.value)
     return {LOADS[a]: known[alone[:, a]].any(0) for a in range(6) if alone[:, a].any()}
-
-
-@dataclass(frozen=True)
-class LoadCases:
-    """K load cases: which one each of B steps belongs to, the loads (K, 6), the branch (K,) of BRANCHES, and whether
-    nothing may be fitted to it (K,). ``branch_of_step`` (B,)."""
-
-    of_step: NDArray[np.int64]
-    load: Array
-    branch: NDArray[np.int64]
-    held_out: NDArray[np.bool_]
-    branch_of_step: NDArray[np.int64]
-
-
-def load_cases(steps: RecordedSteps) -> LoadCases:
-    """The load cases in order of appearance; without load there is but one, whatever came before."""
-    scale = np.abs(steps.load).max(axis=0, initial=0.0)
-    share = np.round(steps.load / np.where(scale > 0.0, scale, 1.0) / _SAME)
-    way = np.zeros(len(share), np.int64)
-    for run in range(len(steps.runs)):
-        way[steps.run == run] = branches(share[steps.run == run])
-    branch = np.where((share == 0.0).all(axis=1), 1, np.where(way < 0, 0, 2))
-    kind = np.column_stack([share, branch, steps.held_out])
-    _, first, number = np.unique(kind, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    place = np.argsort(order)
-    first = first[order]
-    return LoadCases(place[number.ravel()], steps.load[first], branch[first], steps.held_out[first], branch)

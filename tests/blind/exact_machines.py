@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.pose_conditions import approach, order_in_time
 from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.hexapod import draw_hexapod, hexapod_geometry, random_places
@@ -27,7 +26,7 @@ from tests.blind.generator.schedule import even_moves, published_moves
 from tests.tolerance import assert_between
 from truing.simulation import targets as kinds
 from truing.simulation.cause import Cause
-from truing.simulation.inputs import APPROACH, ORDER
+from truing.simulation.inputs import APPROACH, ORDER, approach, order_in_time
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.point_model import PointModel
 from truing.simulation.survey import ShapeUnknowns

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from stages.common.pose_conditions import approach, chosen, order_in_time, pose_conditions, remembered
+from stages.common.pose_conditions import pose_conditions
 from tests.tolerance import assert_close
+from truing.simulation.extended_model import some_of
+from truing.simulation.inputs import approach, order_in_time, remembered
 
 TIME = np.array([30.0, 0.0, 10.0, 20.0])  # so that the second pose was the first
 READINGS = np.array([[3.0], [1.0], [2.0], [2.0000001]])
@@ -42,7 +44,7 @@ def test_every_numeric_column_is_a_covariate_and_poses_keep_their_names() -> Non
     found = pose_conditions(table, (7, 8, 9), 1, 1e-6)
     assert set(found.covariates) == {"time_s", "humidity_pct", "order", "approach", "last step", "memory"}
     assert_close(found.readings[:, 0], np.array([0.010, 0.011, 0.009]), atol=1e-12, what="readings, m")
-    part = chosen(found, np.array([False, True, True]))
+    part = some_of(found, np.array([False, True, True]))
     assert part.poses == (8, 9)
     assert part.span_s == (0.0, 120.0)
     assert part.covariates["order"].tolist() == [1, 2]

@@ -135,7 +135,8 @@ def _parts(model: PointModel, smaller: PointModel) -> list[slice]:
 
 
 def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
-    """Return the conditions of some poses."""
+    """Return the conditions of some poses; rows: which, or a mask (B,)."""
+    rows = np.arange(len(conditions.readings))[rows]
     own = {name: value[rows] for name, value in conditions.covariates.items()}
     poses = tuple(conditions.poses[row] for row in rows) if conditions.poses else ()
     return replace(conditions, readings=conditions.readings[rows], covariates=own, poses=poses)

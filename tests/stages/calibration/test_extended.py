@@ -9,18 +9,12 @@ import pytest
 from scipy.stats import chi2
 
 from stages.calibration.accuracy import accuracy_rows
-from stages.calibration.extended import (
-    MODEL,
-    Extended,
-    extended_correlations,
-    extended_figures,
-    extended_of,
-    extended_parameters,
-)
+from stages.calibration.extended import extended_correlations, extended_figures, extended_of, extended_parameters
 from stages.common.calibration_data import gather
 from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.line import run_line, settings_of
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text
+from truing.calibration.extended import MODEL, Extended
 from truing.simulation.causes.drive import ActuatorGain
 
 GAIN, LEG = 0.06, 3
@@ -94,7 +88,7 @@ def test_honest_tolerances_are_told_as_such(both) -> None:
 
 def test_a_pose_without_its_temperature_has_no_error(campaign, both) -> None:
     """An effect that follows a column says nothing of a pose where the column holds no number."""
-    from stages.calibration.extended import _told
+    from truing.calibration.extended import _told
     from truing.simulation.causes.warmth import LegThermal
 
     found = both[1].found

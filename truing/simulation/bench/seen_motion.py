@@ -7,23 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.interferometry.platform_poses import SeenMotion
 from truing.simulation.bench.optics import Optics
 from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
 
 Array = NDArray[np.float64]
 
 _NOTHING = 1e-12  # of a component in another one, SI
-
-
-@dataclass(frozen=True)
-class SeenMotion:
-    """Motions (K, 6), NaN where unknown, with covariance (K, 6, 6), infinite there; what the geometry of the beams adds
-    to readings (K, 6), and one sigma of that, which goes with the load as it does itself: NaN where unknown."""
-
-    value: Array
-    covariance: Array
-    added: Array
-    added_sigma: Array
 
 
 @dataclass(frozen=True)
