@@ -12,6 +12,7 @@ from pipeline.problems import ExitCode
 from pipeline.voice import Voice
 from pipeline.written_places import check_file
 from schemas.faults import CampaignFaults, Fault
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,7 +48,9 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
     found = design(campaign.validated(), wish, _tables(campaign, files))
     for line in words_of(found):
         voice.say(line)
-    _hand_over(found.table, files.out, voice, f"{found.table.num_rows} poses, in the order in which to measure them")
+    _hand_over(
+        found.table, files.out, voice, f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them"
+    )
     return ExitCode.DONE
 
 
@@ -59,7 +62,12 @@ def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, 
     found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
     for line in words_of_loads(found):
         voice.say(line)
-    _hand_over(found.table, files.out, voice, f"{found.table.num_rows} load steps, in the order in which to apply them")
+    _hand_over(
+        found.table,
+        files.out,
+        voice,
+        f"{counted(found.table.num_rows, 'load step')}, in the order in which to apply them",
+    )
     return ExitCode.DONE
 
 
@@ -80,7 +88,9 @@ def _loads_for_causes(campaign: CampaignFolder, wish: DesignWish, files: DesignF
     for line in found.sentences or ("nothing in this campaign that these causes could concern",):
         voice.say(line)
     if found.table.num_rows:
-        _hand_over(found.table, files.out, voice, f"{found.table.num_rows} load steps, by purpose and run", "")
+        _hand_over(
+            found.table, files.out, voice, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
+        )
     return ExitCode.DONE
 
 

@@ -23,6 +23,7 @@ from pipeline.voice import Voice
 from schemas.faults import CampaignFaults, Fault
 from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
@@ -186,7 +187,7 @@ def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup
 
 def _summary(group: RawGroup, guess: Guess) -> str:
     if guess.table == "images":
-        return f"{group.count} photographs"
+        return counted(group.count, "photograph")
     many = f"{group.count} files, " if group.count > 1 else ""
     if guess.known:
         return _shown(f"{many}{guess.notes[0]}")
@@ -307,7 +308,7 @@ def _quality_limits(kind: str) -> Iterator[str]:
 
 def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOWN_COLUMNS) -> Iterator[str]:
     """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
-    held = f"{group.count} photographs" if guess.table == "images" else f"columns {_listed(guess.columns, most)}"
+    held = counted(group.count, "photograph") if guess.table == "images" else f"columns {_listed(guess.columns, most)}"
     yield ""
     if most or guess.table == "images":
         yield f"# {_shown(group.glob)}: {_shown(held)}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from schemas.faults import CampaignFaults, Fault
 from schemas.photograph_artifacts import FROM_MARKER
 from stages.declaration import Outcome, Progress, Stage
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -94,7 +95,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
         artifacts["known_point_errors"] = known_points_table(named, named.network, found.known, adjusted.used)
     named = found.named
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
-    read = f"{len(rays.point):,} rays of {len(photographs)} images"
+    read = f"{counted(len(rays.point), 'ray')} of {counted(len(photographs), 'image')}"
     if settings.noise.point_mm is None and any(bar.startswith(FROM_MARKER) for bar in named.bars):
         read += f"; sizes of markers and boards counted as known to {PRINTED_TO:.1%}, for lack of [noise] point_mm"
     return Outcome(artifacts, read=read, left_out=_left_out(found, unseen), figure=_figure(found))
@@ -111,7 +112,7 @@ def _radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float
 
 def _left_out(found: AdjustedNetwork, unseen: list[str]) -> str:
     reasons = Counter([*found.snooped.rejected.reason, *found.unmatched_reason])
-    said = [f"{count:,} rays: {reason}" for reason, count in reasons.most_common()]
+    said = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
     held = ", ".join(f"{camera} {element}" for camera, element in found.snooped.held)
     said += [f"held, since these images do not determine them: {held}"] if held else []
     return "; ".join([*said, *unseen]) or "nothing"
@@ -122,5 +123,5 @@ def _figure(found: AdjustedNetwork) -> str:
     sigma0 = found.snooped.sigma0.variance_factor**0.5
     points = set(found.named.network.rays.point[adjusted.used].tolist())
     count = len({int(found.named.network.point_pose[point]) for point in points})
-    poses = f"{count} pose{'s' if count != 1 else ''}"
-    return f"{len(points):,} object points of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"
+    poses = counted(count, "pose")
+    return f"{counted(len(points), 'object point')} of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -190,7 +191,10 @@ def _unreached(gathered: Gathered) -> str:
         return "the legs of [mechanism] cannot meet the platform at their reference readings"
     count = int((~reaches(legs, rho)).sum())
     if 2 * count > len(rho):
-        return f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {len(rho)} poses"
+        return (
+            f"the legs of [mechanism] cannot meet the platform at the readings of {count} of "
+            f"{counted(len(rho), 'pose')}"
+        )
     return ""
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -84,7 +85,7 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
     positions = tables["positions"]
     withheld = withheld_runs(tables)
     rows = positioning_rows(positions, settings.interferometer, withheld).table(str(positions.schema.field("run").type))
-    read, said = f"{positions.num_rows} approaches of an axis", told(rows, withheld)
+    read, said = f"{counted(positions.num_rows, 'approach')} of an axis", told(rows, withheld)
     return replace(
         found,
         artifacts={**found.artifacts, "positioning": rows},

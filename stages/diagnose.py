@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.words import gross_errors
 from stages.declaration import Outcome, Progress, Stage
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -161,7 +163,10 @@ def _unreached(gathered: Gathered) -> str:
     count = int((~reaches(gathered.model.nominal, readings)).sum())
     if not count:
         return ""
-    return f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {len(readings)} poses"
+    return (
+        f"the legs of [mechanism] cannot meet the platform at the readings of {count} of "
+        f"{counted(len(readings), 'pose')}"
+    )
 
 
 def _diagnose(gathered: Gathered, rays: RayFindings | None, settings: Campaign, progress: Progress) -> Outcome:
@@ -175,7 +180,7 @@ def _diagnose(gathered: Gathered, rays: RayFindings | None, settings: Campaign, 
     read, left_out = _read(gathered), _left_out(gathered, len(diagnosis.screened))
     if rays is not None:
         artifacts = with_rays(artifacts, rays, rule_of(settings))
-        read = f"{read}; rays of {len(rays.gathered.calibration.conditions.poses)} poses"
+        read = f"{read}; rays of {counted(len(rays.gathered.calibration.conditions.poses), 'pose')}"
         left_out = "; ".join(filter(None, (left_out if left_out != "nothing" else "", rays.left_out))) or "nothing"
     return Outcome(
         artifacts,
@@ -192,7 +197,7 @@ def _of_rays_alone(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
     artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
     return Outcome(
         artifacts,
-        read=f"rays of {len(rays.gathered.calibration.conditions.poses)} poses",
+        read=f"rays of {counted(len(rays.gathered.calibration.conditions.poses), 'pose')}",
         left_out=rays.left_out or "nothing",
         figure=f"{_found(artifacts['diagnosis'])} in rays; points not evaluated: {why}",
     )
@@ -241,14 +246,15 @@ def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagn
 def _read(gathered: Gathered) -> str:
     held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
-    what, where = ("points", "poses") if gathered.shown is None else ("readings", "load steps")
-    return f"{seen} {what} of {len(gathered.calibration.conditions.readings)} {where}, {held} {where} held out"
+    what, where = ("point", "pose") if gathered.shown is None else ("reading", "load step")
+    used = counted(len(gathered.calibration.conditions.readings), where)
+    return f"{counted(seen, what)} of {used}, {counted(held, where)} held out"
 
 
 def _left_out(gathered: Gathered, gross: int) -> str:
     said = [gathered.left_out] if gathered.left_out else []
-    what = "points" if gathered.shown is None else "readings"
-    return "; ".join([*said, f"{gross} {what} as gross errors"] if gross else said) or "nothing"
+    what = "point" if gathered.shown is None else "reading"
+    return "; ".join([*said, gross_errors(gross, what)] if gross else said) or "nothing"
 
 
 def _figure(table: pa.Table, diagnosis: Diagnosis, channels: Channels | None) -> str:

@@ -10,6 +10,7 @@ from schemas.artifacts import ARTIFACTS
 from schemas.faults import Fault
 from stages.declaration import Outcome, Progress, Stage
 from truing.formats.source import OF_IMAGES, CampaignFiles
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -66,11 +67,12 @@ def run(
     artifacts |= {name: table.table for name, table in small.items() if table is not None}
     points = len(set(rays.image_points.column("point").to_pylist()) - {""})
     poses = len(set(rays.photographs.column("pose").to_pylist()))
+    read = f"{counted(len(rays.image_points), 'ray')} of {counted(len(rays.photographs), 'image')}"
     return Outcome(
         artifacts,
-        read="; ".join((f"{len(rays.image_points):,} rays of {len(rays.photographs)} images", *_lacking(rays, small))),
+        read="; ".join((read, *_lacking(rays, small))),
         left_out=_left_out(small, rays.left_out, artifacts["image_rejections"]),
-        figure=f"{points} points in {poses} poses",
+        figure=f"{counted(points, 'point')} in {counted(poses, 'pose')}",
     )
 
 
@@ -98,11 +100,11 @@ def look(settings: Any, source: CampaignFiles) -> str:
     log.throw()
     found = photographs.found
     poses, cameras = ({getattr(one, name) for one in found} for name in ("pose", "camera"))
-    said = f"{len(found)} photographs of {len(poses)} poses by {len(cameras)} camera{'s' * (len(cameras) != 1)}"
+    said = f"{counted(len(found), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
     counts = Counter({reason: 0 for _, reason in photographs.left_out})
     for (_, reason), count in photographs.left_out.items():
         counts[reason] += count
-    words = [f"{count} files: {reason}" for reason, count in counts.most_common()]
+    words = [f"{counted(count, 'file')}: {reason}" for reason, count in counts.most_common()]
     return said + (f"; left out {'; '.join(words)}" if words else "")
 
 
@@ -159,7 +161,7 @@ def _left_out(small: Mapping[str, SmallTable | None], rays: Mapping[tuple[str, s
     for left_out in (rays, *(table.left_out for table in small.values() if table is not None)):
         for (_, reason), count in left_out.items():
             total[reason] += count
-    words = [f"{count:,} rows: {reason}" for reason, count in total.most_common()]
+    words = [f"{counted(count, 'row')}: {reason}" for reason, count in total.most_common()]
     if len(rejections):
         from stages.image_tables.photographs import refused_words
 

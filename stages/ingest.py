@@ -204,7 +204,7 @@ def _without_points(
         left_out.update(survey.left_out)
     return Outcome(
         artifacts | {"exclusions": _exclusions(left_out)},
-        read=f"{len(configurations.table)} configurations",
+        read=counted(len(configurations.table), "configuration"),
         left_out=_left_out_words(left_out),
         figure="points are not adjusted yet",
     )
@@ -230,7 +230,11 @@ def _without_any_points(
         artifacts | {"exclusions": _exclusions(left_out)},
         read="; ".join(
             [
-                *([f"{scans.points:,} points of {len(scans.rows)} dense scans"] if scans is not None else []),
+                *(
+                    [f"{counted(scans.points, 'point')} of {counted(len(scans.rows), 'dense scan')}"]
+                    if scans is not None
+                    else []
+                ),
                 *([measured.read] if measured is not None else []),
             ]
         ),
@@ -319,12 +323,12 @@ def _left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:
     by_reason: Counter[str] = Counter()
     for (_, reason), count in left_out.items():
         by_reason[reason] += count
-    return "; ".join(f"{count:,} rows: {reason}" for reason, count in by_reason.most_common()) or "nothing"
+    return "; ".join(f"{counted(count, 'row')}: {reason}" for reason, count in by_reason.most_common()) or "nothing"
 
 
 def _figure_words(points: Points) -> str:
-    bodies = f"{len(points.bodies)} bod{'y' if len(points.bodies) == 1 else 'ies'}"
-    return f"{points.labels:,} targets of {bodies} ({', '.join(points.bodies[:12])})"
+    bodies = counted(len(points.bodies), "body")
+    return f"{counted(points.labels, 'target')} of {bodies} ({', '.join(points.bodies[:12])})"
 
 
 def _interferometer(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:

@@ -27,6 +27,7 @@ from truing.estimation.sensor.load_cases import (
     load_rows,
     predicted_sigma,
 )
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -147,10 +148,11 @@ def words_of_loads(plan: LoadPlan) -> list[str]:
     at_once = "all components at once" if wish.at_once >= len(LOADS) else f"at most {wish.at_once} at once"
     spread = [100.0 * one for one in plan.sigma]
     lines = [
-        f"{wish.poses} loads{held} within [loading], {at_once}, in runs of {_RUN} that begin and end without load",
+        f"{counted(wish.poses, 'load')}{held} within [loading], {at_once}, in runs of {_RUN} that begin "
+        "and end without load",
         f"log det of the information about a channel's six sensitivities and its zero: {plan.chosen.log_det:.3f}",
         f"D-efficiency {100.0 * plan.chosen.efficiency:.2f} % of the best possible (equivalence theorem over "
-        f"{plan.candidates} loads)",
+        f"{counted(plan.candidates, 'load')})",
         f"predicted sigma of a signal at full load, in hundredths of its noise{_microvolts(plan)}: "
         + ", ".join(f"{load} {one:.1f}" for load, one in zip(LOADS, spread, strict=True)),
         f"drift: of a line in time, loads can imitate {100.0 * plan.order.drift:.2f} % "
@@ -172,7 +174,8 @@ def _words_of_existing(plan: LoadPlan) -> list[str]:
     size = len(LOADS) + 1
     worth = np.exp((plan.chosen.log_det - own.log_det) / size) * len(own.loads) / plan.wish.poses
     return [
-        f"the campaign's own {len(own.loads)} loads: {100.0 * own.efficiency:.2f} % of the best of as many, all "
+        f"the campaign's own {counted(len(own.loads), 'load')}: {100.0 * own.efficiency:.2f} % of the "
+        "best of as many, all "
         "components at once",
         f"one chosen load tells as much as {worth:.2f} of the campaign's own",
     ]

@@ -13,6 +13,7 @@ from truing.estimation.bundle.planning.choice import Candidates, exchanged, one_
 from truing.estimation.bundle.planning.information import PlannedNetwork, station_information, useful, weak_prior
 from truing.estimation.bundle.planning.prediction import Prediction, predict
 from truing.estimation.bundle.planning.stations import Layout, Limits, Mask, Stations, filling_distance, sees, shells
+from truing.report.numbers import count as counted
 
 Progress = Callable[[int, int], None]
 
@@ -85,7 +86,9 @@ def plan_photographs(
     seen = sees(planned.camera, planned.interior, stations, planned.layout, limits)
     of_use = useful(seen)
     if len(of_use) < 2:
-        raise ValueError(f"found {len(of_use)} of {stations.count} stations that see four targets, expected more")
+        raise ValueError(
+            f"found {len(of_use)} of {counted(stations.count, 'station')} with four targets in view, expected more"
+        )
     stations, seen = stations.only(of_use), seen[of_use]
     some = spread_points(planned.layout.points)
     search = _restricted(planned, some)
@@ -102,7 +105,9 @@ def plan_photographs(
     chosen = _in_order_round(stations, chosen, planned.layout.middle)
     prediction = predict(planned, stations.only(chosen), seen[chosen])
     if prediction is None:
-        raise ValueError(f"{len(chosen)} stations make no network, expected more of them, or more targets in common")
+        raise ValueError(
+            f"no network is made by {counted(len(chosen), 'station')}, expected more of them, or more targets in common"
+        )
     return PhotographPlan(
         planned, targets, stations.only(chosen), seen[chosen], prediction, curve, len(of_use), wish, reference
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from stages.photograph_plan import PhotographPlan
 from truing.estimation.bundle.planning.prediction import Prediction, body_motion, largest_sigma
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -113,7 +114,8 @@ def sentences(plan: PhotographPlan) -> list[str]:
     """What a person in the laboratory takes along."""
     own, wish = plan.prediction, plan.wish
     told = [
-        f"{plan.stations.count} photographs, chosen from {plan.candidates} stations: the worst target to "
+        f"{counted(plan.stations.count, 'photograph')}, chosen from "
+        f"{counted(plan.candidates, 'station')}: the worst target to "
         f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(own.sigma**2)):.2g} mm (standard deviations)."
     ]
     if wish.wanted_mm is not None:
@@ -143,7 +145,7 @@ def _remedy(plan: PhotographPlan) -> str:
     if rest >= wanted**2:
         return f": the scale bars alone leave {np.sqrt(rest):.2g} mm, whatever is photographed"
     more = int(np.ceil(plan.stations.count * scaled**2 / (wanted**2 - rest)))
-    return f": some {more} photographs would, or a better camera"
+    return f": about {counted(more, 'photograph')} would, or a better camera"
 
 
 def tables(plan: PhotographPlan) -> Mapping[str, pa.Table]:

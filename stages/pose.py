@@ -9,6 +9,7 @@ import numpy as np
 
 from schemas.artifacts import ARTIFACTS
 from stages.declaration import Outcome, Progress, Stage
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -83,9 +84,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if errors is not None and errors.parameters:
         of_common = (settings.reference_body, errors.parameters, identifier)
         artifacts["pose_sensitivities"] = sensitivities_table(fitted, *of_common)
-    counts = ((observations, "points"), (scans, "dense scans"), (measured, "measured poses"))
-    sources = " and ".join(f"{table.num_rows} {what}" for table, what in counts if table.num_rows)
-    read = f"{sources} of {len(bodies)} bodies in {len(poses)} poses"
+    counts = ((observations, "point"), (scans, "dense scan"), (measured, "measured pose"))
+    sources = " and ".join(counted(table.num_rows, what) for table, what in counts if table.num_rows)
+    read = f"{sources} of {counted(len(bodies), 'body')} in {counted(len(poses), 'pose')}"
     return Outcome(artifacts, read=read, left_out=_left_out(bodies), figure=_figure(bodies) + _frame_words(frame))
 
 
@@ -177,7 +178,7 @@ def _left_out(bodies: Sequence[BodyPoses]) -> str:
         f"{b.name} {b.points.targets[t]} in pose {b.points.poses[p]} ({b.reason[p, t]})" for b, p, t in rejected[:3]
     ]
     more = f" and {len(rejected) - 3} more" if len(rejected) > 3 else ""
-    return f"{len(rejected)} points: {'; '.join(named)}{more}"
+    return f"{counted(len(rejected), 'point')}: {'; '.join(named)}{more}"
 
 
 def _figure(bodies: Sequence[BodyPoses]) -> str:
@@ -187,5 +188,5 @@ def _figure(bodies: Sequence[BodyPoses]) -> str:
         ok = body.fit.ok
         known = ok & np.isfinite(body.fit.rms)
         rms = f", rms {1e3 * np.sqrt(np.mean(body.fit.rms[known] ** 2)):.4f} mm" if known.any() else ""
-        words.append(f"{body.name} {ok.sum()} of {len(ok)} poses{rms}")
+        words.append(f"{body.name} {ok.sum()} of {counted(len(ok), 'pose')}{rms}")
     return "; ".join(words)

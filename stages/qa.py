@@ -155,10 +155,11 @@ def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterab
         return (), ""
     from stages.quality.limits import CampaignLimits
     from stages.quality.of_positions import position_checks, positioning_runs
+    from truing.report.numbers import count
 
     runs = list(positioning_runs(tables["positions"]))
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    read = f"{tables['positions'].num_rows} approaches of an axis in {len(runs)} run{'s' * (len(runs) > 1)}"
+    read = f"{count(tables['positions'].num_rows, 'approach')} of an axis in {count(len(runs), 'run')}"
     return position_checks(runs, limits), read
 
 
@@ -168,6 +169,7 @@ def _judged(
     from stages.common.belonging import belonging_table
     from stages.quality.check import FAIL, WARN, told
     from stages.quality.of_decisions import accepted_verdicts
+    from truing.report.numbers import count
 
     checks = []
     for check in map(told, found):
@@ -186,7 +188,8 @@ def _judged(
         {"qa": _table(checks, accepted), "belonging": belonging},
         read=read,
         left_out="nothing",
-        figure=f"{len(checks)} checks, {len(failed)} failed, {warned} warn, {sum(map(bool, accepted))} accepted",
+        figure=f"{count(len(checks), 'check')}, {len(failed)} failed, {warned} warn, "
+        f"{sum(map(bool, accepted))} accepted",
         failed_checks=failed,
     )
 

@@ -23,6 +23,7 @@ from truing.calibration.fits import Calibration
 from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
 from truing.calibration.screening import OFF, Screened
+from truing.report.numbers import count as counted
 from truing.simulation.parameters import SHARED, Parameter
 from truing.simulation.structures import structures
 
@@ -59,19 +60,19 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
     best = found[made.chosen]
     measured, used = gathered.measured, clean.measured
     identifier = "int64" if isinstance(measured.poses[0], int) else "string"
-    counted = choice_rows(found, measured.roles, made)
+    choices = choice_rows(found, measured.roles, made)
     if best.errors is not None:
         structure = structures(gathered.machine)[0]
         before = nominal_errors(structure, gathered.machine, measured)
-        counted.extend(nominal_rows(structure.name, before, measured.roles))
-        counted.extend(departure_rows(gathered.machine, measured.rho))
+        choices.extend(nominal_rows(structure.name, before, measured.roles))
+        choices.extend(departure_rows(gathered.machine, measured.rho))
     rows = {
         "calibration": parameter_rows("calibration", both.likely),
         "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
         "correlations": correlation_rows(both.likely),
         "accuracy": _accuracy("accuracy", found[: len(both.likely)], gathered),
         "implicit_accuracy": _accuracy("implicit_accuracy", found[len(both.likely) :], gathered),
-        "model_choice": counted,
+        "model_choice": choices,
         "observability": observability_rows(gathered, used, best.calibration),
         "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
         "requirements": _requirements(gathered, asked, best, fitted),
@@ -81,7 +82,7 @@ def calibrate(gathered: Gathered, asked: Requirement, extended: Extended | None,
     open_questions = (*_screened_words(clean), *map(_failure, both.failed), _undeformed(gathered), _open(best))
     return Outcome(
         {name: one.table(identifier) for name, one in rows.items()} | _left_out(clean, identifier),
-        read=f"{len(used.poses)} poses to fit, {int((~fitted).sum())} held out",
+        read=f"{counted(len(used.poses), 'pose')} to fit, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, (gathered.left_out, *open_questions))) or "nothing",
         figure=_figure(best, len(both.likely), measured.roles),
     )
@@ -154,7 +155,7 @@ def _undeformed(gathered: Gathered) -> str:
 
 
 def _figure(best: Judged, count: int, roles: NDArray) -> str:
-    said = f"{_words(best.calibration.case)} chosen of {count} models"
+    said = f"{_words(best.calibration.case)} chosen of {counted(count, 'model')}"
     against = f"; {told}" if (told := doubts(best)) else ""
     if best.errors is None:
         return said + against

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from stages.configurations.chosen import Design, Judged
 from truing.estimation.design.design_bound import efficiency
+from truing.report.numbers import count as counted
+from truing.report.numbers import percent
 from truing.simulation.parameters import Parameter
 
 _UNITS = {"mm": " mm", "1": ""}
@@ -22,14 +24,17 @@ def _chosen(design: Design) -> list[str]:
     wish, names = design.wish, [entry.name for entry in design.problem.names]
     kept = "" if design.kept is None else f" beside {design.kept.count} that are kept"
     held = f" and {wish.verification} for verification" if wish.verification else ""
-    first = f"{wish.poses} configurations{held} by {wish.method}{kept}, {_WITHIN[wish.within]}"
+    first = f"{counted(wish.poses, 'configuration')}{held} by {wish.method}{kept}, {_WITHIN[wish.within]}"
     if design.kept is not None and design.kept.outside:
         first += f" ({design.kept.outside} of those kept lie outside)"
     held = ", ".join(design.problem.held)
     if design.kept is None and "reference" not in design.table.column("role").to_pylist():
         first += "; the reference configuration is forbidden, and left out"
     left = f"; held: {held}, {'not asked for' if wish.parameters else 'not told apart from these'}" if held else ""
-    return [first, f"parameters of each leg: {' '.join(names)} ({len(names)} x {design.problem.legs} legs){left}"]
+    return [
+        first,
+        f"parameters of each leg: {' '.join(names)} ({len(names)} x {counted(design.problem.legs, 'leg')}){left}",
+    ]
 
 
 def _quality(design: Design) -> list[str]:
@@ -46,11 +51,11 @@ def _bound(design: Design) -> str:
     candidates, size = design.candidates, design.problem.size
     found = f", {candidates.climbed} that climbs between them found" if candidates.climbed else ""
     missed = f", {candidates.unreached} more out of reach" if candidates.unreached else ""
-    points = f"{candidates.corners} corners of the range, {candidates.dense} points in it"
+    points = f"{counted(candidates.corners, 'corner')} of the range, {counted(candidates.dense, 'point')} in it"
     over = f"equivalence theorem over {points}{missed}{found}"
     if candidates.raised <= 1e-9 * size:
         return f"{over}; climbs find nothing more sensitive"
-    return f"{over}; raised by the {100 * np.expm1(candidates.raised / size):.1g} % that climbs find beyond"
+    return f"{over}; raised by the {percent(100 * float(np.expm1(candidates.raised / size)))} that climbs find beyond"
 
 
 def _noise(design: Design) -> str:
@@ -97,7 +102,10 @@ def _existing(design: Design) -> list[str]:
     found, share = design.existing, design.existing_efficiency
     if found is None or share is None:
         return []
-    line = f"the campaign's own {found.count} poses: O1 = {found.log_det:.3f}, {_percent(share)} of the best of as many"
+    line = (
+        f"the campaign's own {counted(found.count, 'pose')}: O1 = {found.log_det:.3f}, "
+        f"{_percent(share)} of the best of as many"
+    )
     if found.outside:
         line += f"; {found.outside} of them lie outside of these limits, which the bound is not about"
     alike = design.whole.log_det + design.problem.size * np.log(found.count / design.whole.count)

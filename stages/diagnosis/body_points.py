@@ -17,6 +17,7 @@ from stages.diagnosis.body_standing import Standing, standing
 from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
 from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.report.numbers import count as counted
 from truing.simulation.body_model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.causes.body_terms import CAME_FROM, place_columns
 from truing.simulation.inputs import approach, order_in_time
@@ -59,7 +60,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     if why := why_too_few_determined(int(fitted.sum())):
         raise ValueError(why)
     fitted, thinned = _thinned(fitted, model)
-    words += [f"{int((~usable).sum())} poses that determine no body"] if not usable.all() else []
+    words += [f"{counted(int((~usable).sum()), 'pose')} without a body that is determined"] if not usable.all() else []
     return Gathered(
         model.at(_at(model.conditions, fitted)),
         _poses(found, model.conditions, lead, fitted),
@@ -210,4 +211,6 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
         return rows, []
     kept = np.zeros_like(rows)
     kept[np.flatnonzero(rows)[np.linspace(0, count - 1, most).round().astype(int)]] = True
-    return kept, [f"{count - most} of {count} poses, evenly over the campaign: all together would not fit into memory"]
+    return kept, [
+        f"{count - most} of {counted(count, 'pose')}, evenly over the campaign: all together would not fit into memory"
+    ]

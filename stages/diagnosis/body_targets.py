@@ -20,6 +20,7 @@ from truing.estimation.target_positions import (
     median_places,
     stray_places,
 )
+from truing.report.numbers import count as counted
 from truing.simulation.causes.markers import markers_of
 from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.unknowns import FREE_LENGTH_M
@@ -78,7 +79,7 @@ def targets_of(
             words.append(f"body {name} (no three targets seen together in three poses)")
             continue
         gone = int((~body.ok & body.seen.any(1)).sum())
-        words += [f"{gone} poses of body {name}, which its targets do not determine"] if gone else []
+        words += [f"{counted(gone, 'pose')} of body {name}, not determined by its targets"] if gone else []
         found.append(body)
     return found, words
 

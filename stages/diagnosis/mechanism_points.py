@@ -17,6 +17,7 @@ from stages.diagnosis.shown import Channels
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.report.numbers import count as counted
 from truing.simulation.cause import Cause
 from truing.simulation.causes.targets import TargetsSwapped
 from truing.simulation.extended_model import some_of
@@ -108,7 +109,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         raise ValueError(f"needs at least 3 poses with readings and a base, found {int(fitted.sum())}")
     prior = _prior(section, settings.noise.actuator_mm)
     model, bodies, dropped = _model(legs, bodies, conditions, frames, fitted, prior)
-    words = [f"{int((~usable).sum())} poses without readings or base"] if not usable.all() else []
+    words = [f"{counted(int((~usable).sum()), 'pose')} without readings or base"] if not usable.all() else []
     return Gathered(
         model.at(some_of(conditions, fitted)),
         _poses(bodies, conditions, frames, fitted),

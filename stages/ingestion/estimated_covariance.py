@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.report.numbers import count as counted
+
 if TYPE_CHECKING:
     from truing.estimation.bundle.network import Array
     from truing.formats.colmap_network import ColmapNetwork
@@ -31,17 +33,19 @@ class EstimatedCovariance:
     def _estimated(self, network: ColmapNetwork) -> Array | None:
         count = len(network.points)
         if count > MOST_POINTS:
-            self.said.append(f"no standard deviations of {count:,} points without any: more than {MOST_POINTS:,}")
+            self.said.append(
+                f"no standard deviations of {counted(count, 'point')} without any: more than {MOST_POINTS:,}"
+            )
             return None
         try:
             with np.errstate(all="ignore"):  # whatever a damaged model holds
                 found, sigma_px = _covariance(network)
         except (ValueError, np.linalg.LinAlgError):
-            self.said.append(f"no standard deviations of {count:,} points: their rays do not determine them")
+            self.said.append(f"no standard deviations of {counted(count, 'point')}: their rays do not determine them")
             return None
         known = int(np.isfinite(found[:, 0, 0]).sum())
         self.said.append(
-            f"standard deviations of {known:,} points estimated from their rays (noise {sigma_px:.2g} px "
+            f"standard deviations of {counted(known, 'point')} estimated from their rays (noise {sigma_px:.2g} px "
             "by their residuals; free datum, without a scale)"
         )
         return found

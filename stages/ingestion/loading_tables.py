@@ -89,7 +89,7 @@ class LoadingTables:
             names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
             parts.append(f"{count(len(names), 'signal')} of {count(len(self.signals.table), 'load step')}")
         if self.positions is not None:
-            parts.append(f"{len(self.positions.table):,} approaches of an axis to its targets")
+            parts.append(f"{count(len(self.positions.table), 'approach')} of an axis to its targets")
         return " and ".join(parts)
 
     @property
@@ -209,8 +209,10 @@ def _check_whole(found: Gathered, log: FaultLog) -> None:
         targets, ways, cycles = (set(column.tolist()) for column in columns)
         missing = len(targets) * len(cycles) * len(_WAYS) - int(own.sum())
         if missing or ways != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
-            said = f"run {run}: {len(targets)} targets, {len(cycles)} cycles, {', '.join(sorted(ways))}"
-            said += f", {missing} approaches missing" if missing else ""
+            said = (
+                f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, {', '.join(sorted(ways))}"
+            )
+            said += f", {count(missing, 'approach')} missing" if missing else ""
             expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"
             if len(targets) > _MANY * int(own.sum()) > _MANY * len(set(numbers(found, "position_mm")[own].tolist())):
                 expected += "; are the columns target_mm and position_mm exchanged?"

@@ -23,6 +23,7 @@ from truing.formats.point_ledger import PointLedger
 from truing.formats.read import FileRows, ahead, read_table
 from truing.formats.shapes import COORDINATES, POINTS
 from truing.formats.source import CampaignFiles
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -118,7 +119,7 @@ class Points:
         for file, batch in ahead(self._read()):
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
-            self.progress(0, total, f"{self.rows:,} points")
+            self.progress(0, total, counted(self.rows, "point"))
             named = self._under_own_names(self._named_part(file, batch))
             if named.rows:
                 self._with_own_names.update(named.columns["body"].unique().to_pylist())
@@ -245,7 +246,10 @@ class Points:
         self._check_duplicates()
         self._check_bodies()
         if not self.rows and not self.log:
-            why = "; ".join(f"{count} rows: {reason}" for (_, reason), count in self.left_out.most_common(1)) or None
+            why = (
+                "; ".join(f"{counted(count, 'row')}: {reason}" for (_, reason), count in self.left_out.most_common(1))
+                or None
+            )
             expected = "at least one point that is not left out"
             self.log.add(Fault(next(iter(self.files), "points.csv"), expected, value=why))
         file = next(iter(self.files), "points.csv")

@@ -27,6 +27,7 @@ from truing.estimation.rotation import log_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import COORDINATES, EULER, POSE_COVARIANCE, POSES, ROTATION_VECTOR
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -56,7 +57,7 @@ class MeasuredPoses:
     def read(self) -> str:
         """What was read, in words."""
         file = self.files[0] if len(self.files) == 1 else f"{len(self.files)} files"
-        return f"{self.table.num_rows:,} measured poses from {file}"
+        return f"{counted(self.table.num_rows, 'measured pose')} from {file}"
 
 
 def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: FaultLog) -> MeasuredPoses | None:

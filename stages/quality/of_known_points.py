@@ -10,6 +10,7 @@ import numpy as np
 from stages.common.words import listed
 from stages.quality.bundle_figures import rows_of
 from stages.quality.check import FAIL, PASS, Check, without
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,7 +36,7 @@ def _known(subject: str, rows: list[dict[str, Any]]) -> Check:
     if not tested and not lost:
         return without("known points", "known-points", subject, "rays alone do not check them")
     p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
-    said = f"{subject}: {len(rows)} known points"
+    said = f"{subject}: {counted(len(rows), 'known point')}"
     if wrong:
         said += f"; {wrong[0]['reason']}: {'; '.join(map(_off, wrong[:_TOLD]))}"
         said += f"; and {len(wrong) - _TOLD} more" if len(wrong) > _TOLD else ""

@@ -16,6 +16,7 @@ from truing.estimation.quality import (
     unexplained_scatter,
 )
 from truing.estimation.rigid_poses.frame import redundancy
+from truing.report.numbers import count as counted
 
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
@@ -62,7 +63,9 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     noted = below or scatter.p_above(_NOISE_NOTED)[0] < share
     where = f"the scatter along {axis}" if axis else "the scatter"
     noise = "standard deviations, errors that points share among them" if shared else "declared noise"
-    sentence = f"{body}: {where} is {ratio:.2f} times the {noise} ({scatter.dof[0]:.0f} degrees of freedom)."
+    sentence = (
+        f"{body}: {where} is {ratio:.2f} times the {noise} ({counted(round(scatter.dof[0]), 'degree')} of freedom)."
+    )
     verdict = FAIL if failing else WARN if noted else PASS
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
 

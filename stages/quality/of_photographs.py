@@ -15,6 +15,7 @@ from stages.quality.limits import CampaignLimits
 from stages.quality.of_cameras import camera_stability
 from stages.quality.of_known_points import known_points
 from stages.quality.of_scale import bar_lengths, scale, target_sizes
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,7 +62,10 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
     limit = limits.of("images-oriented")
     for pose, all_of_pose in images.items():
         lost = [image for image in all_of_pose if (pose, image) not in known]
-        said = f"pose {pose}: {len(all_of_pose) - len(lost)} of {len(all_of_pose)} photographs have an orientation"
+        said = (
+            f"pose {pose}: {len(all_of_pose) - len(lost)} of "
+            f"{counted(len(all_of_pose), 'photograph')} with an orientation"
+        )
         said += f"; without: {listed(lost)}." if lost else "."
         yield limit.row(f"pose {pose}", len(lost) / len(all_of_pose), "1", said)
 
@@ -69,7 +73,7 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
 def _rays_per_point(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
     rays = number_column(points, "rays")
     few = text_column(points, "point")[rays < _FEWEST_RAYS]
-    said = f"{subject}: {len(rays)} points, {np.median(rays):.0f} rays each in the middle"
+    said = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each in the middle"
     said += f"; fewer than three to {listed(few.tolist())}." if len(few) else ", three or more to all."
     return limits.of("rays-per-point").row(subject, len(few) / len(rays), "1", said)
 

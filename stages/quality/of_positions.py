@@ -27,6 +27,7 @@ from truing.estimation.interferometry.approaches import (
 )
 from truing.estimation.interferometry.log_quality import temperatures_out_of_reach
 from truing.report.belonging import slip_words
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -169,7 +170,7 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
 
 def _cycles(run: PositioningRun, limits: CampaignLimits) -> Check:
     count = len(run.cycles)
-    said = f"Run {run.name}: {count} cycles at {len(run.target)} targets; ISO 230-2 asks for 5."
+    said = f"Run {run.name}: {counted(count, 'cycle')} at {counted(len(run.target), 'target')}; ISO 230-2 asks for 5."
     return limits.of("approach-cycles").row(run.subject, float(count), "1", said)
 
 

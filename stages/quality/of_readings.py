@@ -17,6 +17,7 @@ from stages.quality.unit_slips import unit_slip
 from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure, units_mistaken
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
+from truing.report.numbers import count as counted
 from truing.report.numbers import handy
 
 Array = NDArray[np.float64]
@@ -200,7 +201,8 @@ def noise(channel: ChannelView, share: float) -> Check:
     unusable = min(scatter.p_above(_TOLERATED)[0], scatter.p_below(1.0 / _TOLERATED)[0]) < share
     noted = min(scatter.p_above(_NOTED)[0], scatter.p_below(1.0 / _NOTED)[0]) < share
     said = (
-        f"{channel.name}: the scatter is {ratio:.2f} times the declared noise ({channel.fit.dof} degrees of freedom)."
+        f"{channel.name}: the scatter is {ratio:.2f} times the declared noise "
+        f"({counted(channel.fit.dof, 'degree')} of freedom)."
     )
     said += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
     verdict = FAIL if unusable else WARN if noted else PASS
@@ -276,7 +278,7 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
         ratio, noted = float(scatter.ratio[apart.worst]), True
         said = f"{channel.name}: repeats of {groups[apart.worst].run} scatter by {ratio:.2f} times the declared noise, "
         said += f"those of all other loads by {apart.others:.2f} times"
-    said += f" ({pooled.dof[0]:.0f} degrees of freedom)."
+    said += f" ({counted(round(pooled.dof[0]), 'degree')} of freedom)."
     return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, said)
 
 

@@ -13,6 +13,7 @@ from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
+from truing.report.numbers import count as counted
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -113,7 +114,7 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
         verdict = WARN if verdict == PASS else verdict
         said = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise says, "
         said += f"those of all others {apart.others:.2f} times: no one number holds for all "
-    said += f"({repeats} repeats of {count} poses, known by {how})."
+    said += f"({counted(repeats, 'repeat')} of {counted(count, 'pose')}, known by {how})."
     return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, said)
 
 

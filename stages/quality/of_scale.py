@@ -15,6 +15,7 @@ from stages.quality.check import FAIL, PASS, Check, without
 from stages.quality.limits import CampaignLimits
 from stages.quality.scale_contradiction import scale_contradiction
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -141,10 +142,13 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
         said = (
             f"Bar {name} ({rows.column('serves').to_pylist()[0]}) is {off} calibrated {length:.3f} mm in pose {pose}, "
         )
-        said += f"the furthest of {len(over)} poses."
+        said += f"the furthest of {counted(len(over), 'pose')}."
     else:
         far = int(sum(limit.verdict(float(one)) != PASS for one in over))
         count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
-        said = f"{subject}: {count} distances in {poses} poses, {far} of {len(over)} beyond the limit; the furthest, "
+        said = (
+            f"{subject}: {counted(count, 'distance')} in {counted(poses, 'pose')}, {far} of "
+            f"{len(over)} beyond the limit; the furthest, "
+        )
         said += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."
     return limit.row(subject, float(over[worst]), "sigma", said)

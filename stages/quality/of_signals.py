@@ -19,7 +19,7 @@ from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, search_exchanges
 from truing.estimation.sensor.load_table import load_table
-from truing.report.numbers import count
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
@@ -73,7 +73,10 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
     said = f"{name}: no sample stands at an end of its range."
     if places:
         ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
-        said = f"{name}: {len(places)} samples are cut at {ends}: {listed(places)}."
+        said = (
+            f"{name}: {counted(len(places), 'sample')} {'is' if len(places) == 1 else 'are'} "
+            f"cut at {ends}: {listed(places)}."
+        )
     count = float(len(places))
     return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, said)
 
@@ -90,7 +93,8 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
     ratio = float(np.median(known))
     slip = unit_slip(ratio, noise_mv, "mV")
     said = (
-        f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of {count(len(known), 'signal')}."
+        f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of "
+        f"{counted(len(known), 'signal')}."
     )
     if slip and ratio > 1.0:
         slip += " Else signals follow something that was not recorded."
@@ -175,7 +179,7 @@ def _exchanged(
     for one in found:
         yield _pair(view, rows, one)
     if unseen:
-        why = f"of {len(rows)} rows so many are far from their place that {unseen} pairs were not looked at"
+        why = f"of {counted(len(rows), 'row')} so many are far from their place that {unseen} pairs were not looked at"
         yield without("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
         said = f"No two of {len(rows)} rows hold each other's load, by a calibration of all of them. "

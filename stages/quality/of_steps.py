@@ -16,6 +16,7 @@ from stages.quality.limits import CampaignLimits
 from stages.quality.loading_view import LoadingView
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     from schemas.sections import Loading
@@ -37,7 +38,8 @@ def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
     places += [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in lost]
-    said = f"{missing} steps are missing: {listed(places)}." if missing else "No step is missing."
+    said = f"{counted(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
+    said = said if missing else "No step is missing."
     return limits.of("steps-missing").row("", share, "1", said)
 
 

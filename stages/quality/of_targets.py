@@ -66,7 +66,7 @@ def completeness(body: BodyView, due: NDArray[np.bool_], limits: CampaignLimits)
         float(missing.sum()) / max(int(due.sum()), 1),
         "1",
         f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
-        f"({seen.shape[1]} targets, {seen.shape[0]} poses).",
+        f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')}).",
     )
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
     yield limits.of("poses-determined", per=len(seen)).row(

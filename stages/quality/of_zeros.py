@@ -12,6 +12,7 @@ from stages.common.words import listed
 from stages.quality.check import PASS, WARN, Check, without
 from stages.quality.loading_view import ChannelView, LoadingView
 from truing.estimation.interferometry.run_starts import zeros_of_runs
+from truing.report.numbers import count as counted
 
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:
@@ -52,7 +53,10 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     worst = int(np.argmax(np.abs(off)))
     value, unit = float(off[worst] * channel.in_files), channel.unit
     run = view.run_name(int(channel.runs[back[worst]]))
-    said = f"{channel.name}: after {run} it stands {value:+.3g} {unit} from its zero, the most of {len(back)} runs."
+    said = (
+        f"{channel.name}: after {run} it stands {value:+.3g} {unit} from its zero, the most of "
+        f"{counted(len(back), 'run')}."
+    )
     verdict = WARN if abs(off[worst]) > limit else PASS
     return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, said)
 

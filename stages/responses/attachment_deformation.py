@@ -18,6 +18,7 @@ from stages.common.point_arrays import (
     used_targets,
 )
 from stages.common.rows import Rows
+from stages.common.words import gross_errors
 from stages.declaration import Outcome
 from stages.responses.correlated_shifts import handed_on
 from stages.responses.framed_points import framed_points
@@ -33,6 +34,7 @@ from truing.estimation.response_structure import (
     significant_rank,
     symmetry,
 )
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -173,8 +175,11 @@ def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
 
 def _words(shifts: Shifts, rejected: NDArray[np.bool_], fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
     seen = int(np.isfinite(shifts.shift).sum())
-    read = f"{seen} shifts at {shifts.shift.shape[1]} attachments in {len(shifts.shift)} poses"
-    left_out = f"{int(rejected.sum())} shifts as gross errors" if rejected.any() else "nothing"
+    read = (
+        f"{counted(seen, 'shift')} at {counted(shifts.shift.shape[1], 'attachment')} in "
+        f"{counted(len(shifts.shift), 'pose')}"
+    )
+    left_out = gross_errors(int(rejected.sum()), "shift") if rejected.any() else "nothing"
     rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
     told = [f"{rms[name]:.1f} {name}" for name in ("linear", "matrix") if name in rms]
     figure = ", ".join([f"rms left {rms['none']:.1f} um without a model", *told])

@@ -15,6 +15,7 @@ from stages.common.nominal_sensor import simulated_compliance
 from stages.common.point_arrays import number_column
 from stages.common.reading_arrays import LOAD_COLUMNS
 from stages.common.rows import Rows
+from stages.common.words import gross_errors
 from stages.declaration import Outcome
 from stages.responses.tables import error_rows
 from truing.estimation.interferometry.compliance import (
@@ -206,7 +207,7 @@ def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
     rows = tables["reading_residuals"].select(["rejected", "decision"]).to_pylist()
     by_person = sum(row["decision"] == "excluded" for row in rows)
     gross = sum(row["rejected"] for row in rows) - by_person
-    said = [f"{gross} readings as gross errors"] if gross else []
+    said = [gross_errors(gross, "reading")] if gross else []
     said += [f"{by_person} reading{'s' * (by_person > 1)} excluded by a person"] if by_person else []
     said += [f"the drift of {loaded.drifts} runs and channels"] if loaded.drifts else []
     return ", ".join(said) or "nothing"

@@ -24,6 +24,7 @@ from truing.estimation.deformation.correlated_shifts import correlated_residuals
 from truing.estimation.deformation.targets import BodyShifts, body_shifts, target_models, with_common_errors
 from truing.estimation.response import ResponseFit, residual_sets
 from truing.estimation.response_structure import entry_tests, gain_p_value
+from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -60,7 +61,7 @@ def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) 
         "deformation_errors": errors.table(),
         "target_deformation": shifts.table(identifier),
     }
-    read = f"{shifts.count // 3} residuals of {len(bodies)} bodies against {', '.join(drives)}"
+    read = f"{counted(shifts.count // 3, 'residual')} of {counted(len(bodies), 'body')} against {', '.join(drives)}"
     return Outcome(artifacts, read=read, left_out="nothing", figure="; ".join(words))
 
 

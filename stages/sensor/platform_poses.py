@@ -11,6 +11,7 @@ from stages.common.overruled import Decided, decided, excluded_words, matched, w
 from stages.common.point_arrays import decisions
 from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from stages.common.rows import Rows
+from stages.common.words import gross_errors
 from stages.declaration import Outcome
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
@@ -47,7 +48,9 @@ def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: 
     if out.readings.any():
         tables["exclusion_effects"] = _exclusion_rows(found, whole, geometry, settings).table()
     count = int(np.isfinite(steps.reading).sum())
-    read = f"{count} readings of {counted(len(steps.runs), 'run')} in {counted(len(found.value), 'load case')}"
+    read = (
+        f"{counted(count, 'reading')} of {counted(len(steps.runs), 'run')} in {counted(len(found.value), 'load case')}"
+    )
     left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
     return Outcome(tables, read=read, left_out=left_out, figure=_figure(found))
 
@@ -170,7 +173,7 @@ def _left_out(found: PlatformPoses) -> str:
     places = zip(k, steps.run[at], steps.step[at], strict=True)
     named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in places]
     more = f" and {len(named) - 3} more" if len(named) > 3 else ""
-    return f"{len(named)} readings as gross errors: {', '.join(named[:3])}{more}"
+    return f"{gross_errors(len(named), 'reading')}: {', '.join(named[:3])}{more}"
 
 
 def _figure(found: PlatformPoses) -> str:

@@ -20,6 +20,7 @@ from truing.estimation.sensor.contenders import SensorCalibrations, calibrations
 from truing.estimation.sensor.error_classes import ErrorClass
 from truing.estimation.sensor.held_out_loads import HeldOut, predicted_loads
 from truing.estimation.sensor.recorded_signals import Recorded
+from truing.report.numbers import count as counted
 from truing.report.numbers import percent
 
 if TYPE_CHECKING:
@@ -61,11 +62,11 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     ranges = ranges_of(settings, found)
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
-    words = [f"{found.left_out} load steps with a gross error in a signal"] if found.left_out else []
+    words = [f"{counted(found.left_out, 'load step')} with a gross error in a signal"] if found.left_out else []
     words += [f"{found.excluded} with a signal excluded by a person"] if found.excluded else []
-    words += [f"no load of {found.put_right} steps that were exchanged: they are put right"] if found.put_right else []
+    words += [f"no load of {counted(found.put_right, 'step')}, exchanged and put right"] if found.put_right else []
     left_out = "; ".join(words) or "nothing"
-    read = f"{len(found.steps.run)} load steps with {found.signal.shape[1]} signals"
+    read = f"{counted(len(found.steps.run), 'load step')} with {counted(found.signal.shape[1], 'signal')}"
     return Outcome(artifacts, read=read, left_out=left_out, figure=_figure(fitted, ranges))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from stages.common.words import gross_errors
 from tests.stages.line import run_line
 from truing.report.exclusion_section import excluded
 
@@ -22,7 +23,7 @@ def test_a_reading_that_the_diagnosis_screens_is_in_its_table_and_on_the_page(tm
     readings.to_csv(folder / "interferometer.csv", index=False)
     made, said = run_line(folder, "ingest", "qa", "diagnose")
     table = made["diagnosis_left_out"].to_pandas()
-    assert f"{len(table)} readings as gross errors" in said["diagnose"].left_out
+    assert gross_errors(len(table), "reading") in said["diagnose"].left_out
     own = table[(table["run"] == readings.loc[row, "run"]) & (table["step"] == readings.loc[row, "step"])]
     assert f"channel {readings.loc[row, 'channel']}" in set(own["subject"])
     assert (table["value"] > table["limit"]).all()

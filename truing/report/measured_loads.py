@@ -46,7 +46,7 @@ def measured_loads(tables: Tables) -> Section:
         if (approaches := filled(tables, "positions")) is not None:
             runs = count(approaches["run"].nunique(), "run")
             places = count(approaches["target_mm"].nunique(), "target")
-            said = f"{len(approaches):,} approaches of an axis to {places}, in {runs}: see Positioning."
+            said = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
             return Section("measured", "Measured", said)
         why = "The campaign holds neither object points nor load steps."
         return Section("measured", "Measured", why, state="empty")

@@ -125,10 +125,12 @@ def percent(value: float) -> str:
 
 
 def count(n: int, noun: str) -> str:
-    """``1 pose``, ``2 poses``, ``2 bodies``."""
+    """``1 pose``, ``2 poses``, ``2 bodies``, ``2 approaches``."""
     if n == 1:
         return f"{n} {noun}"
-    return f"{n:,} {noun[:-1]}ies" if noun.endswith("dy") else f"{n:,} {noun}s"
+    if noun.endswith("dy"):
+        return f"{n:,} {noun[:-1]}ies"
+    return f"{n:,} {noun}{'es' if noun.endswith('ch') else 's'}"
 
 
 def duration(seconds: float) -> str:

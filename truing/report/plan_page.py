@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
+from truing.report.numbers import count as counted
 from truing.report.numbers import rough
 from truing.report.page import Head, Listing, Section
 
@@ -150,7 +151,7 @@ def _pyramids(centre: NDArray[np.float64], tips: NDArray[np.float64]) -> NDArray
 def _targets(targets: pd.DataFrame, at: NDArray[np.float64]) -> go.Scatter3d:
     import plotly.graph_objects as go
 
-    words = [f"{r.body}/{r.target}: σ {rough(r.sigma_mm)} mm, {r.rays} rays" for r in targets.itertuples()]
+    words = [f"{r.body}/{r.target}: σ {rough(r.sigma_mm)} mm, {counted(r.rays, 'ray')}" for r in targets.itertuples()]
     return go.Scatter3d(
         x=at[:, 0],
         y=at[:, 1],

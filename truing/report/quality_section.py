@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from truing.report.numbers import count as counted
 from truing.report.numbers import printed, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_quality
@@ -38,7 +39,7 @@ def quality(tables: Tables) -> Section | None:
     idle = (qa["verdict"] == "not evaluated").all()
     state = "fail" if listings[0].rows else "not evaluated" if idle else "pass"
     shown = tuple(x for x in listings if x.rows)
-    return Section("qa", "Quality", f"{len(qa)} checks: {lead}.", listings=shown, state=state)
+    return Section("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown, state=state)
 
 
 def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:

@@ -67,7 +67,7 @@ def test_what_is_excluded_enters_nothing_and_is_counted(measured: Path, tmp_path
     assert out["reason"].str.startswith("excluded by M. Keller").all()
     assert out["rejected"].all()
     assert len(rows) == len(residuals(plain))
-    assert said["pose"].left_out == "1 readings as gross errors: dz of run 1 step 7; 27 readings excluded by a person"
+    assert said["pose"].left_out == "1 reading as a gross error: dz of run 1 step 7; 27 readings excluded by a person"
     signals = recorded({"signals": tables["signals"]}, settings_of(folder))
     assert (signals.excluded, len(signals.steps.run)) == (3, 42 - 3)
     used = [made["displacement"].to_pandas()[["n_used", "n_rejected"]].sum().to_numpy() for made in (plain, tables)]

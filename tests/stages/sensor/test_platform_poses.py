@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stages.common.words import gross_errors
 from tests.blind.generator.sensor.layout import CHANNELS, DataFaults, Programme
 from tests.blind.generator.sensor.recording import ZeroDrift
 from tests.stages.benches import READING_SI, Bench, bench, case_errors, layout
@@ -58,7 +59,7 @@ def test_gross_errors_are_kept_out_and_counted(faulty):
         found |= {(number, r.run, r.step, r.channel) for r in out.itertuples()}
         assert out["reason"].str.startswith("gross error").all()
         assert (out["weight"] == 0.0).all()
-        assert f"{len(out)} readings as gross errors" in one.said["pose"].left_out
+        assert gross_errors(len(out), "reading") in one.said["pose"].left_out
         assert one.frame("displacement")["n_rejected"].sum() == len(out)
     assert len(true) > 20
     assert not found - true

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.numbers import count as counted
 from truing.report.numbers import quantity
 from truing.report.scene.view import round_gain
 
@@ -152,14 +153,16 @@ def _ellipsoids(points: pd.DataFrame, gain: float) -> Array:
 
 def _camera_words(images: pd.DataFrame) -> list[str]:
     return [
-        f"{label(r.image)}: {r.rays} rays, {r.rms_px:.3f} px rms" if np.isfinite(r.rms_px) else label(r.image)
+        f"{label(r.image)}: {counted(r.rays, 'ray')}, {r.rms_px:.3f} px rms"
+        if np.isfinite(r.rms_px)
+        else label(r.image)
         for r in images.itertuples()
     ]
 
 
 def _point_words(points: pd.DataFrame) -> list[str]:
     return [
-        f"{label(r.point)}: {r.rays} rays, up to {r.largest_angle_deg:.0f}°, "
+        f"{label(r.point)}: {counted(r.rays, 'ray')}, up to {r.largest_angle_deg:.0f}°, "
         f"{1e3 * max(r.sigma_x_mm, r.sigma_y_mm, r.sigma_z_mm):.1f} µm"
         for r in points.itertuples()
     ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, RED, label, style
+from truing.report.numbers import count as counted
 from truing.report.scene.view import round_gain
 
 if TYPE_CHECKING:
@@ -84,7 +85,8 @@ def _means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
     counts = own.groupby([row, column]).size()
     means, counts = means[counts >= _FEWEST], counts[counts >= _FEWEST]
     words = [
-        f"{n} rays, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px" for r, n in zip(means.itertuples(), counts, strict=True)
+        f"{counted(n, 'ray')}, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px"
+        for r, n in zip(means.itertuples(), counts, strict=True)
     ]
     return [*_vectors(means, gain, BLUE, "mean of a cell"), _ends(means, words, BLUE, "middle of its rays")]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
+from truing.report.numbers import count as counted
 from truing.report.page import Listing, Section
 from truing.report.photographs.network_figure import network_picture
 from truing.report.photographs.residual_figure import residual_picture
@@ -77,7 +78,7 @@ def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, t
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
     kept = residuals[~residuals["rejected"]]
-    said += f"{float(np.median(kept['sigma_x_px'])):.3f} px. {len(residuals) - used:,} rays were left out."
+    said += f"{float(np.median(kept['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
     checks = filled(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
     return " ".join([said, *scale])
