@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, positions
+from schemas.columns import COLUMNS
+from stages.common.point_arrays import number_column, pose_points, positions
 from stages.quality.bodies import BodyView, Surroundings
 from truing.belonging.leg_hypotheses import Motion
-from truing.belonging.points_of_bodies import BodyPoints, relate_copies, relate_survey, together
+from truing.belonging.points_in_poses import AsAnother, BodyPoints
+from truing.belonging.points_of_bodies import poses_with_slips, relate_copies, relate_survey, together
 from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
 from truing.belonging.relation import State, Tested
 from truing.estimation.covariance import relative
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from truing.simulation.legs import Legs
 
 Array = NDArray[np.float64]
+Groups = tuple[tuple[str, tuple[str, ...]], ...]
 
 _ROWS_OF_A_GROUP = 3  # at least, on average: numbers that vary from row to row make no groups
 
@@ -35,26 +38,68 @@ def relations_of_points(
 ) -> tuple[Tested, ...]:
     """Return the tested relations of a campaign of object points."""
     surveyed = set(tables["survey"].column("body").to_pylist()) if "survey" in tables else set()
+    configurations = tables.get("configurations")
+    order = _file_order(configurations, around)
+    groups = (
+        ()
+        if configurations is None
+        else _groups(configurations, np.flatnonzero(positions(configurations.column("pose"), around.poses) >= 0))
+    )
+    own = [body for body in bodies if body.name in surveyed]
+    points = {
+        body.name: _points(body, _as_others(body, own, tables["observations"], around, order), around, order, groups)
+        for body in own
+    }
+    odd = np.zeros(len(around.poses), bool)
+    for name in {"base", "platform"} & points.keys():
+        odd[order] |= poses_with_slips(points[name])
     return (
         _copies(bodies, around),
-        *together(tuple(relate_survey(_points(body, around)) for body in bodies if body.name in surveyed)),
-        *_readings(bodies, around, tables.get("configurations"), surveyed, settings),
+        *together(tuple(map(relate_survey, points.values()))),
+        *_readings(bodies, around, configurations, surveyed, settings, odd),
     )
 
 
-def _points(body: BodyView, around: Surroundings) -> BodyPoints:
-    """The targets that make the body's frame."""
+def _file_order(configurations: pa.Table | None, around: Surroundings) -> NDArray[np.int64]:
+    """The poses in the order of their file; without one, as they came."""
+    if configurations is None:
+        return np.arange(len(around.poses))
+    pose = positions(configurations.column("pose"), around.poses)
+    return np.asarray(pose[pose >= 0])
+
+
+def _points(
+    body: BodyView, others: tuple[AsAnother, ...], around: Surroundings, order: NDArray[np.int64], groups: Groups
+) -> BodyPoints:
+    """The targets that make the body's frame, poses in the order of the file."""
     frame = body.frame
     seen = body.points.seen[:, frame]
     sigma = body.sigma[:, frame][seen]
     return BodyPoints(
         body.name,
         body.survey.points[frame],
-        body.points.points[:, frame],
-        seen,
+        body.points.points[:, frame][order],
+        seen[order],
         float(np.median(sigma)) if sigma.size else 0.0,
-        tuple(map(str, around.poses)),
+        tuple(str(around.poses[pose]) for pose in order),
+        groups,
+        others,
     )
+
+
+def _as_others(
+    body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: Surroundings, order: NDArray[np.int64]
+) -> tuple[AsAnother, ...]:
+    """What a body's rows would be as points of each other one: by the names of targets, and by their places."""
+    found = []
+    for other in bodies:
+        if other is not body:
+            named = pose_points(observed, body.name, around.poses, other.survey.targets)
+            found.append(AsAnother(other.name, other.survey.points, named.points[order], named.seen[order]))
+            count = min(len(body.survey.targets), len(other.survey.targets))
+            points, seen = body.points.points[order, :count], body.points.seen[order, :count]
+            found.append(AsAnother(other.name, other.survey.points[:count], points, seen))
+    return tuple(found)
 
 
 def _copies(bodies: Sequence[BodyView], around: Surroundings) -> Tested:
@@ -71,8 +116,9 @@ def _readings(
     configurations: pa.Table | None,
     surveyed: set[str],
     settings: Campaign,
+    odd: NDArray[np.bool_],
 ) -> tuple[Tested, ...]:
-    """Actuator readings against the poses of the platform."""
+    """Actuator readings against the poses of the platform, but for those (B,) whose points hold a slip of their own."""
     if not settings.mechanism.is_legged:
         return (Tested(READINGS, State.NOT_TESTED, "no-mechanism"),)
     if not {"base", "platform"} <= surveyed:
@@ -86,7 +132,7 @@ def _readings(
     found = _in_order(configurations, columns, around)
     base, platform = by_name["base"].fit, by_name["platform"].fit
     R, p, covariance = relative(base.R, base.t, base.covariance, platform.R, platform.t, platform.covariance)
-    usable = (base.ok & platform.ok)[found.pose] & np.isfinite(found.readings).all(axis=1)
+    usable = (base.ok & platform.ok & ~odd)[found.pose] & np.isfinite(found.readings).all(axis=1)
     at = found.pose[usable]
     spread = np.trace(covariance[at][:, :3, :3], axis1=1, axis2=2)
     noise = float(np.sqrt(np.median(spread))) if len(at) else 0.0
@@ -100,7 +146,7 @@ def _readings(
         _drivers(around, at),
     )
     poses = tuple(str(around.poses[pose]) for pose in at)
-    return relate_readings(motion, Names(columns, poses, _groups(configurations, found.row[usable], columns)))
+    return relate_readings(motion, Names(columns, poses, _groups(configurations, found.row[usable])))
 
 
 @dataclass(frozen=True)
@@ -119,13 +165,11 @@ def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: Surrou
     return _Rows(readings[pose >= 0], pose[pose >= 0], np.flatnonzero(pose >= 0))
 
 
-def _groups(
-    configurations: pa.Table, rows: NDArray[np.int64], readings: Sequence[str]
-) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def _groups(configurations: pa.Table, rows: NDArray[np.int64]) -> Groups:
     """Columns that sort the rows (N,) into a few groups, as a role, a day or a run does, with their values."""
     found = []
     for name in configurations.column_names:
-        if name not in ("pose", "time_s", *readings):
+        if name not in ("pose", "time_s") and not COLUMNS["rho"].matches(name):
             column = configurations.column(name).to_pylist()
             values = tuple(f"{column[row]:g}" if isinstance(column[row], float) else str(column[row]) for row in rows)
             if 1 < len(set(values)) <= len(rows) // _ROWS_OF_A_GROUP:

@@ -135,6 +135,28 @@ def test_a_slip_in_some_rows_is_named_with_these_rows(
     assert slip["subjects"] == [one.format(first, last, odd[0], odd[-1]) for one in where]
 
 
+@pytest.mark.parametrize(
+    ("name", "factor", "where"),
+    [
+        pytest.param("platform mirrored in a stretch", 1.0, "from pose {0} to pose {1}", id="mirrored"),
+        pytest.param("platform in m in every second pose", 1e3, "every second pose from {2} to {3}", id="every second"),
+        pytest.param("bodies exchanged in every second pose", 1.0, "every second pose from {2} to {3}", id="bodies"),
+    ],
+)
+def test_a_slip_in_the_points_of_some_poses_is_named_with_these_and_blames_no_reading(
+    files: Files, name: str, factor: float, where: str, tmp_path: Path
+) -> None:
+    slipped = copy.deepcopy(files)
+    next(slip for slip in ALL_SLIPS if slip.name == name).make(slipped)
+    made, _ = _checked(slipped, tmp_path / "c")
+    failed = [row for row in made["belonging"].to_pylist() if row["state"] == "fails"]
+    assert {row["relation"] for row in failed} == {"points-against-survey"}
+    pose, count = files.configurations["pose"].tolist(), len(files.configurations)
+    wanted = where.format(pose[count // 4], pose[count * 3 // 5 - 1], pose[1], pose[1::2][-1])
+    (slip,) = [one for one in _slips(failed) if "platform" in one["subjects"]]
+    assert (slip["factor"], slip["subjects"][0]) == (pytest.approx(factor), wanted)
+
+
 def test_what_no_slip_explains_in_some_rows_has_no_name(files: Files, tmp_path: Path) -> None:
     slipped = copy.deepcopy(files)
     count = len(slipped.configurations)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.partial_slips import rounding
+from truing.belonging.points_in_poses import BodyPoints, slips_in_poses
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -27,18 +28,6 @@ _ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; round
 _CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
 
 
-@dataclass(frozen=True)
-class BodyPoints:
-    """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m."""
-
-    name: str
-    survey: Array
-    points: Array
-    seen: Mask
-    sigma: float
-    poses: tuple[str, ...] = ()
-
-
 def relate_survey(body: BodyPoints) -> Tested:
     """Return whether a body's points are its survey, moved: not mirrored, and in the same unit."""
     usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
@@ -52,10 +41,7 @@ def relate_survey(body: BodyPoints) -> Tested:
     if not np.isfinite(before):
         return Tested(SURVEY, State.NOT_TESTED, "no-frame", body.name)
     tested = Tested(SURVEY, State.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma)
-    names = [body.poses[pose] if body.poses else str(pose) for pose in np.flatnonzero(usable)]
-    if odd := _poses_in_other_units(scaled.scale, names):
-        quantity = f"points of body {body.name} in poses"
-        slips = tuple(Slip(SlipKind.UNIT, quantity, poses, factor) for factor, poses in odd.items())
+    if slips := slips_in_poses(body, _MISFIT * body.sigma)[0]:
         return replace(tested, state=State.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
     if (step := rounding(points[body.seen[usable]], before, body.sigma)) is not None and before < _ALL_ROUNDED * step:
         slip = Slip(SlipKind.ROUNDED, "points of body", (body.name,), offset=1e3 * step)
@@ -76,31 +62,21 @@ def relate_survey(body: BodyPoints) -> Tested:
     return replace(tested, state=State.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2)
 
 
-def _poses_in_other_units(scale: Array, poses: list[str]) -> dict[float, tuple[str, ...]]:
-    """Poses (B) by the factor that makes their points as large as the survey, where others are as large as they are."""
-    known = np.array(both_ways(LENGTH_FACTORS))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        right = np.abs(np.log(scale)) < _SCALE
-        off = np.abs(np.log(scale[:, None] * known))
-    if not right.any() or not poses:
-        return {}
-    found: dict[float, tuple[str, ...]] = {}
-    for pose in np.flatnonzero(~right & (np.nan_to_num(off, nan=np.inf).min(axis=1) < _SCALE)):
-        factor = float(known[np.nanargmin(off[pose])])
-        found[factor] = (*found.get(factor, ()), poses[pose])
-    return found
+def poses_with_slips(body: BodyPoints) -> Mask:
+    """Return the poses (B,) whose points hold a slip that those of others do not."""
+    return slips_in_poses(body, _MISFIT * body.sigma)[1]
 
 
 def together(tested: tuple[Tested, ...]) -> Iterator[Tested]:
     """Yield one result for all bodies of the same state, reason and slip: that of the body that fits worst."""
     groups: dict[tuple[object, ...], list[Tested]] = {}
     for one in tested:
-        groups.setdefault((one.state, one.reason, *((slip.kind, slip.factor) for slip in one.slips)), []).append(one)
+        alike = tuple((slip.kind, slip.quantity, slip.factor, slip.subjects[:-1]) for slip in one.slips)
+        groups.setdefault((one.state, one.reason, alike), []).append(one)
     for group in groups.values():
         worst = max(group, key=lambda one: one.misfit or 0.0)
         names = tuple(one.subject for one in group)
-        whole = {slip.subjects for one in group for slip in one.slips} == {(name,) for name in names}
-        slips = tuple(replace(slip, subjects=names) if whole else slip for slip in worst.slips)
+        slips = tuple(replace(slip, subjects=(*slip.subjects[:-1], *names)) for slip in worst.slips)
         hidden = tuple(slip for one in group for slip in one.hidden)
         yield replace(worst, subject=" ".join(names), slips=slips, hidden=hidden, tried=sum(one.tried for one in group))
 

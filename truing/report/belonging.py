@@ -203,6 +203,7 @@ def _copied(slip: Slip) -> str:
     return f"{said} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
 
 
+_MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"
 _WORDS = {
     SlipKind.UNIT: _unit,
     SlipKind.SIGN: lambda slip: f"{_of(slip)} with the opposite sign",
@@ -210,7 +211,7 @@ _WORDS = {
     SlipKind.COLUMNS: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
     SlipKind.ROWS_SHIFTED: lambda slip: f"{_of(slip)} shifted by {slip.shift:+d} rows",
     SlipKind.ROWS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's rows: {listed(slip.subjects)}",
-    SlipKind.MIRRORED: lambda slip: f"{_of(slip)} mirrored (left-handed frame, or one axis with the opposite sign)",
+    SlipKind.MIRRORED: lambda slip: f"{_of(slip)} {_MIRROR}",
     SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's place: {listed(slip.subjects)}",
     SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
     SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
