@@ -16,8 +16,8 @@ from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
+from truing.simulation.change import Change
 from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.legs import Change
 from truing.simulation.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.pose_regressors import Placed, PoseRegressors, pose_regressors
 from truing.simulation.structure import poses_at

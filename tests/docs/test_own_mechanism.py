@@ -20,8 +20,9 @@ from tests.conftest import PROJECT
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
+from truing.simulation.change import Change
 from truing.simulation.kinematics import forward, inverse
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import mechanism
 
 PAGE = (PROJECT / "docs" / "own-mechanism.md").read_text(encoding="utf-8")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.legs import Change, Legs
+from truing.simulation.change import Change
+from truing.simulation.legs import Legs
 from truing.simulation.ups import Ups
 
 

@@ -15,7 +15,7 @@ from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
 from truing.simulation.causes.bench.channels import ZeroDrift
 from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.chain import simulate
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 COVARIATES = {

@@ -18,7 +18,7 @@ from truing.simulation.causes.leg_drift import LegDrift
 from truing.simulation.causes.measurement_scale import MeasurementScale
 from truing.simulation.causes.platform_deformation import LinearPlatformDeformation, NonlinearPlatformDeformation
 from truing.simulation.causes.warmth import APART, LegThermal, ThermalExpansion
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.point_model import PointModel
 from truing.simulation.state import State
 

@@ -15,9 +15,10 @@ from tests.simulation.telescope import KAPPA, K, readings, telescope, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.simulation import installed
+from truing.simulation.change import Change
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import forward, inverse
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 from truing.simulation.mechanisms import closures, mechanism
 from truing.simulation.structure import Machine, poses_at, readings_at
 from truing.simulation.ups import Ups

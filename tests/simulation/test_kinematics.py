@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tests.simulation.telescope import KAPPA, K, readings, telescope, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.simulation.change import Change
 from truing.simulation.kinematic_model import KinematicModel
 from truing.simulation.kinematics import (
     closure_rows,
@@ -24,7 +25,6 @@ from truing.simulation.kinematics import (
     unit,
     upper_joints,
 )
-from truing.simulation.legs import Change
 from truing.simulation.mechanisms import mechanism
 from truing.simulation.structure import Machine, readings_at
 

@@ -13,7 +13,7 @@ from truing.calibration.question import common_effects, own_covariance
 from truing.calibration.targets import with_common
 from truing.estimation.held_out import held_out_misfit
 from truing.estimation.rotation import log_so3
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.parameters import ParameterSet
 from truing.simulation.reached_poses import reached_poses
 from truing.simulation.structure import Machine, Structure

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.change import Change
 from truing.simulation.kinematic_model import shift_change
-from truing.simulation.legs import Change
 from truing.simulation.structure import Machine
 
 

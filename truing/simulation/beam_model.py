@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.change import Change
 from truing.simulation.flexure import BendLaw, Distance, circle_distance
 from truing.simulation.home_pose import Home, home_change, home_pose
 from truing.simulation.kinematic_model import shifting
 from truing.simulation.kinematics import attachment_change, closure_rows, leg_vectors
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 from truing.simulation.structure import Closing, Machine
 
 

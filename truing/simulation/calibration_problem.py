@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.attachment_shifts import AttachmentShifts, ShiftClosing
+from truing.simulation.change import Change
 from truing.simulation.common_errors import CommonErrors
 from truing.simulation.leg_bodies import Carried, LegBodies
 from truing.simulation.leg_joints import joints_of
-from truing.simulation.legs import Change
 from truing.simulation.parameters import Parameter, ParameterSet
 from truing.simulation.structure import Closing, Machine, Structure
 

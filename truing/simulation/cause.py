@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from truing.simulation.bench.reading_state import LoadSteps
-    from truing.simulation.legs import Change
+    from truing.simulation.change import Change
     from truing.simulation.photographs.ray_poses import RayPoses
     from truing.simulation.state import State
     from truing.simulation.targets import Targets

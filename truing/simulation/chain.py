@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.change import Change
 from truing.simulation.home_pose import home_pose
 from truing.simulation.kinematics import forward, pose_change
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 from truing.simulation.state import State
 
 Met = tuple[Effect, State]

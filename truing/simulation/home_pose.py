@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.change import Change
 from truing.simulation.kinematics import attachment_change, forward, leg_vectors, pose_change, unit
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 
 
 @dataclass(frozen=True)

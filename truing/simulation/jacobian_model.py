@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
+from truing.simulation.change import Change
 from truing.simulation.home_pose import home_twist
 from truing.simulation.kinematic_model import KinematicModel, reading_change
 from truing.simulation.kinematics import forward, upper_joints
-from truing.simulation.legs import Change
 from truing.simulation.structure import NO_CHANGE, Closing, Machine
 
 _STEP = 1e-30

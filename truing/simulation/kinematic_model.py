@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.change import Change
 from truing.simulation.kinematics import attachments
-from truing.simulation.legs import Change
 from truing.simulation.structure import Closing, Machine
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.legs import Change, Legs
+from truing.simulation.change import Change
+from truing.simulation.legs import Legs
 
 _MAX_ITERATIONS = 30
 # Newton doubles the digits: a step below the root of rounding leaves the next one at rounding. Relative to the legs.

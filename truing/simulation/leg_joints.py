@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
+from truing.simulation.change import Change
 from truing.simulation.kinematic_model import shift_change
 from truing.simulation.kinematics import attachments, upper_joints
-from truing.simulation.legs import Change
 from truing.simulation.structure import Closing, Machine
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.change import Change
+
 
 class Closure:
     """What distinguishes one kind of leg from another; every function takes any batch shape, real or complex.
@@ -81,20 +83,3 @@ class Legs:
     def replace(self, **arrays: Any) -> Legs:
         """Return a copy with some arrays exchanged."""
         return replace(self, **arrays)
-
-
-@dataclass(frozen=True)
-class Change:
-    """Derivatives of the state by P parameters, field by field; a field that does not change is absent.
-
-    Values: (..., L, 3, P) for a, b, u; (..., L, P) for rho, indicated, l, delta_bz. Leading axes are poses, or
-    broadcast against them.
-    """
-
-    fields: dict[str, NDArray]
-    size: int
-
-    def get(self, name: str, shape: tuple[int, ...]) -> NDArray:
-        """Return a field's derivative, or zeros of the shape that it would have."""
-        found = self.fields.get(name)
-        return np.zeros((*shape, self.size)) if found is None else found

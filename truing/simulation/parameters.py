@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.structure import Machine, Section
 
 _OF_LEGS = ("a", "b", "u", "l", "rho0")

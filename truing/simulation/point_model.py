@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.chain import REFERENCE, Passage, carried, moved_by_shape, passed, settled, simulate
+from truing.simulation.change import Change
 from truing.simulation.home_pose import home_change, home_pose
 from truing.simulation.kinematics import forward, leg_vectors, unit
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 from truing.simulation.recording import Recording, designs, record
 from truing.simulation.state import State
 from truing.simulation.target_motion import LegFrames, leg_frames

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, log_so3, skew
+from truing.simulation.change import Change
 from truing.simulation.home_pose import Home, home_pose
-from truing.simulation.legs import Change
 from truing.simulation.parameters import ParameterSet
 from truing.simulation.structure import Machine, Structure, readings_at
 

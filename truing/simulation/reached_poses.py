@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.change import Change
 from truing.simulation.kinematics import solve_rows
-from truing.simulation.legs import Change
 from truing.simulation.structure import Machine, Structure, poses_at
 
 # A platform whose legs hold one of its motions so much less than another is not held; motions counted in m and rad.

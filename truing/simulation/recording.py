@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.chain import Met, Passage, carried
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 from truing.simulation.target_motion import LegFrames, motion, positions, target_motion, turns
 from truing.simulation.targets import Targets

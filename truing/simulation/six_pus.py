@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.legs import Change, Closure, Legs
+from truing.simulation.change import Change
+from truing.simulation.legs import Closure, Legs
 
 
 class SixPus(Closure):

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import inverse_left_jacobian_so3, skew
+from truing.simulation.change import Change
 from truing.simulation.equilibrium import PLATFORM_END, Balance, Rest, at_rest, balance, chain_of
 from truing.simulation.home_pose import HomeChange, home_change
 from truing.simulation.kinematic_model import shifting
 from truing.simulation.kinematics import attachment_change
 from truing.simulation.leg_chain import assembled, assembled_change, beam_axes, condensed_change, in_frame
-from truing.simulation.legs import Change
 from truing.simulation.structure import Closing, Machine
 
 

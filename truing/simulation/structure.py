@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
+from truing.simulation.change import Change
 from truing.simulation.kinematics import SMALL_STEP, Forward, bounded_steps, forward, in_pieces, inverse, is_batched
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 
 _MAX_ITERATIONS = 30
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3, skew
 from truing.simulation.chain import Passage, settled
+from truing.simulation.change import Change
 from truing.simulation.kinematics import attachment_change, attachments, leg_vectors, unit
-from truing.simulation.legs import Change
 from truing.simulation.state import State
 from truing.simulation.targets import LEG, PLATFORM, Targets
 

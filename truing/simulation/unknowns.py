@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
+from truing.simulation.change import Change
 from truing.simulation.effects_model import RecordedModel
 from truing.simulation.kinematics import Forward, forward, leg_vectors, unit
-from truing.simulation.legs import Change, Legs
+from truing.simulation.legs import Legs
 from truing.simulation.survey import ShapeUnknowns
 from truing.simulation.targets import LEG, Targets
 

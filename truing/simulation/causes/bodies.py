@@ -24,7 +24,7 @@ from truing.simulation.causes.body_terms import (
     runs_with_time,
     told_term,
 )
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 _MM = 1e-3

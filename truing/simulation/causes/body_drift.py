@@ -13,7 +13,7 @@ from truing.simulation.cause import Cause, Kind, Parameter, Scene, Told
 from truing.simulation.causes.bodies import OfBody, bodies_of, is_large, wholes
 from truing.simulation.causes.body_terms import ORDER, TIME, runs_with_time
 from truing.simulation.causes.targets import FEWEST
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 # Time constants that are tried, over the length of the campaign.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
 from truing.simulation.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.causes.pitches import MOST_PITCHES, distinct_pitches, grid_size, pitch_spacing
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 APPROACH = "approach"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.change import Change
 from truing.simulation.flexure import circle_distance
 from truing.simulation.kinematics import leg_vectors, unit
-from truing.simulation.legs import Change
 from truing.simulation.state import State
 
 _PLAUSIBLE_M = 0.01

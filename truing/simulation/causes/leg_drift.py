@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
 from truing.simulation.causes.per_leg import PerLeg, choice_share, choices
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 TIME = "time_s"

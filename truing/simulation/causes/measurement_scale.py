@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 TEMPERATURE = "temperature_c"

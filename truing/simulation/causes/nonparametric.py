@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Profiles, Scene, Step
 from truing.simulation.causes.per_leg import choice_share, choices
+from truing.simulation.change import Change
 from truing.simulation.inputs import (
     LAST_STEP,
     LOOKING_BACK,
@@ -30,7 +31,6 @@ from truing.simulation.inputs import (
     middle_and_half,
     varying,
 )
-from truing.simulation.legs import Change
 from truing.simulation.nonparametric import (
     PER_FUNCTION,
     POLYNOMIAL,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
 from truing.simulation.causes.per_leg import PerLeg, choice_share, choices
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 # Shift per displacement of a plausible platform: the published one has entries up to 0.02.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Kind, Parameter, Profiles, Scene, Step, Told
 from truing.simulation.causes.markers import arms_of, markers_of, rigid_patterns
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.state import State
 
 ORDER = "order"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.reading_state import CHANNELS, LINEAR, LoadSteps, ReadingState
 from truing.simulation.cause import READINGS, Cause, Scene, Step
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.six_upur.loading import AXES
 
 FIELDS = {Step.DRIVE: "wrench", Step.STRUCTURE: "deflection", Step.INSTRUMENT: "readings"}

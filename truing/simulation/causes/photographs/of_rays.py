@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import RAYS, Cause, Scene, Step
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.photographs.ray_poses import RayPoses
 
 # Poses on either side of what begins at one, and per function of a form that nobody declared.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
 from truing.simulation.causes.photographs.of_rays import RayCause, at_numbers, rays_of
-from truing.simulation.legs import Change
+from truing.simulation.change import Change
 from truing.simulation.photographs.ray_poses import AIR, WINDOW, RayPoses
 from truing.simulation.state import State
 
