@@ -27,7 +27,7 @@ from truing.calibration.fits import Calibration, implicit, maximum_likelihood
 from truing.calibration.measured import Gathered
 from truing.calibration.question import cases
 from truing.calibration.screening import screened
-from truing.simulation.structures import structures
+from truing.simulation.mechanisms.structures.catalogue import structures
 
 CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
 

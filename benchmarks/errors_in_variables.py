@@ -26,10 +26,10 @@ from benchmarks.errors_in_variables_problem import (
 )
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.estimation.errors_in_variables.fit import Constraint, Prior, fit_errors_in_variables
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine
 
 _OURS = "truing"
 _NAMES = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "l")

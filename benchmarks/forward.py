@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from tests.simulation.telescope import K, readings, telescope
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import Forward, closure_rows, forward, inverse, leg_vectors, unit
-from truing.simulation.legs import Legs
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import Forward, closure_rows, forward, inverse, leg_vectors, unit
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 _FEW = 1000  # poses on which calls of one pose each are timed
 _ROUNDING = 1e-14  # of half a metre, and of a radian; a few dozen times what a number of that size resolves

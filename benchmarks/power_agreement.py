@@ -25,7 +25,7 @@ from stages.diagnose import gathered_of
 from stages.power import expected_sights
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.hidden_twice import CAUSES, Ground
-from truing.simulation.causes import catalogue
+from truing.simulation.catalogue import catalogue
 from truing.simulation.detection_trials import Answer, Question, Trial, questions
 
 RESULTS = Path("runs") / "power-agreement.jsonl"

@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks.timing import interleaved, spread, threads_and_repeats
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.mechanisms import mechanism
-from truing.simulation.parameters import ParameterSet, report_set
-from truing.simulation.recalibration import LegDraws, calibrate_leg_plain, leg_draws, recalibrate
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.parameters import ParameterSet, report_set
+from truing.simulation.mechanisms.recalibration import LegDraws, calibrate_leg_plain, leg_draws, recalibrate
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 _DRAWS, _FEW, _POSES = 4096, 24, 40
 _NOISE_M, _NOISE_RAD, _READING_M = 2e-6, 1e-5, 1e-6

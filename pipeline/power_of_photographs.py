@@ -33,7 +33,7 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
     if not campaign.has_photographs:
         return None
     from truing.report.wordings.catalogue import cause_words
-    from truing.simulation.causes import catalogue_of_rays, of_photographed_points
+    from truing.simulation.catalogue import catalogue_of_rays, of_photographed_points
 
     kinds = {**catalogue_of_rays(), **of_photographed_points()}
     names = [name for name, kind in kinds.items() if kind.catalogued]

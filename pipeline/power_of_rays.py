@@ -33,7 +33,7 @@ def wants_rays(causes: Sequence[str], campaign: CampaignFolder) -> bool:
 
 def names_of_rays() -> list[str]:
     """The ids of the causes that rays show."""
-    from truing.simulation.causes import catalogue_of_rays
+    from truing.simulation.catalogue import catalogue_of_rays
 
     return [name for name, kind in catalogue_of_rays().items() if kind.catalogued]
 

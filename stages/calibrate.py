@@ -180,7 +180,7 @@ def _unreached(gathered: Gathered) -> str:
     """Why the nominal mechanism cannot be calibrated at these readings; empty where it can."""
     import numpy as np
 
-    from truing.simulation.kinematics import inverse, reaches
+    from truing.simulation.mechanisms.legs.kinematics import inverse, reaches
 
     legs, rho, platform = gathered.machine.legs, gathered.measured.rho, gathered.measured.platform
     if 2 * np.isfinite(inverse(legs, platform.p, platform.R)).all(1).sum() < len(rho):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from truing.simulation.pose_regressors import Placed
+    from truing.simulation.mechanisms.pose_regressors import Placed
 
 _T = TypeVar("_T")
 

@@ -157,7 +157,7 @@ def _started(gathered: Gathered, tables: Mapping[str, pa.Table], settings: Campa
 
 def _unreached(gathered: Gathered) -> str:
     """Why the nominal mechanism cannot be held against the readings; empty where it can."""
-    from truing.simulation.kinematics import reaches
+    from truing.simulation.mechanisms.legs.kinematics import reaches
 
     readings = gathered.calibration.conditions.readings
     count = int((~reaches(gathered.model.nominal, readings)).sum())
@@ -214,7 +214,7 @@ def rule_of(settings: Campaign, *, of_points: bool = False) -> Settings:
 
 def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cause]:
     """The causes that a campaign's instrument and mechanism know, by id."""
-    from truing.simulation.causes import (
+    from truing.simulation.catalogue import (
         catalogue,
         catalogue_of_bodies,
         catalogue_of_readings,

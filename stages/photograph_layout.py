@@ -14,7 +14,7 @@ from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Array, Bars
 from truing.estimation.bundle.planning.information import PlannedNetwork
 from truing.estimation.bundle.planning.stations import Layout
-from truing.simulation.kinematics import forward
+from truing.simulation.mechanisms.legs.kinematics import forward
 
 if TYPE_CHECKING:
     import pyarrow as pa

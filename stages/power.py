@@ -31,7 +31,7 @@ def judged_by(plan: Plan, settings: Campaign) -> tuple[dict[str, Cause], Setting
     from stages.diagnose import kinds_of, rule_of
     from stages.diagnosis.ray_findings import rule_of_rays
     from stages.simulated_campaigns.ray_plan import RayPlan
-    from truing.simulation.causes import catalogue_of_rays
+    from truing.simulation.catalogue import catalogue_of_rays
 
     if isinstance(plan, RayPlan):
         return catalogue_of_rays(), rule_of_rays(rule_of(settings))

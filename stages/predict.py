@@ -12,8 +12,8 @@ from schemas.settings_text import parsed_toml
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.extended_model import ExtendedModel, PredictedPoses
-    from truing.simulation.unknowns import Conditions
+    from truing.simulation.mechanisms.extended_model import ExtendedModel, PredictedPoses
+    from truing.simulation.mechanisms.unknowns import Conditions
 
 
 def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:
@@ -36,8 +36,8 @@ def _predicted_poses(model: str, configurations: pa.Table, file: str) -> pa.Tabl
 
     Needs the columns pose, rho1_mm .. rhoL_mm and those that the model's effects follow (a temperature, the time).
     """
-    from truing.simulation.extended_model import predict_poses
-    from truing.simulation.mechanism_text import read_model
+    from truing.simulation.mechanisms.extended_model import predict_poses
+    from truing.simulation.mechanisms.model_text import read_model
 
     extended = read_model(model)
     conditions = _conditions(configurations, extended, file)
@@ -49,7 +49,7 @@ def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) ->
     """Return the conditions, every column that the model needs being there and holding numbers."""
     from stages.common.point_arrays import pose_ids
     from stages.common.pose_conditions import pose_conditions
-    from truing.simulation.extended_model import acts_on_poses
+    from truing.simulation.mechanisms.extended_model import acts_on_poses
 
     model, legs = extended.model, extended.model.nominal.count
     needed = {f"rho{leg}_mm": f"the reading of leg {leg}" for leg in range(1, legs + 1)}

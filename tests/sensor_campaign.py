@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.geometry import joint_centres
-from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.geometry import joint_centres
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")

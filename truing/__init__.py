@@ -38,23 +38,23 @@ if TYPE_CHECKING:
     from truing.simulation.air import ciddor_index, edlen_index
     from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
     from truing.simulation.bench.model_text import read_sensor
-    from truing.simulation.calibration_problem import CalibrationProblem
+    from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
+    from truing.simulation.bench.six_upur.influence import influence_matrix, merit
+    from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
     from truing.simulation.cause import Cause, Parameter, Step
-    from truing.simulation.chain import simulate
-    from truing.simulation.extended_model import ExtendedModel, predict_poses
-    from truing.simulation.kinematics import forward, inverse
-    from truing.simulation.legs import Closure, Legs
-    from truing.simulation.mechanism_text import read_model
-    from truing.simulation.mechanisms import mechanism
-    from truing.simulation.parameters import ParameterSet, full_set, report_set
-    from truing.simulation.recalibration import recalibrate
-    from truing.simulation.six_upur.geometry import JointCentres, joint_centres
-    from truing.simulation.six_upur.influence import influence_matrix, merit
-    from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
-    from truing.simulation.state import State
-    from truing.simulation.structure import Machine, poses_at, readings_at
-    from truing.simulation.structures import structures
-    from truing.simulation.unknowns import Conditions
+    from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+    from truing.simulation.mechanisms.extended_model import ExtendedModel, predict_poses
+    from truing.simulation.mechanisms.forward_pass import simulate
+    from truing.simulation.mechanisms.legs.closures import mechanism
+    from truing.simulation.mechanisms.legs.geometry import Closure, Legs
+    from truing.simulation.mechanisms.legs.kinematics import forward, inverse
+    from truing.simulation.mechanisms.model_text import read_model
+    from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
+    from truing.simulation.mechanisms.recalibration import recalibrate
+    from truing.simulation.mechanisms.state import State
+    from truing.simulation.mechanisms.structures.catalogue import structures
+    from truing.simulation.mechanisms.structures.structure import Machine, poses_at, readings_at
+    from truing.simulation.mechanisms.unknowns import Conditions
 
 __version__ = "0.1.0"
 
@@ -175,25 +175,25 @@ _ROOMS = {
     "truing.estimation.sensor.load_table": ("LoadTable", "load_table"),
     "truing.runs.recorded_run": ("Run", "load"),
     "truing.simulation.air": ("ciddor_index", "edlen_index"),
-    "truing.simulation.calibration_problem": ("CalibrationProblem",),
+    "truing.simulation.mechanisms.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),
-    "truing.simulation.chain": ("simulate",),
-    "truing.simulation.state": ("State",),
-    "truing.simulation.extended_model": ("ExtendedModel", "predict_poses"),
+    "truing.simulation.mechanisms.forward_pass": ("simulate",),
+    "truing.simulation.mechanisms.state": ("State",),
+    "truing.simulation.mechanisms.extended_model": ("ExtendedModel", "predict_poses"),
     "truing.simulation.bench.extended_sensor": ("ExtendedSensor", "predict_readings"),
-    "truing.simulation.kinematics": ("forward", "inverse"),
-    "truing.simulation.legs": ("Closure", "Legs"),
-    "truing.simulation.mechanisms": ("mechanism",),
-    "truing.simulation.mechanism_text": ("read_model",),
-    "truing.simulation.parameters": ("ParameterSet", "full_set", "report_set"),
-    "truing.simulation.recalibration": ("recalibrate",),
+    "truing.simulation.mechanisms.legs.kinematics": ("forward", "inverse"),
+    "truing.simulation.mechanisms.legs.geometry": ("Closure", "Legs"),
+    "truing.simulation.mechanisms.legs.closures": ("mechanism",),
+    "truing.simulation.mechanisms.model_text": ("read_model",),
+    "truing.simulation.mechanisms.parameters": ("ParameterSet", "full_set", "report_set"),
+    "truing.simulation.mechanisms.recalibration": ("recalibrate",),
     "truing.simulation.bench.model_text": ("read_sensor",),
-    "truing.simulation.six_upur.geometry": ("JointCentres", "joint_centres"),
-    "truing.simulation.six_upur.influence": ("influence_matrix", "merit"),
-    "truing.simulation.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),
-    "truing.simulation.structure": ("Machine", "poses_at", "readings_at"),
-    "truing.simulation.structures": ("structures",),
-    "truing.simulation.unknowns": ("Conditions",),
+    "truing.simulation.bench.six_upur.geometry": ("JointCentres", "joint_centres"),
+    "truing.simulation.bench.six_upur.influence": ("influence_matrix", "merit"),
+    "truing.simulation.bench.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),
+    "truing.simulation.mechanisms.structures.structure": ("Machine", "poses_at", "readings_at"),
+    "truing.simulation.mechanisms.structures.catalogue": ("structures",),
+    "truing.simulation.mechanisms.unknowns": ("Conditions",),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

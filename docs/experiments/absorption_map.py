@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from docs.experiments.sample_telescope import LEGS, NOISE_M, SIX, closings, nominal, problem, scales, tolerances
 from docs.experiments.telescope_report_data import published
 from truing.estimation.design.absorption import Absorption, absorb
-from truing.simulation.beam_model import BeamModel
-from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.structures.beam_model import BeamModel
 
 CELL_WIDTH, CELL_HEIGHT, LEFT, TOP, LEGEND = 118, 34, 150, 86, 62
 LIGHT, DARK = np.array([255, 255, 255]), np.array([0, 68, 136])

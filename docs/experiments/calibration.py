@@ -27,9 +27,9 @@ from truing.calibration.measured import BodyPoses, Gathered, Measured
 from truing.calibration.question import Case
 from truing.calibration.screening import screened
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import forward
-from truing.simulation.legs import Legs
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
@@ -151,7 +151,7 @@ def table_of_kappa() -> str:
 
 def directions() -> NDArray:
     """Directions (6, 3) of the nominal legs at home."""
-    from truing.simulation.home_pose import home_pose
+    from truing.simulation.mechanisms.legs.reference_pose import home_pose
 
     home: NDArray = home_pose(nominal().legs).z[0]
     return home

@@ -22,18 +22,18 @@ from numpy.typing import NDArray
 from docs.experiments.marked_tables import renew, table
 from truing.inference.fit import PointFit, fit_points
 from truing.inference.observations import MeasuredPoints, whitened_columns
+from truing.simulation.bodies.causes.deformation import BodyDeformation
+from truing.simulation.bodies.causes.drift import BodyDrift
+from truing.simulation.catalogue import OWN_CAUSES, catalogue
 from truing.simulation.cause import Cause, Step
-from truing.simulation.causes import OWN_CAUSES, catalogue
-from truing.simulation.causes.bodies import BodyDeformation
-from truing.simulation.causes.body_drift import BodyDrift
-from truing.simulation.causes.leg_drift import LegDrift
-from truing.simulation.causes.measurement_scale import PER_KELVIN, MeasurementScale
-from truing.simulation.causes.per_leg import PerLeg
-from truing.simulation.causes.warmth import APART
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.measurement_scale import PER_KELVIN, MeasurementScale
+from truing.simulation.mechanisms.causes.per_leg import PerLeg
+from truing.simulation.mechanisms.causes.warmth import APART
 
 if TYPE_CHECKING:
     from stages.diagnosis.mechanism_points import Gathered
-    from truing.simulation.point_model import PointModel
+    from truing.simulation.mechanisms.model import PointModel
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"

@@ -18,21 +18,21 @@ from docs.experiments.causes import DOCS, LEGS, WHERE, Likeness, Seen, left, par
 from docs.experiments.marked_tables import renew, table
 from truing.inference.fit import fit_points
 from truing.inference.observations import Frames
-from truing.simulation.bench.reading_state import AIR, CHANNELS, MATERIAL
-from truing.simulation.cause import Cause
-from truing.simulation.causes import OWN_CAUSES_OF_READINGS
-from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
-from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, ZeroDrift
-from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
-from truing.simulation.causes.bench.load_history import Creep
-from truing.simulation.causes.bench.load_path import ASYMMETRY, LoadEccentricity, LoadImbalance
-from truing.simulation.causes.bench.stiffness import (
+from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
+from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.bench.causes.load_history import Creep
+from truing.simulation.bench.causes.load_path import ASYMMETRY, LoadEccentricity, LoadImbalance
+from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
     JointClearance,
     StiffnessAsymmetry,
     StiffnessNonlinear,
     StiffnessScale,
 )
+from truing.simulation.bench.load_steps import AIR, CHANNELS, MATERIAL
+from truing.simulation.catalogue import OWN_CAUSES_OF_READINGS
+from truing.simulation.cause import Cause
 
 CAMPAIGN = DOCS.parent / "sample_data" / "force-sensor"
 _CONCERNS = {

@@ -26,10 +26,10 @@ from truing.estimation.design.design_bound import efficiency, sum_log_det
 from truing.estimation.design.pose_order import order_poses
 from truing.estimation.design.pose_selection import exchange, information_of
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematics import forward
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.pose_regressors import Placed
-from truing.simulation.recalibration import recalibrate
+from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.pose_regressors import Placed
+from truing.simulation.mechanisms.recalibration import recalibrate
 
 DOCS = Path(__file__).resolve().parents[1]
 SAMPLE = DOCS.parent / "sample_data" / "telescope" / "campaign.toml"

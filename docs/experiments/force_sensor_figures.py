@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from docs.experiments.force_sensor_sets import ARCSEC, SETS, sigmas
 from docs.experiments.force_sensor_tolerances import SAMPLES, geometries
-from truing.simulation.six_upur.assembly import CODES, closed_loop_map, comprehensive, open_chain_map
-from truing.simulation.six_upur.tolerances import box_muller, first_order_covariances, rms_band
+from truing.simulation.bench.six_upur.assembly import CODES, closed_loop_map, comprehensive, open_chain_map
+from truing.simulation.bench.six_upur.tolerances import box_muller, first_order_covariances, rms_band
 
 # Colours told apart by colour-blind readers.
 DOTS, BAND, TRUTH = "#0072b2", "#d55e00", "#000000"

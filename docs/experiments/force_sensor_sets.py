@@ -14,12 +14,12 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.elements import Element
-from truing.simulation.six_upur.flexible_parts import leaf, universal_joint
-from truing.simulation.six_upur.geometry import JointCentres, joint_centres
-from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
-from truing.simulation.six_upur.tolerances import sigma_of
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.elements import Element
+from truing.simulation.bench.six_upur.flexible_parts import leaf, universal_joint
+from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.bench.six_upur.tolerances import sigma_of
 
 FILE = Path(__file__).with_name("published_force_sensor.json")
 LOADS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from docs.experiments.force_sensor_sets import LOADS, SETS, UNITS, published, three_fold
 from docs.experiments.marked_tables import table
-from truing.simulation.six_upur.geometry import JointCentres, outward
-from truing.simulation.six_upur.influence import (
+from truing.simulation.bench.six_upur.geometry import JointCentres, outward
+from truing.simulation.bench.six_upur.influence import (
     about,
     characteristic_length,
     force_bound,
@@ -18,7 +18,7 @@ from truing.simulation.six_upur.influence import (
     merit,
     sensitivities,
 )
-from truing.simulation.six_upur.synthetic_error import influence_with_error
+from truing.simulation.bench.six_upur.synthetic_error import influence_with_error
 
 BASE_CENTRE = np.array([0.0, 0.0, -0.3])
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from docs.experiments.force_sensor_sets import ARCSEC, SETS, published, sigmas, three_fold
 from docs.experiments.force_sensor_statics import twists_of
 from docs.experiments.marked_tables import table
-from truing.simulation.six_upur.assembly import CODES, SOURCES, closed_loop_map, comprehensive, open_chain_map
-from truing.simulation.six_upur.geometry import JointCentres
-from truing.simulation.six_upur.influence import influence_matrix, merit
-from truing.simulation.six_upur.tolerances import (
+from truing.simulation.bench.six_upur.assembly import CODES, SOURCES, closed_loop_map, comprehensive, open_chain_map
+from truing.simulation.bench.six_upur.geometry import JointCentres
+from truing.simulation.bench.six_upur.influence import influence_matrix, merit
+from truing.simulation.bench.six_upur.tolerances import (
     box_muller,
     first_order_covariances,
     rms_band,

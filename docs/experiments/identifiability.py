@@ -34,7 +34,7 @@ from docs.experiments.telescope_report_data import published
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.design.observability import indices
-from truing.simulation.recalibration import recalibrate
+from truing.simulation.mechanisms.recalibration import recalibrate
 
 DOCS = Path(__file__).resolve().parents[1]
 ALL = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "l")

@@ -19,9 +19,9 @@ from docs.experiments.marked_tables import renew
 from docs.experiments.sample_telescope import PROJECT, nominal
 from truing.estimation.least_squares.solver import Method
 from truing.estimation.rotation import exp_so3
-from truing.simulation.parameters import Parameter, ParameterSet, report_set
-from truing.simulation.recalibration import minima_from, nominal_values
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, report_set
+from truing.simulation.mechanisms.recalibration import minima_from, nominal_values
+from truing.simulation.mechanisms.structures.structure import Machine
 
 METHODS: tuple[Method, ...] = ("levenberg-marquardt", "trust-region")
 STARTS = 100

@@ -14,10 +14,10 @@ from docs.experiments.telescope_report_data import published
 from schemas.campaign import read_campaign
 from stages.common.nominal_mechanism import nominal_machine
 from truing.estimation.design.observability import Observability, observe
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.structure import Machine, Structure, poses_at
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at
 
 if TYPE_CHECKING:
     from schemas.mechanism import LeggedMechanism

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from truing.estimation.sensor.figures_of_merit import newton_per_millivolt
 from truing.estimation.sensor.load_table import LoadTable, load_table
-from truing.simulation.six_upur.geometry import joint_centres
-from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.geometry import joint_centres
+from truing.simulation.bench.six_upur.influence import influence_matrix
 
 RADIUS_M, HEIGHT_M = 0.55, 0.30
 LOWER_DEG, UPPER_DEG = (42.3503, 97.9072, 121.8812), (10.6529, 129.6093, 127.9275)  # legs 1, 6, 5; 2, 3, 4 mirrored

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_machine import MODEL, Stand, stand, with_deformation
 from truing.estimation.least_squares.solver import Method, Solution, least_squares
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.legs import Legs
-from truing.simulation.parameters import ParameterSet, deformation_set, report_set
-from truing.simulation.structure import Machine, Structure
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.parameters import ParameterSet, deformation_set, report_set
+from truing.simulation.mechanisms.structures.structure import Machine, Structure
 
 # Table of the report, and the deformation that its fit knows.
 KNOWS = {"5a": "none", "6a": "linear"}

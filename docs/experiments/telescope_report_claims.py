@@ -14,11 +14,11 @@ from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
 from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.flexure import circle_distance
-from truing.simulation.home_pose import home_pose
-from truing.simulation.kinematics import inverse, inverse_jacobian, leg_vectors, unit
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.legs.flexure import circle_distance
+from truing.simulation.mechanisms.legs.kinematics import inverse, inverse_jacobian, leg_vectors, unit
+from truing.simulation.mechanisms.legs.reference_pose import home_pose
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.structure import Machine
 
 AXES = ("x", "y", "z", "theta_x", "theta_y")
 # What Figure 13 maximises the determinant of: section 6.3.1.

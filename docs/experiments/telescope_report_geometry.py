@@ -17,8 +17,8 @@ from docs.experiments.telescope_report_absorption import calibrate, ignorant, le
 from docs.experiments.telescope_report_data import LENGTHS, published
 from docs.experiments.telescope_report_machine import OpenError, Pattern, Shape, machine, stand
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
-from truing.simulation.parameters import report_set
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.parameters import report_set
+from truing.simulation.mechanisms.structures.structure import Machine
 
 START = np.array([0.15, 0.13, np.radians(10.0), np.radians(10.0)])
 EXTRA = {"turned": 0.0, "twist": 0.0, "leg length": 0.5}

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.telescope_report_data import published
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.mechanisms import mechanism
-from truing.simulation.structure import Machine, Section, poses_at
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, Section, poses_at
 
 # About 10 mm: what Table 5a and 6a say together (`telescope_report_kappa.reference_reading`).
 REFERENCE_READING = 10e-3

@@ -13,11 +13,11 @@ from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_machine import MODEL, Stand, flexible, stand, with_deformation
 from truing.estimation.rotation import log_so3
-from truing.simulation.beam_model import BeamModel
-from truing.simulation.jacobian_model import JacobianModel
-from truing.simulation.parameters import report_set
-from truing.simulation.stiffness_model import StiffnessModel
-from truing.simulation.structure import Machine, Structure, poses_at, readings_at
+from truing.simulation.mechanisms.parameters import report_set
+from truing.simulation.mechanisms.structures.beam_model import BeamModel
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at, readings_at
 
 STRUCTURES: dict[str, Structure] = {
     "a": MODEL,

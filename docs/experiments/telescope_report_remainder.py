@@ -18,11 +18,11 @@ from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape, sigma_of_K
 from docs.experiments.telescope_report_machine import MODEL, Stand, flexible, stand, with_deformation
 from truing.estimation.rotation import log_so3
-from truing.simulation.beam_model import BeamModel
-from truing.simulation.jacobian_model import JacobianModel
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.stiffness_model import StiffnessModel
-from truing.simulation.structure import NO_CHANGE, Machine, Structure, poses_at
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.beam_model import BeamModel
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
+from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, Structure, poses_at
 
 ROWS = ("a_x", "a_y", "b_x", "b_y", "kappa", "l")
 _SHOWN = np.array([1e3] * 6)  # mm of a m, and 1e-3

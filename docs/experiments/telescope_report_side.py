@@ -24,10 +24,10 @@ from docs.experiments.telescope_report_models import (
 from truing.estimation.design.observability import Observability, observe
 from truing.estimation.least_squares.minima import Minima, distinct_minima
 from truing.estimation.least_squares.solver import Method, Solution, least_squares
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematics import forward
-from truing.simulation.parameters import Parameter, ParameterSet, deformation_set, report_set
-from truing.simulation.structure import Machine, Structure
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, report_set
+from truing.simulation.mechanisms.structures.structure import Machine, Structure
 
 # What the report's matrix model leaves of the measured shifts, on average (section 3.3).
 SHIFT_NOISE = 5e-6

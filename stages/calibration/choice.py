@@ -14,8 +14,8 @@ from truing.calibration.choice import Figure, Judged, error_figures, fit_figures
 from truing.calibration.extended import ESTIMATOR, MODEL, Extended
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD
 from truing.estimation.held_out import Choice
-from truing.simulation.structure import Machine
-from truing.simulation.structures import departure, structures
+from truing.simulation.mechanisms.structures.catalogue import departure, structures
+from truing.simulation.mechanisms.structures.structure import Machine
 
 
 def choice_rows(judged: Sequence[Judged], roles: NDArray, made: Choice) -> Rows:

@@ -17,14 +17,14 @@ from stages.common.rows import Rows
 from truing.calibration.extended import MODEL, Extended, errors_at, identifiable
 from truing.calibration.measured import Measured
 from truing.inference.pulls import pulls
-from truing.simulation.extended_model import ExtendedModel, some_of
-from truing.simulation.identified import name_and_leg
-from truing.simulation.mechanism_text import read_model
+from truing.simulation.mechanisms.extended_model import ExtendedModel, some_of
+from truing.simulation.mechanisms.identified import name_and_leg
+from truing.simulation.mechanisms.model_text import read_model
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.unknowns import Conditions
+    from truing.simulation.mechanisms.unknowns import Conditions
 
 
 def extended_of(text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray) -> Extended:

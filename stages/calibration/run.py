@@ -24,8 +24,8 @@ from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
 from truing.calibration.screening import OFF, Screened
 from truing.report.numbers import count as counted
-from truing.simulation.parameters import SHARED, Parameter
-from truing.simulation.structures import structures
+from truing.simulation.mechanisms.parameters import SHARED, Parameter
+from truing.simulation.mechanisms.structures.catalogue import structures
 
 if TYPE_CHECKING:
     import pyarrow as pa

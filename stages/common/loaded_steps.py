@@ -17,7 +17,7 @@ from truing.estimation.response_structure import (
     FALSE_ALARM,
     holm_significant,
 )
-from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
+from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,11 +9,11 @@ import numpy as np
 from schemas.faults import CampaignFaults, Fault
 from stages.common.point_arrays import number_column
 from truing.estimation.rotation import exp_so3
-from truing.simulation.beam_element import section
-from truing.simulation.kinematics import unit
-from truing.simulation.legs import Legs
-from truing.simulation.mechanisms import mechanism
-from truing.simulation.structure import Machine, Section
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import unit
+from truing.simulation.mechanisms.structures.beam_element import section
+from truing.simulation.mechanisms.structures.structure import Machine, Section
 
 if TYPE_CHECKING:
     import pyarrow as pa

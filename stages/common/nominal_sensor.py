@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.assembly import SOURCES
-from truing.simulation.six_upur.geometry import JointCentres, joint_centres
-from truing.simulation.six_upur.nominal_sensor import NominalSensor, SimulatedCompliance, simulated
-from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
-from truing.simulation.six_upur.tolerances import sigma_of
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.assembly import SOURCES
+from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
+from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, SimulatedCompliance, simulated
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.bench.six_upur.tolerances import sigma_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from schemas.covariates import stand_in
 from stages.common.point_arrays import number_column, positions
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
-from truing.simulation.unknowns import Conditions
+from truing.simulation.mechanisms.unknowns import Conditions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -16,7 +16,7 @@ from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.pose_regressors import Placed
+    from truing.simulation.mechanisms.pose_regressors import Placed
 
 
 @dataclass(frozen=True)

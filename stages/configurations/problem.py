@@ -17,10 +17,10 @@ from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
 from truing.simulation.change import Change
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import Parameter, ParameterSet, full_set
-from truing.simulation.pose_regressors import Placed, PoseRegressors, pose_regressors
-from truing.simulation.structure import poses_at
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors, pose_regressors
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import poses_at
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -46,8 +46,8 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
 
 def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
     from stages.diagnosis.pull_tables import Fitted, pull_tables
-    from truing.simulation.extended_model import extended
-    from truing.simulation.mechanism_text import write_model
+    from truing.simulation.mechanisms.extended_model import extended
+    from truing.simulation.mechanisms.model_text import write_model
 
     plain, final = (
         Fitted(stand.model, stand.fit.shared, stand.covariance()) for stand in (diagnosis.plain, diagnosis.final)

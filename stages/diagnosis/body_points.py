@@ -18,8 +18,8 @@ from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.report.numbers import count as counted
-from truing.simulation.body_model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
-from truing.simulation.causes.body_terms import CAME_FROM, place_columns
+from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
+from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import Targets

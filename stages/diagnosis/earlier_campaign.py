@@ -19,10 +19,10 @@ from truing.simulation.bench.model_text import is_sensor, read_sensor
 from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanism_prior import mechanism_prior
-from truing.simulation.mechanism_text import read_model
+from truing.simulation.mechanisms.model_text import read_model
+from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.prior_campaign import CampaignPrior
-from truing.simulation.told_numbers import alternatives, figures, numbers_of, told_numbers
+from truing.simulation.reported_numbers import alternatives, figures, numbers_of, told_numbers
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -19,14 +19,14 @@ from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.report.numbers import count as counted
 from truing.simulation.cause import Cause
-from truing.simulation.causes.targets import TargetsSwapped
-from truing.simulation.extended_model import some_of
 from truing.simulation.inputs import ORDER
-from truing.simulation.legs import Legs
-from truing.simulation.point_model import PointModel, nominal_leg_frames
+from truing.simulation.mechanisms.causes.targets import TargetsSwapped
+from truing.simulation.mechanisms.extended_model import some_of
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.model import PointModel, nominal_leg_frames
+from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
-from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known
 
 if TYPE_CHECKING:
     import pyarrow as pa

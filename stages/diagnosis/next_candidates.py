@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from schemas.covariates import own_name
 from truing.estimation.design.rival_design import Candidates, Fitted, Instrument, candidates
-from truing.simulation.causes.body_terms import CAME_FROM
+from truing.simulation.bodies.causes.terms import CAME_FROM
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
-    from truing.simulation.legs import Legs
+    from truing.simulation.mechanisms.legs.geometry import Legs
 
 # Corners of what can be reached, places between them, and single actuators moved alone: what candidates there are.
 _CORNERS, _BETWEEN = 36, 48
@@ -110,7 +110,7 @@ def _configurations(
     """Return readings (C, L), m, and whether they are those that were measured."""
     if not model.leg_count:
         return np.empty((_OF_BODIES, measured.shape[1])), False
-    from truing.simulation.kinematics import reaches
+    from truing.simulation.mechanisms.legs.kinematics import reaches
 
     legs: Legs = model.nominal
     reach = settings.workspace.rho_mm
@@ -136,9 +136,9 @@ def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Gen
     """Return readings of more legs than six, which depend on each other, about within limits (L,) from reference."""
     from stages.common.nominal_mechanism import plain_machine
     from truing.estimation.design.feasible_region import FeasibleRegion
-    from truing.simulation.kinematic_model import KinematicModel
-    from truing.simulation.parameters import full_set
-    from truing.simulation.pose_regressors import pose_regressors
+    from truing.simulation.mechanisms.parameters import full_set
+    from truing.simulation.mechanisms.pose_regressors import pose_regressors
+    from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
     machine, half = plain_machine(settings), np.maximum(np.abs(low), np.abs(high))
     structure, free = KinematicModel(machine.legs.closure.name), np.full(6, np.inf)

@@ -19,7 +19,7 @@ from truing.simulation.bench.known_readings import ReadingConditions, Zeros
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from truing.inference.fitted_model import Stand
-    from truing.simulation.bench.reading_model import ReadingModel
+    from truing.simulation.bench.model import ReadingModel
 
 Array = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from stages.common.rows import Rows
 from truing.inference.pulls import Pulls, pulls
-from truing.simulation.identified import IdentifiedGeometry, identified_geometry
+from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.unknowns import Unknowns
+    from truing.simulation.mechanisms.unknowns import Unknowns
 
 
 @dataclass(frozen=True)

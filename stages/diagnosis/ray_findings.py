@@ -21,7 +21,7 @@ from stages.diagnosis.ray_points import gather_rays
 from stages.diagnosis.scale_height import scale_height
 from truing.estimation.bundle.shared_errors import shared_errors
 from truing.estimation.rigid_poses.point_errors import PointErrors
-from truing.simulation.causes import catalogue_of_rays
+from truing.simulation.catalogue import catalogue_of_rays
 from truing.simulation.photographs.photographed import Photographed
 from truing.simulation.photographs.ray_poses import BAR
 

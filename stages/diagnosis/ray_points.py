@@ -18,7 +18,7 @@ from truing.estimation.bundle.ray_channels import RayChannels, ray_channels
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.inference.prediction import PredictionError
-from truing.simulation.photographs.ray_model import RayModel
+from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
 
 if TYPE_CHECKING:

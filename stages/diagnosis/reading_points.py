@@ -18,12 +18,12 @@ from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sens
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.estimation.interferometry.run_starts import zeros_of_runs
 from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.exchanged_rows import exchanged_rows
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
-from truing.simulation.bench.reading_model import ReadingModel
-from truing.simulation.causes.bench.rows_exchanged import RowsExchanged
-from truing.simulation.six_upur.influence import influence_matrix
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
     import pyarrow as pa

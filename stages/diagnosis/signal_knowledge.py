@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from stages.common.nominal_sensor import nominal_sensor
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
+from truing.simulation.bench.causes.rows_exchanged import Row, RowsExchanged, SignalsExchanged
 from truing.simulation.bench.exchanged_rows import put_right
-from truing.simulation.causes.bench.rows_exchanged import Row, RowsExchanged, SignalsExchanged
-from truing.simulation.six_upur.nominal_sensor import NominalSensor
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -136,8 +136,8 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
 def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
     """Elements as long as the legs, a compliance that one can have."""
     from stages.common.nominal_sensor import elastic_parts, given_matrix, sensor_joints
-    from truing.simulation.six_upur.elements import passive
-    from truing.simulation.six_upur.influence import influence_matrix
+    from truing.simulation.bench.six_upur.elements import passive
+    from truing.simulation.bench.six_upur.influence import influence_matrix
 
     key = "elements" if section.elements else "legs"
     try:

@@ -129,7 +129,7 @@ def with_leg_signals(found: Gathered, settings: Any, log: FaultLog) -> Gathered:
     if log:
         return found
     from stages.common.nominal_sensor import sensor_joints
-    from truing.simulation.six_upur.influence import influence_matrix
+    from truing.simulation.bench.six_upur.influence import influence_matrix
 
     G = influence_matrix(sensor_joints(settings.mechanism))
     if np.linalg.cond(G) > _SINGULAR:

@@ -220,7 +220,7 @@ def _seen(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
 def _leg_forces(section: SensorMechanism) -> Array | None:
     """The forces (6, 6) along the legs by the loads; None where the legs do not carry every load."""
     from stages.common.nominal_sensor import elastic_parts, sensor_joints
-    from truing.simulation.six_upur.influence import influence_matrix
+    from truing.simulation.bench.six_upur.influence import influence_matrix
 
     elastic = elastic_parts(section)
     if elastic is not None:

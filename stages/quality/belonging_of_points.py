@@ -18,14 +18,14 @@ from truing.belonging.points_of_bodies import poses_with_slips, relate_copies, r
 from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
 from truing.belonging.relation import State, Tested
 from truing.estimation.covariance import relative
-from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
     from schemas.mechanism import LeggedMechanism
-    from truing.simulation.legs import Legs
+    from truing.simulation.mechanisms.legs.geometry import Legs
 
 Array = NDArray[np.float64]
 Groups = tuple[tuple[str, tuple[str, ...]], ...]

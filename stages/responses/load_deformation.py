@@ -37,7 +37,7 @@ from truing.estimation.response_structure import (
     symmetry,
 )
 from truing.report.numbers import count
-from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
+from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -17,8 +17,8 @@ from truing.estimation.sensor.figures_of_merit import (
     relative_errors,
     sensitivities,
 )
-from truing.simulation.six_upur.influence import merit
-from truing.simulation.six_upur.theory import Theory
+from truing.simulation.bench.six_upur.influence import merit
+from truing.simulation.bench.six_upur.theory import Theory
 
 Array = NDArray[np.float64]
 

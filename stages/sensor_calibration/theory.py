@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stages.common.nominal_sensor import nominal_sensor
 from stages.common.point_arrays import number_column
 from stages.common.reading_arrays import LOAD_COLUMNS
-from truing.simulation.six_upur.nominal_sensor import NominalSensor
-from truing.simulation.six_upur.theory import Theory, farthest, theory_of
+from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
+from truing.simulation.bench.six_upur.theory import Theory, farthest, theory_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

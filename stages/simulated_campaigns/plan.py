@@ -13,13 +13,13 @@ from schemas.artifacts import ARTIFACTS
 from stages.common.nominal_mechanism import facing, nominal_legs
 from stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
 from stages.common.pose_conditions import pose_conditions
-from truing.simulation.campaign_simulation import Layout, draw_campaign
 from truing.simulation.cause import Effect, Scene
-from truing.simulation.legs import Legs
-from truing.simulation.point_model import PointModel
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.simulation import Layout, draw_campaign
+from truing.simulation.mechanisms.unknowns import Conditions, Known
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
-from truing.simulation.unknowns import Conditions, Known
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stages.common.point_arrays import positions
 from truing.simulation.cause import Effect, Scene
-from truing.simulation.causes.photographs.of_rays import RayCause
+from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
 
 if TYPE_CHECKING:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from stages.common.reading_arrays import load_steps
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
-from truing.simulation.bench.bench_simulation import draw_readings
+from truing.simulation.bench.simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.bench.reading_model import ReadingModel
+    from truing.simulation.bench.model import ReadingModel
 
 _VOLT_MV = 1e3
 

@@ -18,8 +18,8 @@ from truing.calibration.measured import Gathered
 from truing.calibration.question import Question, cases, is_deformation, question, survey_rows, with_targets
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate
-from truing.simulation.parameters import SHARED, Parameter
-from truing.simulation.structures import structures
+from truing.simulation.mechanisms.parameters import SHARED, Parameter
+from truing.simulation.mechanisms.structures.catalogue import structures
 
 if TYPE_CHECKING:
     import pyarrow as pa

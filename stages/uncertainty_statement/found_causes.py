@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from truing.simulation.catalogue import catalogue, catalogue_of_rays, of_photographed_points
 from truing.simulation.cause import Step
-from truing.simulation.causes import catalogue, catalogue_of_rays, of_photographed_points
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -15,8 +15,8 @@ from truing.belonging.points_of_bodies import relate_survey as survey_of
 from truing.belonging.readings_of_poses import Names
 from truing.belonging.readings_of_poses import relate_readings as relations
 from truing.belonging.relation import SlipKind, State
-from truing.simulation.kinematics import forward
-from truing.simulation.mechanisms import mechanism
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.legs.kinematics import forward
 
 NOISE = 2e-6
 TOLERANCE = {"a": 5e-4, "b": 5e-4, "l": 5e-4, "u": 2e-3}

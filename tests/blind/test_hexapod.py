@@ -20,8 +20,8 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.generator.quaternions import Array, fit_motion, from_vector, rotate, to_vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematics import forward, inverse
-from truing.simulation.mechanisms import mechanism
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse
 
 ROUNDING_MM = 1e-9
 LEGS = (3, 5, 6, 8)

@@ -12,9 +12,9 @@ from tests.blind.exact_machines import MACHINES, assert_alike
 from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign
 from truing.simulation.cause import Cause
-from truing.simulation.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
-from truing.simulation.causes.measurement_scale import BOTH, CONSTANT, PER_KELVIN, MeasurementScale
-from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.mechanisms.causes.measurement_scale import BOTH, CONSTANT, PER_KELVIN, MeasurementScale
+from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 
 ONE, SOME = np.ones(6), np.array([0.0, 1.0, 0.0, 0.0, -1.0, 0.0])
 PHASE = np.array([0.3, -1.2, 2.0, 3.0, -2.5, 0.0])

@@ -26,12 +26,12 @@ from truing.inference.search import search_of
 from truing.inference.selection import Acceptance
 from truing.inference.verdicts import FOUND
 from truing.simulation.cause import Effect
-from truing.simulation.causes.drive import ActuatorGain
-from truing.simulation.causes.leg_drift import LegDrift
-from truing.simulation.causes.measurement_scale import MeasurementScale
-from truing.simulation.causes.targets import TargetMoved
-from truing.simulation.causes.warmth import LegThermal
 from truing.simulation.detection_trials import questions
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
+from truing.simulation.mechanisms.causes.targets import TargetMoved
+from truing.simulation.mechanisms.causes.warmth import LegThermal
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 EACH = 4

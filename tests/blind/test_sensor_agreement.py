@@ -19,11 +19,11 @@ from tests.blind.generator.sensor.layout import Layout, Noise, Tolerance
 from tests.blind.generator.sensor.machine import Sensor, build, flawless
 from tests.tolerance import assert_close
 from truing.simulation import air as their_air
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.assembly import SOURCES
-from truing.simulation.six_upur.compliance_change import compliance_change
-from truing.simulation.six_upur.geometry import joint_centres
-from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.assembly import SOURCES
+from truing.simulation.bench.six_upur.compliance_change import compliance_change
+from truing.simulation.bench.six_upur.geometry import joint_centres
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 
 SENSORS = {
     "A": nominal_a(),

@@ -20,11 +20,11 @@ from tests.blind.generator.sensor.draw import BAD_WEATHER
 from tests.blind.generator.sensor.layout import CHANNELS, Layout, Noise, Programme, Tolerance
 from tests.blind.generator.sensor.schedule import COLUMNS
 from tests.blind.test_sensor_agreement import theirs
+from truing.simulation.bench.causes import beams, channels, counts, load_history, load_path, stiffness
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
-from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause
-from truing.simulation.causes.bench import beams, channels, counts, load_history, load_path, stiffness
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 FZ, MY, DX, DZ = 2, 4, 0, 2
 UM, HOUR_S, MV = 1e-6, 3600.0, 1e-3

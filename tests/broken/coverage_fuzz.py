@@ -22,7 +22,7 @@ with atheris.instrument_imports(include=["truing", "schemas", "pipeline", "tests
     from tests.formats.reading import read
     from truing.formats.sniff import sniff_file
     from truing.simulation.bench.model_text import read_sensor
-    from truing.simulation.mechanism_text import read_model
+    from truing.simulation.mechanisms.model_text import read_model
 
 _BOUNDS = ("-timeout=5", "-rss_limit_mb=3000", "-max_len=8192")
 _MAPPED = {"constants": {"body": "b"}, "unit": "mm"}

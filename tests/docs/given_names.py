@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tests.simulation.telescope import readings, telescope
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematics import inverse
-from truing.simulation.state import State
+from truing.simulation.mechanisms.legs.kinematics import inverse
+from truing.simulation.mechanisms.state import State
 
 Names = dict[str, Any]
 HEIGHT = np.array([0.0, 0.0, 0.5])

@@ -12,7 +12,7 @@ from docs.experiments.causes_of_readings import COMPARED, TABLES
 from docs.experiments.causes_of_readings import likeness as likeness_of_readings
 from tests.conftest import PROJECT
 from tests.docs.shown import shown
-from truing.simulation.causes import OWN_CAUSES, OWN_CAUSES_OF_READINGS
+from truing.simulation.catalogue import OWN_CAUSES, OWN_CAUSES_OF_READINGS
 
 PAGE = (PROJECT / "docs" / "causes.md").read_text(encoding="utf-8")
 

@@ -16,9 +16,9 @@ from docs.experiments.force_sensor_sets import ARCSEC, LENS_M, SETS, UNITS, publ
 from tests.docs.shown import shown
 from tests.simulation.six_upur.sensors import REFERENCE, joints_of, sensor_of
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.six_upur.assembly import closed_loop_map
-from truing.simulation.six_upur.influence import force_bound, influence_matrix, merit
-from truing.simulation.six_upur.loading import eccentric_wrench
+from truing.simulation.bench.six_upur.assembly import closed_loop_map
+from truing.simulation.bench.six_upur.influence import force_bound, influence_matrix, merit
+from truing.simulation.bench.six_upur.loading import eccentric_wrench
 
 PAGE = force_sensor_paper.PAGE.read_text(encoding="utf-8")
 SLOW = ("sampling", "ranking", "table-2")  # sampled below

@@ -30,7 +30,7 @@ from tests.docs.shown import shown
 from tests.simulation.telescope import readings, telescope
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
-from truing.simulation.state import State
+from truing.simulation.mechanisms.state import State
 
 PAGE = (PROJECT / "docs" / "own-cause.md").read_text(encoding="utf-8")
 CODE, CHECK = re.findall(r"```python\n(.*?)```", PAGE, re.S)

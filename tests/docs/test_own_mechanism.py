@@ -21,9 +21,9 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.simulation.change import Change
-from truing.simulation.kinematics import forward, inverse
-from truing.simulation.legs import Legs
-from truing.simulation.mechanisms import mechanism
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse
 
 PAGE = (PROJECT / "docs" / "own-mechanism.md").read_text(encoding="utf-8")
 CODE, CHECK = re.findall(r"```python\n(.*?)```", PAGE, re.S)

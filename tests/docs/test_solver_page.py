@@ -9,7 +9,7 @@ import pytest
 
 from docs.experiments import many_starts
 from tests.tolerance import assert_close
-from truing.simulation.recalibration import recalibrate
+from truing.simulation.mechanisms.recalibration import recalibrate
 
 PAGE = (many_starts.PROJECT / "docs" / "solver.md").read_text(encoding="utf-8")
 

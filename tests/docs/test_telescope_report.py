@@ -26,7 +26,7 @@ from tests.docs.shown import shown
 from tests.simulation.telescope import K as REFERENCE_K
 from tests.tolerance import assert_close
 from truing.estimation.design.absorption import absorb
-from truing.simulation.parameters import report_set
+from truing.simulation.mechanisms.parameters import report_set
 
 # Made again in seconds; the others repeat fits many times and are sampled below.
 SLOW = ("rivals", "choice", "starts")

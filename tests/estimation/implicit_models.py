@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from tests.simulation.telescope import readings, telescope
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.rotation import exp_so3
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import ParameterSet, full_set
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import ParameterSet, full_set
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 
 @dataclass(frozen=True)

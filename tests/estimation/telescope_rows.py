@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.simulation.telescope import K, telescope
-from truing.simulation.kinematics import forward
+from truing.simulation.mechanisms.legs.kinematics import forward
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "telescope_reference.json").read_text(encoding="utf-8"))
 LEVELS = np.array(REFERENCE["levels"], float)

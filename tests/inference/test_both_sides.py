@@ -12,7 +12,7 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.inference.selection import both_sides
-from truing.simulation.causes.bench.load_history import Creep
+from truing.simulation.bench.causes.load_history import Creep
 
 SIGMA, NOISE = 0.3, 1.7
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
 from truing.inference.rounds import log_evidence_of
-from truing.simulation.causes.per_leg import choice_share, choices
+from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
 
 FREEDOM = 4000.0
 STAND: Any = SimpleNamespace(

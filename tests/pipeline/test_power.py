@@ -24,8 +24,8 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from truing.simulation.cause import Effect
-from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.detection_trials import Answer, Trial
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
 
 LAYOUT = Layout("small", targets=Targets(base=4, platform=4, per_leg=0))
 

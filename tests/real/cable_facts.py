@@ -32,7 +32,7 @@ from tests.real.pulley_cable import PulleyCable
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.design.observability import Observability, observe
-from truing.simulation.kinematics import upper_joints
+from truing.simulation.mechanisms.legs.kinematics import upper_joints
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parents[1] / "docs" / "cable-robot.md"

@@ -14,12 +14,12 @@ from tests.real.pulley_cable import PulleyCable
 from truing.estimation.errors_in_variables.descent import Prior
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
-from truing.simulation.calibration_problem import CalibrationProblem, Constrained
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import upper_joints
-from truing.simulation.legs import Legs
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import upper_joints
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine
 
 RUNS = (8, 27)
 CABLES = 4

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.change import Change
-from truing.simulation.legs import Legs
-from truing.simulation.ups import Ups
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.ups import Ups
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from truing.estimation.sensor.exchanged_loads import RowExchange, exchanged_load
 from truing.estimation.sensor.held_out_loads import HeldOut, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.estimation.sensor.loops import Loops, loops
-from truing.simulation.six_upur.geometry import joint_centres
-from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.geometry import joint_centres
+from truing.simulation.bench.six_upur.influence import influence_matrix
 
 FORCES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LINEAR = CalibrationModel(zero="common")

@@ -14,10 +14,10 @@ from tests.real.pulley_cable import PulleyCable
 from tests.tolerance import assert_between, assert_close
 from truing.simulation import installed, mechanisms
 from truing.simulation.change import Change
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import closure_rows, solve_rows
-from truing.simulation.legs import Legs
-from truing.simulation.structure import Machine, readings_at
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import closure_rows, solve_rows
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, readings_at
 
 STEP = 1e-20  # of a complex derivative
 HALF_STEP = 1e-5  # of a central difference

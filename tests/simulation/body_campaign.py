@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.body_model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
+from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.cause import Cause
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import Targets

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
-from truing.simulation.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 
 _STEP = 1e-30
 

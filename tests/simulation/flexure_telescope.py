@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tests.simulation.telescope import REFERENCE as KINEMATIC_REFERENCE
 from tests.simulation.telescope import telescope
 from truing.estimation.rotation import exp_so3
-from truing.simulation.beam_element import section
 from truing.simulation.change import Change
-from truing.simulation.structure import Closing, Machine, Section, Structure
+from truing.simulation.mechanisms.structures.beam_element import section
+from truing.simulation.mechanisms.structures.structure import Closing, Machine, Section, Structure
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "flexure_vectors.json").read_text(encoding="utf-8"))
 _PARTS = REFERENCE["flexure"]

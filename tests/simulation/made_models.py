@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from tests.simulation.telescope import MATRIX, readings, sample_model
+from truing.simulation.catalogue import catalogue
 from truing.simulation.cause import Cause, Scene
-from truing.simulation.causes import catalogue
-from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
-from truing.simulation.causes.targets import TargetsSwapped
-from truing.simulation.extended_model import ExtendedModel, extended
 from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER
-from truing.simulation.point_model import PointModel
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.targets import TargetsSwapped
+from truing.simulation.mechanisms.extended_model import ExtendedModel, extended
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.unknowns import Conditions
 from truing.simulation.targets import LEG
-from truing.simulation.unknowns import Conditions
 
 POSES = 12
 EFFECTS = (MATRIX, NonparametricMechanismEffect(columns=(APPROACH,), centres=(0.0,), half_ranges=(1.0,), degree=1))

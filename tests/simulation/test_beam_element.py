@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tests.simulation.flexure_telescope import FLEXURE, FLEXURE_M, REFERENCE, STEP, TUBE, in_mm, vector
 from tests.tolerance import assert_close
-from truing.simulation.beam_element import element_change, element_stiffness, section
-from truing.simulation.structure import Section
+from truing.simulation.mechanisms.structures.beam_element import element_change, element_stiffness, section
+from truing.simulation.mechanisms.structures.structure import Section
 
 LENGTHS = st.floats(0.01, 1.0)
 SECTIONS = st.builds(section, st.floats(1e-3, 2e-2), st.floats(1e10, 3e11), st.floats(0.0, 0.45))

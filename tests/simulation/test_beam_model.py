@@ -17,12 +17,12 @@ from tests.simulation.flexure_telescope import (
     vector,
 )
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.beam_model import BeamModel, bent
-from truing.simulation.flexure import arc_distance, circle_distance
-from truing.simulation.home_pose import Home, home_pose
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import forward, inverse
-from truing.simulation.structure import NO_CHANGE, Machine, readings_at
+from truing.simulation.mechanisms.legs.flexure import arc_distance, circle_distance
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse
+from truing.simulation.mechanisms.legs.reference_pose import Home, home_pose
+from truing.simulation.mechanisms.structures.beam_model import BeamModel, bent
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, readings_at
 
 MODEL, ARC = BeamModel(), BeamModel("beam, exact arc", arc_distance)
 

@@ -7,13 +7,13 @@ import pytest
 
 from tests.simulation.body_campaign import body_model
 from tests.tolerance import assert_close
-from truing.simulation.body_model import BodyModel
+from truing.simulation.bodies.causes.deformation import BodyDeformation
+from truing.simulation.bodies.causes.drift import BodyDrift
+from truing.simulation.bodies.model import BodyModel
 from truing.simulation.cause import Cause
-from truing.simulation.causes.bodies import BodyDeformation
-from truing.simulation.causes.body_drift import BodyDrift
-from truing.simulation.causes.measurement_scale import MeasurementScale
-from truing.simulation.causes.targets import TargetMoved
-from truing.simulation.causes.warmth import ThermalExpansion
+from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
+from truing.simulation.mechanisms.causes.targets import TargetMoved
+from truing.simulation.mechanisms.causes.warmth import ThermalExpansion
 
 STEP = 1e-30
 

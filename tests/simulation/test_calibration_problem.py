@@ -9,11 +9,11 @@ from tests.simulation.constrained import assert_batch_is_its_members, assert_der
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.jacobian_model import JacobianModel
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import ParameterSet, full_set, report_set
-from truing.simulation.structure import Machine, Structure, poses_at
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at
 
 STRUCTURES: dict[str, Structure] = {
     "6-pus": KinematicModel("6-pus"),

@@ -10,13 +10,14 @@ import pytest
 
 from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
-from truing.simulation import causes, installed
+from truing.simulation import catalogue as causes
+from truing.simulation import installed
+from truing.simulation.bench.causes.channels import ZeroDrift
 from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
-from truing.simulation.causes.bench.channels import ZeroDrift
-from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
-from truing.simulation.chain import simulate
 from truing.simulation.change import Change
-from truing.simulation.state import State
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.forward_pass import simulate
+from truing.simulation.mechanisms.state import State
 
 COVARIATES = {
     "time_s": np.array([0.0, 60.0, 120.0]),

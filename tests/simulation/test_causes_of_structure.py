@@ -11,16 +11,19 @@ import pytest
 from tests.simulation.telescope import LINEAR, MATRIX, sample_model
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.cause import Cause, Parameter, Step
-from truing.simulation.causes.base_deformation import BaseDeformation
-from truing.simulation.causes.drive import ActuatorGain
-from truing.simulation.causes.flexure_shift import FlexureShift
-from truing.simulation.causes.leg_drift import LegDrift
-from truing.simulation.causes.measurement_scale import MeasurementScale
-from truing.simulation.causes.platform_deformation import LinearPlatformDeformation, NonlinearPlatformDeformation
-from truing.simulation.causes.warmth import APART, LegThermal, ThermalExpansion
 from truing.simulation.change import Change
-from truing.simulation.point_model import PointModel
-from truing.simulation.state import State
+from truing.simulation.mechanisms.causes.base_deformation import BaseDeformation
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
+from truing.simulation.mechanisms.causes.platform_deformation import (
+    LinearPlatformDeformation,
+    NonlinearPlatformDeformation,
+)
+from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.state import State
 
 STEP = 1e-30
 # Cosines of small bends lose digits near 1, some 1e-16 of 1e-5, in value and in derivative.

@@ -9,12 +9,12 @@ import numpy as np
 from tests.simulation.constrained import assert_batch_is_its_members, assert_derivatives_exact
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_close
-from truing.simulation.attachment_shifts import AttachmentShifts
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.common_errors import CommonErrors
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import full_set
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.common_errors import CommonErrors
+from truing.simulation.mechanisms.parameters import full_set
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 POSES, ERRORS = 3, 2
 

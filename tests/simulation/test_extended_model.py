@@ -12,14 +12,14 @@ from tests.simulation.made_models import OFFERED, made_model, named_model, some_
 from tests.simulation.telescope import MATRIX, SURVEY_M
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.simulation.catalogue import catalogue
 from truing.simulation.cause import Cause
-from truing.simulation.causes import catalogue
-from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
-from truing.simulation.extended_model import ExtendedModel, predict_poses, with_targets
-from truing.simulation.mechanism_text import read_model, write_model
-from truing.simulation.point_model import PointModel
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.extended_model import ExtendedModel, predict_poses, with_targets
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model_text import read_model, write_model
+from truing.simulation.mechanisms.unknowns import Conditions
 from truing.simulation.targets import BASE, PLATFORM
-from truing.simulation.unknowns import Conditions
 
 
 def test_every_cause_of_the_catalogue_is_written_and_read() -> None:

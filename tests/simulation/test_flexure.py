@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.simulation.flexure_telescope import STEP, vector
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.flexure import (
+from truing.simulation.mechanisms.legs.flexure import (
     BendLaw,
     arc_deflection,
     arc_distance,

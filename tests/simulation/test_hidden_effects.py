@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.simulation.telescope import sample_model
+from truing.simulation.bench.causes.beams import CosineError
+from truing.simulation.catalogue import catalogue
 from truing.simulation.cause import Scene
-from truing.simulation.causes import catalogue
-from truing.simulation.causes.bench.beams import CosineError
 from truing.simulation.hidden_effects import Sort, concerned, sorts, told_size
 
 LEGS = 6

@@ -16,12 +16,12 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.simulation import installed
 from truing.simulation.change import Change
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import forward, inverse
-from truing.simulation.legs import Legs
-from truing.simulation.mechanisms import closures, mechanism
-from truing.simulation.structure import Machine, poses_at, readings_at
-from truing.simulation.ups import Ups
+from truing.simulation.mechanisms.legs.closures import closures, mechanism
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse
+from truing.simulation.mechanisms.legs.ups import Ups
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at, readings_at
 
 NONE = Change({}, 0)
 FIELDS = {"a": (6, 3), "b": (6, 3), "u": (6, 3), "l": (6,), "rho0": (6,), "deformation": (6, 6)}
@@ -187,6 +187,6 @@ def test_a_closure_of_an_installed_package_is_found(monkeypatch: pytest.MonkeyPa
 
 
 def test_two_closures_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    _installed(monkeypatch, "truing.simulation.six_pus:SixPus")
+    _installed(monkeypatch, "truing.simulation.mechanisms.legs.six_pus:SixPus")
     with pytest.raises(ValueError, match="closure 6-pus: found in two places"):
         closures()

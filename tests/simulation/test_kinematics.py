@@ -12,8 +12,8 @@ from tests.simulation.telescope import KAPPA, K, readings, telescope, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.change import Change
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import (
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.legs.kinematics import (
     closure_rows,
     forward,
     inverse,
@@ -25,8 +25,8 @@ from truing.simulation.kinematics import (
     unit,
     upper_joints,
 )
-from truing.simulation.mechanisms import mechanism
-from truing.simulation.structure import Machine, readings_at
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, readings_at
 
 DEFORMATION = {"rigid": np.zeros((6, 6)), "linear": KAPPA * np.eye(6), "matrix": K}
 SIZE_M = 0.5  # the largest number involved; what is asked for is 1e-9 of it

@@ -12,13 +12,13 @@ from tests.simulation.constrained import assert_batch_is_its_members, assert_der
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.calibration_problem import CalibrationProblem, Constrained
-from truing.simulation.jacobian_model import JacobianModel
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import unit, upper_joints
-from truing.simulation.leg_bodies import LegBodies, LegPoses, seated
-from truing.simulation.parameters import full_set, report_set
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.mechanisms.legs.kinematics import unit, upper_joints
+from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
+from truing.simulation.mechanisms.parameters import full_set, report_set
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 RIDDEN = np.array([0, 2, 5])
 MODEL = KinematicModel("6-pus")

@@ -13,7 +13,7 @@ from tests.simulation.telescope import telescope
 from tests.simulation.test_beam_element import rigid_motions
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.leg_chain import (
+from truing.simulation.mechanisms.legs.leg_chain import (
     Chain,
     assembled,
     assembled_change,
@@ -24,7 +24,7 @@ from truing.simulation.leg_chain import (
     in_frame,
     nodes,
 )
-from truing.simulation.structure import Section
+from truing.simulation.mechanisms.structures.structure import Section
 
 LEG = Chain(np.array(FLEXURE_M), np.array(TUBE_M), FLEXURE, TUBE)
 SEEDS = st.integers(0, 2**32 - 1)

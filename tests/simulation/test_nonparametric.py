@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from tests.tolerance import assert_close
-from truing.simulation.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 
 DRIVE = NonparametricMechanismEffect(columns=("rho2_mm",), centres=(10.0,), half_ranges=(2.0,))
 

@@ -10,8 +10,8 @@ import pytest
 from tests.simulation.telescope import K, telescope
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.parameters import Parameter, ParameterSet, deformation_set, full_set, report_set
-from truing.simulation.structure import Machine, Section
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, full_set, report_set
+from truing.simulation.mechanisms.structures.structure import Machine, Section
 
 
 def _machine(kind: str = "6-pus") -> Machine:

@@ -9,11 +9,11 @@ from tests.simulation.telescope import KAPPA, LINEAR, MATRIX, K, sample_model, s
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Effect
-from truing.simulation.causes.flexure_shift import FlexureShift
-from truing.simulation.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
-from truing.simulation.chain import simulate
 from truing.simulation.inputs import APPROACH, OWN_DRIVE
-from truing.simulation.point_model import PointModel
+from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
+from truing.simulation.mechanisms.forward_pass import simulate
+from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, PLATFORM
 

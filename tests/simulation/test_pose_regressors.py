@@ -14,11 +14,11 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.design_bound import bound_design, sum_log_det
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.pose_selection import exchange, information_of
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.mechanisms import mechanism
-from truing.simulation.parameters import Parameter, ParameterSet, full_set
-from truing.simulation.pose_regressors import Placed, PoseRegressors, leg_by_leg, pose_regressors
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.legs.closures import mechanism
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors, leg_by_leg, pose_regressors
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 REACH = 1.3e-3
 SEVEN = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "l")

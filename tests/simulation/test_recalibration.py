@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from tests.simulation.telescope import KAPPA, K, readings, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.least_squares.solver import Method, SolverStatus
-from truing.simulation import recalibration
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import Parameter, ParameterSet, deformation_set, report_set
-from truing.simulation.recalibration import (
+from truing.simulation.mechanisms import recalibration
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, report_set
+from truing.simulation.mechanisms.recalibration import (
     LegDraws,
     calibrate_leg,
     calibrate_leg_compiled,
@@ -27,7 +26,8 @@ from truing.simulation.recalibration import (
     nominal_values,
     recalibrate,
 )
-from truing.simulation.structure import Machine, poses_at
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 METHODS: tuple[Method, ...] = ("levenberg-marquardt", "trust-region")
 POSES, NOISE_M = 40, 2e-6

@@ -24,14 +24,14 @@ from tests.simulation.telescope import K
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import log_so3
 from truing.simulation.change import Change
-from truing.simulation.equilibrium import at_rest, balance, chain_of, unbalanced
-from truing.simulation.home_pose import home_pose
-from truing.simulation.jacobian_model import JacobianModel
-from truing.simulation.kinematics import forward
-from truing.simulation.leg_chain import assembled, condensed
-from truing.simulation.stiffness_model import StiffnessModel, compliance
-from truing.simulation.structure import Machine, Section, poses_at, readings_at
-from truing.simulation.structures import departure
+from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.simulation.mechanisms.legs.leg_chain import assembled, condensed
+from truing.simulation.mechanisms.legs.reference_pose import home_pose
+from truing.simulation.mechanisms.structures.catalogue import departure
+from truing.simulation.mechanisms.structures.equilibrium import at_rest, balance, chain_of, unbalanced
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel, compliance
+from truing.simulation.mechanisms.structures.structure import Machine, Section, poses_at, readings_at
 
 MODEL = StiffnessModel()
 SEEDS = st.integers(0, 2**32 - 1)

@@ -7,10 +7,10 @@ import pytest
 
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_close
-from truing.simulation.jacobian_model import JacobianModel
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.kinematics import forward, inverse
-from truing.simulation.structure import Machine, Structure, poses_at, readings_at
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at, readings_at
 
 MODELS = (KinematicModel("6-pus"), JacobianModel())
 

@@ -8,7 +8,7 @@ import pytest
 from tests.tolerance import assert_close
 from truing.inference.changes import compare
 from truing.simulation.prior_campaign import CampaignPrior
-from truing.simulation.told_numbers import Number, Told, figures
+from truing.simulation.reported_numbers import Number, Told, figures
 
 
 @pytest.mark.parametrize("follows", [2e-3, -2e-3])

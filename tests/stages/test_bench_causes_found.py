@@ -14,13 +14,13 @@ from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
 from truing.inference.observations import Frames, MeasuredPoints, Poses
 from truing.inference.selection import Acceptance, Settings
 from truing.inference.verdicts import FOUND, Verdict
+from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
+from truing.simulation.bench.causes.load_path import LoadEccentricity
+from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, PERIOD, SO_FAR, WAY, NonparametricReadingEffect
+from truing.simulation.bench.load_steps import AIR
 from truing.simulation.bench.optics import Optics
-from truing.simulation.bench.reading_state import AIR
+from truing.simulation.catalogue import catalogue_of_readings
 from truing.simulation.cause import Cause
-from truing.simulation.causes import catalogue_of_readings
-from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
-from truing.simulation.causes.bench.load_path import LoadEccentricity
-from truing.simulation.causes.bench.nonparametric import BEYOND, GAIN, PERIOD, SO_FAR, WAY, NonparametricReadingEffect
 
 
 def _found(

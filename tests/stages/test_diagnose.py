@@ -28,7 +28,7 @@ from tests.blind.generator.strange import CrossCoupling
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.causes import catalogue
+from truing.simulation.catalogue import catalogue
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope"
 LINE = ("ingest", "pose", "diagnose")

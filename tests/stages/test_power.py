@@ -25,9 +25,9 @@ from tests.blind.generator.layout import Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
 from truing.inference.detectable import Rule, Sight
-from truing.simulation.causes.drive import ActuatorGain
 from truing.simulation.detection_trials import FACTORS, Answer, Question, Trial, answer, curve, false_alarms, trials
 from truing.simulation.hidden_effects import Size, Sort
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
 
 POSES, HELD = 14, 3
 LAYOUT = Layout(

@@ -10,8 +10,8 @@ from schemas.faults import CampaignFaults
 from stages.predict import predict
 from tests.simulation.made_models import OFFERED, made_model
 from truing.simulation.cause import Cause
-from truing.simulation.extended_model import acts_on_poses
-from truing.simulation.mechanism_text import write_model
+from truing.simulation.mechanisms.extended_model import acts_on_poses
+from truing.simulation.mechanisms.model_text import write_model
 
 RHO = [f"rho{leg}_mm" for leg in range(1, 7)]
 

@@ -21,8 +21,8 @@ from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
 from truing.inference.fitted_model import Fitter, Stand
 from truing.simulation.cause import Cause
-from truing.simulation.extended_model import extended
-from truing.simulation.mechanism_text import write_model
+from truing.simulation.mechanisms.extended_model import extended
+from truing.simulation.mechanisms.model_text import write_model
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))
 POSES = 24

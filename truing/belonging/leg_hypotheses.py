@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
-from truing.simulation.kinematics import inverse
-from truing.simulation.legs import Legs
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import inverse
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from truing.belonging.reading_hypotheses import PENALTY, Written, best_written, 
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.belonging.row_hypotheses import RowOrder, best_order
 from truing.belonging.slips_in_rows import agreement, places, slipped_rows
-from truing.simulation.kinematics import closure_rows, upper_joints
+from truing.simulation.mechanisms.legs.kinematics import closure_rows, upper_joints
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -14,11 +14,11 @@ from truing.calibration.measured import Measured
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD
 from truing.simulation.cause import Effect
-from truing.simulation.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
-from truing.simulation.identified import IdentifiedGeometry, identified_geometry
+from truing.simulation.mechanisms.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
+from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
 
 if TYPE_CHECKING:
-    from truing.simulation.unknowns import Conditions
+    from truing.simulation.mechanisms.unknowns import Conditions
 
 MODEL, ESTIMATOR = "extended", "points"
 # How the platform deforms in the model, by the cause that was found; the richest counts.

@@ -25,9 +25,9 @@ from truing.calibration.question import (
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, Prior, fit_errors_in_variables
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
-from truing.simulation.calibration_problem import CalibrationProblem, Constrained
-from truing.simulation.parameters import ParameterSet, full_set, report_set
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
+from truing.simulation.mechanisms.structures.structure import Machine
 
 MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
 # A calibration that has not settled by then will not.

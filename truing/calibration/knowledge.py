@@ -23,9 +23,9 @@ from truing.calibration.question import (
 )
 from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.observability import Observability, observe
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import ParameterSet, deformation_set, full_set
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import ParameterSet, deformation_set, full_set
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
 # A shift of the attachments per displacement that is plausible of a platform, where no target tells.
 _PLAUSIBLE_KAPPA = 0.01

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.measured_numbers import NetworkErrors
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.structures.structure import Machine
 
 if TYPE_CHECKING:
     pass

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from truing.calibration.measured import Deformation, Gathered, Measured, SurveyedAttachments
 from truing.calibration.targets import noise_of_all, prior_of_all, with_bodies, with_common, with_shifts
 from truing.estimation.errors_in_variables.fit import Prior
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.parameters import Parameter, ParameterSet, full_set
-from truing.simulation.structure import Machine, Structure
-from truing.simulation.unknowns import FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.structures.structure import Machine, Structure
+from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
 # What nothing is known of: a deformation coefficient may still be this large.

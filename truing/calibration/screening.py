@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from truing.calibration.fits import answer
 from truing.calibration.measured import BodyPoses, Gathered, Measured
 from truing.calibration.question import Case, question, with_targets
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematics import upper_joints
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.legs.kinematics import upper_joints
 
 # A larger share of poses is not mismeasured; then the model is wrong.
 _MOST_BAD_POSES = 0.1

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from truing.report.page import Head, Section
     from truing.simulation.bench.extended_sensor import ExtendedSensor
-    from truing.simulation.extended_model import ExtendedModel
+    from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 _TOLD = {"units", "stage", "digest", "software_version", "campaign"}
 
@@ -88,7 +88,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         if not path.is_file():
             return None
         from truing.simulation.bench.model_text import is_sensor, read_sensor
-        from truing.simulation.mechanism_text import read_model
+        from truing.simulation.mechanisms.model_text import read_model
 
         text = read_settings_text(path)
         document = parsed_toml(text)

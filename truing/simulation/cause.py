@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from truing.simulation.bench.reading_state import LoadSteps
+    from truing.simulation.bench.load_steps import LoadSteps
     from truing.simulation.change import Change
+    from truing.simulation.mechanisms.state import State
     from truing.simulation.photographs.ray_poses import RayPoses
-    from truing.simulation.state import State
     from truing.simulation.targets import Targets
 
 

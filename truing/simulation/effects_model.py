@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.mechanisms.recording import Recording
 from truing.simulation.photographs.photographed import Photographed
-from truing.simulation.recording import Recording
 from truing.simulation.split import Split
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from tests.estimation.telescope_rows import COLUMNS, DRHO_MM, LEGS, REFERENCE, d
 from tests.simulation.telescope import KAPPA, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.observability import indices, observe
-from truing.simulation.calibration_problem import CalibrationProblem
-from truing.simulation.kinematic_model import KinematicModel
-from truing.simulation.parameters import Parameter, ParameterSet
-from truing.simulation.structure import Machine
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine
 
 EPS = np.finfo(float).eps
 ANYTHING = 1e12  # tolerances: only what is null to rounding counts as unidentifiable

@@ -13,7 +13,7 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
 from truing.estimation.least_squares.solver import least_squares
 from truing.estimation.rotation import exp_so3
-from truing.simulation.kinematics import inverse
+from truing.simulation.mechanisms.legs.kinematics import inverse
 
 
 def _fit(found: Campaign, robust: bool = True, prior: bool = True) -> ErrorsInVariablesFit:

@@ -15,7 +15,7 @@ from truing.estimation.interferometry.compliance import (
     left_out_runs,
 )
 from truing.estimation.interferometry.platform_displacement import drift_columns, platform_displacement, zero_columns
-from truing.simulation.six_upur.compliance_change import change_as_a_whole, compliance_covariance
+from truing.simulation.bench.six_upur.compliance_change import change_as_a_whole, compliance_covariance
 
 TRUE = made_compliance()
 

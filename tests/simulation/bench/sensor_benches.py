@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from tests.simulation.six_upur.sensors import TOLERANCES_UM, sensor_of
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
-from truing.simulation.bench.reading_model import ReadingModel
-from truing.simulation.bench.reading_state import AIR, CHANNELS, HUMIDITY, MATERIAL, PRESSURE
+from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, MATERIAL, PRESSURE
+from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause
-from truing.simulation.six_upur.stiffness import ElasticSensor
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 ARCSEC = np.pi / 180.0 / 3600.0
 LARGEST = np.array([1e4] * 3 + [5e3] * 3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_close
-from truing.simulation.causes.bench.nonparametric import periods_of_levels
+from truing.simulation.bench.causes.nonparametric import periods_of_levels
 
 WEIGHTS = np.array([0.0, 0.5886, 1.42245, 2.01105, 2.79585, 3.924, 6.71985, 11.33055, 15.8922])
 

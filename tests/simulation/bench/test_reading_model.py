@@ -12,26 +12,26 @@ from numpy.typing import NDArray
 
 from tests.simulation.bench.sensor_benches import ARCSEC, GAINS, LARGEST, SIGMA, bench
 from tests.tolerance import assert_close
-from truing.simulation.bench.optics import Optics
-from truing.simulation.bench.reading_model import ReadingModel
-from truing.simulation.bench.reading_state import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
-from truing.simulation.cause import Cause
-from truing.simulation.causes import catalogue_of_readings
-from truing.simulation.causes.bench.beams import AbbeOffset, CosineError
-from truing.simulation.causes.bench.channels import DeadPath, ThermalDrift, ZeroDrift
-from truing.simulation.causes.bench.counts import Crosstalk, FringeSlip
-from truing.simulation.causes.bench.load_history import Creep
-from truing.simulation.causes.bench.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
-from truing.simulation.causes.bench.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
-from truing.simulation.causes.bench.stiffness import (
+from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
+from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.bench.causes.load_history import Creep
+from truing.simulation.bench.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
+from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
+from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
     JointClearance,
     StiffnessAsymmetry,
     StiffnessNonlinear,
     StiffnessScale,
 )
-from truing.simulation.six_upur.influence import influence_matrix
-from truing.simulation.six_upur.loading import AXES
+from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
+from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.optics import Optics
+from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.catalogue import catalogue_of_readings
+from truing.simulation.cause import Cause
 
 STEP = 1e-30
 # One of every kind, and all together: what is downstream changes what is upstream, in the order in which they act.

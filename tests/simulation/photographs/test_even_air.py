@@ -15,8 +15,8 @@ from tests.photographs.hidden import AirGradient, CameraEffect
 from tests.photographs.rays import BARS, Bar, Shooting, draw_rays
 from tests.photographs.stations import Round
 from truing.estimation.bundle.adjustment import adjust
-from truing.simulation.causes.photographs.refraction import EvenAir
-from truing.simulation.state import State
+from truing.simulation.mechanisms.state import State
+from truing.simulation.photographs.causes.refraction import EvenAir
 
 MOVES = random_moves(2, 0, np.random.default_rng(3))
 GRADIENT_PER_M = 2e-5

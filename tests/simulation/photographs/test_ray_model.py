@@ -10,10 +10,10 @@ import pytest
 from tests.simulation.photographs.told_by_rays import NUMBERS, POSES, place, ray_poses, told
 from tests.tolerance import assert_close
 from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.simulation.catalogue import catalogue_of_rays
 from truing.simulation.cause import Cause
-from truing.simulation.causes import catalogue_of_rays
-from truing.simulation.causes.photographs.camera_instability import CameraInstability
-from truing.simulation.photographs.ray_model import RayModel
+from truing.simulation.photographs.causes.camera_instability import CameraInstability
+from truing.simulation.photographs.model import RayModel
 
 RAYS = ray_poses(1)
 KINDS = list(catalogue_of_rays().values())

@@ -10,11 +10,11 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.elements import Element
-from truing.simulation.six_upur.flexible_parts import leaf, universal_joint
-from truing.simulation.six_upur.geometry import JointCentres, joint_centres
-from truing.simulation.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.elements import Element
+from truing.simulation.bench.six_upur.flexible_parts import leaf, universal_joint
+from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "sensor_vectors.json").read_text(encoding="utf-8"))
 SETS = ("A", "S", "N")

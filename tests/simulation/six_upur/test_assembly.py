@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tests.simulation.six_upur.sensors import SEEDS, SETS, STEP, crooked_joints, joints_of, vector
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.six_upur.assembly import (
+from truing.simulation.bench.six_upur.assembly import (
     CODES,
     DhErrors,
     chain_errors,
@@ -22,9 +22,9 @@ from truing.simulation.six_upur.assembly import (
     open_chain_error,
     open_chain_map,
 )
-from truing.simulation.six_upur.closure import assembled
-from truing.simulation.six_upur.geometry import outward
-from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.closure import assembled
+from truing.simulation.bench.six_upur.geometry import outward
+from truing.simulation.bench.six_upur.influence import influence_matrix
 
 
 def random_errors(rng: np.random.Generator, size: float) -> NDArray:

@@ -19,10 +19,10 @@ from tests.simulation.six_upur.sensors import (
 )
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.assembly import SOURCES
-from truing.simulation.six_upur.closure import assembled
-from truing.simulation.six_upur.compliance_change import (
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.assembly import SOURCES
+from truing.simulation.bench.six_upur.closure import assembled
+from truing.simulation.bench.six_upur.compliance_change import (
     change_as_a_whole,
     common_to_legs,
     compliance_change,
@@ -30,11 +30,11 @@ from truing.simulation.six_upur.compliance_change import (
     influence_change,
     motion_of_sources,
 )
-from truing.simulation.six_upur.elements import Element
-from truing.simulation.six_upur.flexible_parts import moved_along
-from truing.simulation.six_upur.geometry import JointCentres, leg_axes, outward
-from truing.simulation.six_upur.influence import influence_matrix
-from truing.simulation.six_upur.stiffness import elastic_sensor, end_transport
+from truing.simulation.bench.six_upur.elements import Element
+from truing.simulation.bench.six_upur.flexible_parts import moved_along
+from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes, outward
+from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.stiffness import elastic_sensor, end_transport
 
 _, _, LOW, MIDDLE, INSTALLED = range(5)
 

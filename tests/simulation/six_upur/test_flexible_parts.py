@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.six_upur.sensors import SEEDS, vector
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.beam_element import element_stiffness, section
-from truing.simulation.six_upur.flexible_parts import (
+from truing.simulation.bench.six_upur.flexible_parts import (
     cylinder,
     leaf,
     moved_along,
@@ -20,6 +19,7 @@ from truing.simulation.six_upur.flexible_parts import (
     transport,
     universal_joint,
 )
+from truing.simulation.mechanisms.structures.beam_element import element_stiffness, section
 
 WEBS = st.floats(1e-4, 1e-2)
 RADII = st.floats(1e-4, 2e-2)

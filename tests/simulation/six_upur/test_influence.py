@@ -9,8 +9,8 @@ from hypothesis import given
 from tests.simulation.six_upur.sensors import SEEDS, SETS, STEP, crooked_joints, joints_of, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.six_upur.geometry import JointCentres, joint_centres, leg_axes, outward
-from truing.simulation.six_upur.influence import (
+from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres, leg_axes, outward
+from truing.simulation.bench.six_upur.influence import (
     about,
     characteristic_length,
     force_bound,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.simulation.six_upur.sensors import SEEDS, STEP
 from tests.tolerance import assert_close
-from truing.simulation.six_upur.loading import (
+from truing.simulation.bench.six_upur.loading import (
     AXES,
     LoadingUnits,
     eccentric_wrench,

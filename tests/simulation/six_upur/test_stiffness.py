@@ -19,11 +19,11 @@ from tests.simulation.six_upur.sensors import (
 )
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, skew
-from truing.simulation.six_upur import elements
-from truing.simulation.six_upur.elements import Element, leg_parts
-from truing.simulation.six_upur.geometry import JointCentres, leg_axes
-from truing.simulation.six_upur.influence import influence_matrix
-from truing.simulation.six_upur.stiffness import elastic_sensor, end_transport
+from truing.simulation.bench.six_upur import elements
+from truing.simulation.bench.six_upur.elements import Element, leg_parts
+from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
+from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.stiffness import elastic_sensor, end_transport
 
 TABLE_2 = 1e3 * np.repeat([1e6, 180 * 3600 / np.pi], 3)
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tests.simulation.six_upur.sensors import SEEDS, SETS, TOLERANCES_UM, crooked_joints, joints_of, vector
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.six_upur import tolerances
-from truing.simulation.six_upur.assembly import closed_loop_map, comprehensive, open_chain_map
-from truing.simulation.six_upur.tolerances import (
+from truing.simulation.bench.six_upur import tolerances
+from truing.simulation.bench.six_upur.assembly import closed_loop_map, comprehensive, open_chain_map
+from truing.simulation.bench.six_upur.tolerances import (
     box_muller,
     first_order_covariances,
     rms_band,

@@ -15,7 +15,7 @@ from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.line import run_line, settings_of
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text
 from truing.calibration.extended import MODEL, Extended
-from truing.simulation.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
 
 GAIN, LEG = 0.06, 3
 
@@ -89,7 +89,7 @@ def test_honest_tolerances_are_told_as_such(both) -> None:
 def test_a_pose_without_its_temperature_has_no_error(campaign, both) -> None:
     """An effect that follows a column says nothing of a pose where the column holds no number."""
     from truing.calibration.extended import _told
-    from truing.simulation.causes.warmth import LegThermal
+    from truing.simulation.mechanisms.causes.warmth import LegThermal
 
     found = both[1].found
     warm = replace(found, model=found.model.with_causes((LegThermal(),)))

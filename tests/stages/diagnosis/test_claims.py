@@ -11,17 +11,17 @@ from stages.diagnosis.claims import claim_of
 from tests.simulation.bench.sensor_benches import bench
 from tests.simulation.test_catalogue import LegsTooLong, sample_scene
 from truing.report.wordings.catalogue import WORDINGS, cause_words, clause, confirming
-from truing.simulation import causes
+from truing.simulation import catalogue as causes
+from truing.simulation.bench.causes.counts import FringeSlip
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged
+from truing.simulation.bodies.causes.deformation import BodyDeformation
+from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause
-from truing.simulation.causes.bench.counts import FringeSlip
-from truing.simulation.causes.bench.rows_exchanged import RowsExchanged, SignalsExchanged
-from truing.simulation.causes.bodies import BodyDeformation
-from truing.simulation.causes.body_drift import BodyDrift
-from truing.simulation.causes.photographs.camera_instability import CameraInstability
-from truing.simulation.causes.photographs.nonparametric import NonparametricRayEffect
-from truing.simulation.causes.photographs.refraction import Refraction
-from truing.simulation.causes.photographs.scale_bar_temperature import OneBar
-from truing.simulation.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.photographs.causes.camera_instability import CameraInstability
+from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
+from truing.simulation.photographs.causes.refraction import Refraction
+from truing.simulation.photographs.causes.scale_bar_temperature import OneBar
 
 OWN = (
     *causes.OWN_CAUSES,

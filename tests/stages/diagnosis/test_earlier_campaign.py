@@ -17,11 +17,11 @@ from tests.blind.generator.effects import ActuatorGain
 from tests.stages.line import run_line
 from tests.stages.two_campaigns import MACHINE, fitted, gathered, longer, measured, model_text, rows_by_name
 from tests.tolerance import assert_close
-from truing.simulation.causes.drive import ActuatorGain as Gain
-from truing.simulation.causes.warmth import LegThermal
-from truing.simulation.identified import identified_geometry
-from truing.simulation.mechanism_prior import mechanism_prior
-from truing.simulation.mechanism_text import read_model
+from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
+from truing.simulation.mechanisms.causes.warmth import LegThermal
+from truing.simulation.mechanisms.identified import identified_geometry
+from truing.simulation.mechanisms.model_text import read_model
+from truing.simulation.mechanisms.prior import mechanism_prior
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 

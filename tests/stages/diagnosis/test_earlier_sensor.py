@@ -24,10 +24,10 @@ from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_close
 from truing.inference.fitted_model import Fitter, Stand
 from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentricity
 from truing.simulation.bench.extended_sensor import ExtendedSensor, extended_sensor
 from truing.simulation.bench.known_readings import zeros_of
 from truing.simulation.bench.model_text import read_sensor, write_sensor
-from truing.simulation.causes.bench.load_path import LoadEccentricity as Eccentricity
 
 LAYOUT = Layout(
     "sensor",

@@ -18,7 +18,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
-from truing.simulation.causes.targets import TargetsSwapped as Swapped
+from truing.simulation.mechanisms.causes.targets import TargetsSwapped as Swapped
 
 SHIFT_MM = (0.3, -0.2, 0.1)
 

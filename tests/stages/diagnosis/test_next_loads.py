@@ -26,11 +26,11 @@ from truing.inference.fit import PointFit, fit_points
 from truing.inference.fitted_model import Fitter, Stand
 from truing.inference.observations import Frames, MeasuredPoints
 from truing.inference.selection import Diagnosis
+from truing.simulation.bench.causes.stiffness import Hysteresis
+from truing.simulation.bench.causes.stiffness import StiffnessNonlinear as Nonlinear
+from truing.simulation.bench.causes.stiffness import StiffnessScale as Scale
 from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
-from truing.simulation.bench.reading_model import ReadingModel
-from truing.simulation.causes.bench.stiffness import Hysteresis
-from truing.simulation.causes.bench.stiffness import StiffnessNonlinear as Nonlinear
-from truing.simulation.causes.bench.stiffness import StiffnessScale as Scale
+from truing.simulation.bench.model import ReadingModel
 
 LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
 LAYOUT = Layout(

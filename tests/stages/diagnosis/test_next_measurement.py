@@ -24,15 +24,15 @@ from truing.inference.observations import Frames, MeasuredPoints
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import AdviceKind
-from truing.simulation.causes.drive import ActuatorGain
-from truing.simulation.causes.leg_drift import LegDrift
-from truing.simulation.causes.platform_deformation import LinearPlatformDeformation
-from truing.simulation.causes.targets import TargetsSwapped
-from truing.simulation.causes.warmth import LegThermal
-from truing.simulation.point_model import PointModel
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.platform_deformation import LinearPlatformDeformation
+from truing.simulation.mechanisms.causes.targets import TargetsSwapped
+from truing.simulation.mechanisms.causes.warmth import LegThermal
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.unknowns import Conditions
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import Targets
-from truing.simulation.unknowns import Conditions
 
 SIGMA_M = 5e-6
 POSES = 14

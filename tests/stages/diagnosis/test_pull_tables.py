@@ -9,7 +9,7 @@ from schemas.artifacts import ARTIFACTS
 from stages.diagnosis.pull_tables import Fitted, pull_tables
 from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.two_campaigns import fitted, gathered, measured
-from truing.simulation.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
 
 LEG, UNLUCKY = 3, 1e-3
 

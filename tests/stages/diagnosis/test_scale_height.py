@@ -9,7 +9,7 @@ import pytest
 from stages.diagnosis.scale_height import scale_height
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Frames, MeasuredPoints, Poses
-from truing.simulation.unknowns import Conditions
+from truing.simulation.mechanisms.unknowns import Conditions
 
 RNG = np.random.default_rng(4)
 INSIDE = RNG.normal(size=(6, 3))  # four ends of bars and two targets, in the model's frame, m

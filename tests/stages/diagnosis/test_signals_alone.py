@@ -15,8 +15,8 @@ from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from tests.sensor_campaign import GAIN, HEIGHT_MM, LARGEST, LOWER_MM, SIGNAL_MV, UPPER_MM, campaign_toml
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.bench.exchanged_rows import exchanged_rows, put_right
-from truing.simulation.six_upur.geometry import joint_centres
-from truing.simulation.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.geometry import joint_centres
+from truing.simulation.bench.six_upur.influence import influence_matrix
 
 
 @pytest.fixture

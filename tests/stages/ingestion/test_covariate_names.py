@@ -25,8 +25,8 @@ from tests.cut_telescope import cut_telescope
 from tests.stages.line import run_line
 from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, Shape
 from truing.simulation import inputs
-from truing.simulation.bench import reading_state
-from truing.simulation.causes.body_terms import CAME_FROM, place_columns
+from truing.simulation.bench import load_steps as steps_of_loads
+from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 
 BENCH = Path(__file__).resolve().parents[3] / "sample_data" / "force-sensor"
 OF_LABORATORIES = [
@@ -93,7 +93,7 @@ def test_an_interferometer_carries_covariates_of_any_name(tmp_path: Path) -> Non
 def test_a_covariate_of_readings_and_one_of_signals_are_two_where_they_differ() -> None:
     def steps(table: str, values: list[float]) -> pa.Table:
         common = {"run": [1, 1], "step": [0, 1], "time_s": [0.0, 1.0], "t_c": values, "same": [5.0, 6.0]}
-        loads = {name: [0.0, 1.0] for name in reading_state.LOADS}
+        loads = {name: [0.0, 1.0] for name in steps_of_loads.LOADS}
         own = {"channel": ["dx"] * 2, "reading": [0.0, 1.0], "unit": ["um"] * 2, "sigma": [0.1] * 2}
         return pa.table({**common, **loads, **(own if table == "readings" else {"v1_mv": [0.0, 1.0]})})
 
@@ -132,7 +132,7 @@ def test_what_follows_a_covariate_is_reported_and_predicted_by_its_own_name(tmp_
 
 def test_the_program_s_own_names_are_kept_apart() -> None:
     """Every name that a cause may follow without its being a column of the campaign."""
-    of_steps = (reading_state.ORDER, reading_state.IN_RUN)
+    of_steps = (steps_of_loads.ORDER, steps_of_loads.IN_RUN)
     of_drives = (CAME_FROM + "elevation_deg", *place_columns("platform"))
     for name in (*inputs.PER_ACTUATOR, inputs.ORDER, *of_steps, *of_drives):
         assert stand_in(name) != name

@@ -23,7 +23,7 @@ from truing.calibration.fits import Calibration, maximum_likelihood
 from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.structures import structures
+from truing.simulation.mechanisms.structures.catalogue import structures
 
 Array = NDArray[np.float64]
 Tables = dict[str, pa.Table]

@@ -22,8 +22,8 @@ from stages.power import ray_plan_of
 from stages.simulated_campaigns.ray_plan import NEEDS, RayPlan
 from tests.stages.line import settings_of
 from truing.simulation.cause import Effect
-from truing.simulation.causes.photographs.camera_instability import CameraInstability
 from truing.simulation.hidden_effects import concerned
+from truing.simulation.photographs.causes.camera_instability import CameraInstability
 
 
 @pytest.fixture(scope="module")

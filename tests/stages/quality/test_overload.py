@@ -10,7 +10,7 @@ from schemas.sections import Loading
 from stages.quality.limits import CampaignLimits
 from stages.quality.of_steps import load_range
 from tests.tolerance import assert_close
-from truing.simulation.causes.bench.stiffness import Hysteresis
+from truing.simulation.bench.causes.stiffness import Hysteresis
 
 
 def test_how_far_an_overload_test_went_is_said():

@@ -19,9 +19,9 @@ from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.layout import Noise, Programme
 from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
+from truing.simulation.bench.causes.load_path import LoadEccentricity as OffItsLine
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.model_text import write_sensor
-from truing.simulation.causes.bench.load_path import LoadEccentricity as OffItsLine
 
 WHOLE = ("ingest", "pose", "calibrate")
 LOADS = ["fx", "fy", "fz", "mx", "my", "mz"]

@@ -12,7 +12,7 @@ from truing.runs.comparison.mechanisms import effect_rows
 from truing.runs.comparison.step import NAMES, Step, beyond_chance, held_at_zero, not_judged
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.cause import Cause
-from truing.simulation.told_numbers import TOLD
+from truing.simulation.reported_numbers import TOLD
 
 if TYPE_CHECKING:
     import pandas as pd

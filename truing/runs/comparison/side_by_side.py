@@ -15,7 +15,7 @@ from truing.runs.comparison.mechanisms import mechanism_numbers, mechanism_step
 from truing.runs.comparison.sensors import matrix_numbers, matrix_step, sensor_numbers, sensor_step
 from truing.runs.comparison.step import NAMES, Step, not_judged
 from truing.simulation.bench.extended_sensor import ExtendedSensor
-from truing.simulation.extended_model import ExtendedModel
+from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 if TYPE_CHECKING:
     import pandas as pd

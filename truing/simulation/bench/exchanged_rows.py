@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 from truing.estimation.sensor.exchanged_loads import exchanged_loads
 from truing.estimation.sensor.load_table import load_table
-from truing.simulation.causes.bench.rows_exchanged import RowsExchanged
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 
 # Different loads for each column that they are predicted from: fewer follow any signals.
 _LOADS_PER_COLUMN = 2

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.load_steps import CHANNELS
+from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.optics import Optics
-from truing.simulation.bench.reading_model import ReadingModel
-from truing.simulation.bench.reading_state import CHANNELS
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause, Effect, Step
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _AXES = 6
 

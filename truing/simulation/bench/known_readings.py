@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.optics import Optics
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 
 # What nothing is known of: so many times a plausible size.
 _FREE = 1e4

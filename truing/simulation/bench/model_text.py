@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.extended_sensor import ExtendedSensor
-from truing.simulation.bench.reading_state import CHANNELS, LOADS
-from truing.simulation.causes import catalogue_of_readings
+from truing.simulation.bench.load_steps import CHANNELS, LOADS
+from truing.simulation.catalogue import catalogue_of_readings
 from truing.simulation.model_text import (
     context_of,
     covariance_from,

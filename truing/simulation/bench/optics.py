@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.reading_state import MATERIAL, LoadSteps
+from truing.simulation.bench.load_steps import MATERIAL, LoadSteps
 
 _AXES = 6
 

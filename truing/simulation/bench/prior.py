@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
-from truing.simulation.bench.reading_model import ReadingModel
+from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause
 from truing.simulation.prior_campaign import CampaignPrior, LaidOut, Part, block_diagonal, clipped, persistent_causes
-from truing.simulation.six_upur.uncertain_sensor import UncertainSensor
 
 _ENTRIES = 36
 # Combinations that move the compliance by less than this share of what the strongest does are told by rounding alone.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.reading_state import LOADS, LoadSteps
+from truing.simulation.bench.load_steps import LOADS, LoadSteps
 
 _BLOCKS = 5  # of what is left out in turn
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.interferometry.platform_poses import SeenMotion
 from truing.simulation.bench.optics import Optics
-from truing.simulation.six_upur.nominal_sensor import SimulatedCompliance
+from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 
 Array = NDArray[np.float64]
 

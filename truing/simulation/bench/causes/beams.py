@@ -1,0 +1,179 @@
+"""A beam of the interferometer is not where it should be: at an angle to its axis, or away from the origin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import skew
+from truing.simulation.bench.causes.channels import OfChannel
+from truing.simulation.bench.causes.reading_causes import FEWEST, MM, is_linear, seen_channels, seen_of, steps_of
+from truing.simulation.bench.load_steps import CHANNELS, LINEAR, ReadingState
+from truing.simulation.cause import Cause, Parameter, Scene, Told
+
+_PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
+_XYZ = "xyz"
+_ALL_SHARE = 0.5
+# Motion across a beam shows its angle where that moves the readings by so many sigmas in all.
+_SHOWS = 1.0
+_LARGEST = 3.0  # an angle that is so many times as large loses the square of that: of the loss it is plausible itself
+_STILL = 1e-30
+
+
+@dataclass(frozen=True)
+class CosineError(OfChannel):
+    """The beam makes an angle with the channel's axis: cos of the motion along it, sin of that across.
+
+    Its tilts towards the two other axes of the same kind; where nothing moves across, only what is lost along is told
+    (``along``): one less the cosine, whose derivative does not vanish where the angle does.
+    """
+
+    channel: str = "dz"
+    along: bool = False
+
+    id = "cosine-error"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every channel of the platform: by its tilts where something moves across it, by what is lost where
+        nothing does other than in proportion to the motion along it.
+        """
+        found = []
+        for channel in (c for c in seen_channels(scene) if c in CHANNELS):
+            across, beside = self._shows(scene, channel)
+            found += [CosineError(channel)] if across else []
+            found += [] if beside else [CosineError(channel, along=True)]
+        return found
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the tilts, rad; or what is lost along the axis."""
+        if self.along:
+            return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2 * _LARGEST),)
+        return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._others)
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the loss: no cosine is larger than one."""
+        return (0,) if self.along else ()
+
+    @property
+    def _own(self) -> int:
+        return CHANNELS.index(self.channel)
+
+    @property
+    def _others(self) -> list[int]:
+        return _others(self._own)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d tilts, or / d loss."""
+        own = state.readings[:, self._own]
+        found = np.zeros((*state.readings.shape, len(values)), np.result_type(state.readings, values))
+        if self.along:
+            found[:, self._own, 0] = -own
+            return found
+        _, lost_by, _, across_by = _turned(values)
+        motion = state.readings[:, self._others]
+        found[:, self._own] = -own[:, None] * lost_by + motion @ across_by
+        return found
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return by how much the channel reads more."""
+        return np.asarray(self._linear(state.readings, values))
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the readings, seen at the angle."""
+        return np.asarray(slopes + self._linear(slopes, values))
+
+    def _linear(self, readings: NDArray, values: NDArray) -> NDArray:
+        """Return by how much readings (B, K, ...) change, which is in proportion to them."""
+        found = np.zeros(readings.shape, np.result_type(readings, values))
+        if self.along:
+            found[:, self._own] = -values[0] * readings[:, self._own]
+            return found
+        lost, _, across, _ = _turned(values)
+        found[:, self._own] = -lost * readings[:, self._own]
+        for other, share in zip(self._others, across, strict=True):
+            found[:, self._own] += share * readings[:, other]
+        return found
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the angle between beam and axis."""
+        if self.along:
+            lost, sigma = max(float(values[0]), 0.0), float(np.sqrt(covariance[0, 0]))
+            angle = float(np.arccos(max(1.0 - lost, -1.0)))
+            return (Told("angle", angle, min(sigma / max(np.sin(angle), 1e-12), float(np.sqrt(2.0 * sigma))), "rad"),)
+        angle = float(np.linalg.norm(values))
+        along = values / max(angle, 1e-12)
+        return (Told("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad"),)
+
+    def _shows(self, scene: Scene, channel: str) -> tuple[bool, bool]:
+        """Return whether motion across a channel shows in it, and whether it does beside the motion along it."""
+        steps, own = steps_of(scene), CHANNELS.index(channel)
+        seen = seen_of(scene)[:, own]
+        if seen.sum() < FEWEST:
+            return False, False
+        along, across = steps.motion[seen, own], steps.motion[seen][:, _others(own)]
+        beside = across - np.outer(along, along @ across) / max(float(along @ along), _STILL)
+        least = _SHOWS * (steps.sigma[own] / _PLAUSIBLE_RAD) ** 2
+        return bool(np.sum(across**2) > least), bool(np.sum(beside**2) > least)
+
+
+@dataclass(frozen=True)
+class AbbeOffset(OfChannel):
+    """A linear channel's beam meets the platform at an arm from its origin: rotation leaks in, by rotation x arm."""
+
+    channel: str = "dz"
+
+    id = "abbe-offset"
+    reach = 30.0
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every linear channel, and all of them with one arm."""
+        linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
+        return [AbbeOffset(channel) for channel in ([""] if len(linear) > 1 else []) + linear]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight of a channel, and of all with one arm."""
+        return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the arm across the channel's axis; of all channels all of it."""
+        return tuple(Parameter(f"arm_{_XYZ[axis]}", "mm", _PLAUSIBLE_M, MM) for axis in self._arms)
+
+    @property
+    def _arms(self) -> list[int]:
+        return [axis for axis in range(LINEAR) if not self.channel or axis != CHANNELS.index(self.channel)]
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d arm: rotation crossed with each direction."""
+        return self._by_arm(state.readings)[..., self._arms]
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the readings, with what of their rotation leaks in."""
+        return np.asarray(slopes + self._by_arm(slopes)[..., self._arms] @ values)
+
+    def _by_arm(self, readings: NDArray) -> NDArray:
+        """Return the rotations of readings (B, K, ...) crossed with each direction, at its channels: (B, K, ..., 3)."""
+        own = [float(not self.channel or CHANNELS[n] == self.channel) for n in range(LINEAR)]
+        found = np.zeros((*readings.shape, LINEAR), readings.dtype)
+        crossed = np.array(own)[:, None, None] * -skew(np.eye(LINEAR)).transpose(1, 2, 0)
+        found[:, :LINEAR] = np.einsum("nia,bi...->bn...a", crossed, readings[:, LINEAR : 2 * LINEAR])
+        return found
+
+
+def _others(own: int) -> list[int]:
+    """Return the two other channels of the same kind."""
+    first = own // LINEAR * LINEAR
+    return [n for n in range(first, first + LINEAR) if n != own]
+
+
+def _turned(tilts: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return 1 - cos of the length of tilts (2,), its derivative (2,); their sines (2,) and the derivative of these."""
+    square = tilts @ tilts
+    size = np.sqrt(square)
+    small = abs(square) < 1e-8
+    sinc = 1.0 - square / 6.0 if small else np.sin(size) / size
+    bend = -1.0 / 3.0 + square / 30.0 if small else (np.cos(size) - sinc) / square
+    lost = square / 2.0 - square**2 / 24.0 if small else 1.0 - np.cos(size)
+    return lost, sinc * tilts, sinc * tilts, sinc * np.eye(2) + bend * np.outer(tilts, tilts)

@@ -1,0 +1,231 @@
+"""A channel's reading moves by itself: with time, with temperatures, with the air in the beam's path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.reading_causes import (
+    FEWEST,
+    HOUR,
+    MM,
+    ReadingCause,
+    at_channels,
+    is_linear,
+    is_signal,
+    seen_channels,
+    seen_of,
+    steps_of,
+    unit_of,
+    whose,
+)
+from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, TIME, LoadSteps, ReadingState
+from truing.simulation.cause import Cause, Parameter, Scene, Step
+
+# Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
+# signals.
+_PER_HOUR, _SIGNAL_PER_HOUR = 1.0, 0.05  # of signals mV
+_PER_KELVIN = {"um": 3.0, "arcsec": 1.0, "mV": 0.05}
+_PLAUSIBLE_PATH_M = 0.5
+_BOTH = (MATERIAL, AIR)
+_NAMES = {MATERIAL: "per_k_material", AIR: "per_k_air"}
+# A drift of one run alone is less likely than of a channel in all of them; of both temperatures, than of one.
+_RUN_SHARE, _TWO_SHARE = 0.5, 0.5
+_ALL_SHARE = 0.5
+
+
+class OfChannel(ReadingCause):
+    """A cause that concerns the readings of a ``channel``, or of all linear ones where that is empty."""
+
+    channel: str
+    step = Step.INSTRUMENT
+
+    @property
+    def subject(self) -> str:
+        """Return the channel; empty for all linear ones."""
+        return whose(self.channel)
+
+    @property
+    def form_of(self) -> str:
+        """Return the kind and its channel."""
+        return f"{self.id} {self.channel}".strip()
+
+    def excludes(self, other: Cause) -> bool:
+        """Return whether another is of the same kind and concerns a channel that this one does."""
+        if not isinstance(other, OfChannel) or self.id != other.id:
+            return False
+        mine, theirs = self.channel, other.channel
+        return mine == theirs or (not mine and is_linear(theirs)) or (not theirs and is_linear(mine))
+
+    def at_own(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return values (B, P) as changes of the readings (B, K, P) of its channels."""
+        own = at_channels(state.steps, self.channel)
+        return np.asarray(values[:, None] * own[:, None])
+
+
+class OfRun(OfChannel):
+    """A cause that acts on a channel in a run; ``lone``: whether no other channel of the platform was read in it."""
+
+    run: int | str
+    lone: bool
+
+    @property
+    def in_run(self) -> str:
+        """Return the run, with its channel where there are several."""
+        return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
+
+    @property
+    def form_of(self) -> str:
+        """Return the kind, its channel and its run."""
+        return f"{self.id} {self.channel} {self.run}".strip()
+
+    def excludes(self, other: Cause) -> bool:
+        """Return whether another is the same: a run may drift beside its channel, and lose fringes twice."""
+        return self.key == other.key
+
+
+@dataclass(frozen=True)
+class ZeroDrift(OfRun):
+    """The zero of a channel walks evenly from the start of each run, or of ``run`` alone.
+
+    ``scale_per_s``: a plausible rate.
+    """
+
+    channel: str = "dz"
+    run: int | str = ""
+    of_run: bool = False
+    lone: bool = False
+    scale_per_s: float = 1e-6 / HOUR
+
+    id = "zero-drift"
+    reach = 30.0
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """Return the channel, or the run, with its channel where there are several."""
+        return self.in_run if self.of_run else whose(self.channel)
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells this candidate from all others."""
+        return f"{self.form_of} {'run' if self.of_run else 'all'}"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every channel and signal, and every channel of every run, with three readings at least."""
+        steps, seen = steps_of(scene), seen_of(scene)
+        if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
+            return ()
+        found: list[Cause] = [ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in seen_channels(scene)]
+        runs = np.flatnonzero(steps.rank == 0)
+        for code, first in enumerate(runs if len(runs) > 1 else ()):
+            within = dict(zip(steps.channels, seen[steps.code == code].sum(0).tolist(), strict=True))
+            read = [channel for channel, count in within.items() if count and not is_signal(channel)]
+            label = steps.run[first].item()
+            known = [channel for channel, count in within.items() if count > FEWEST and not is_signal(channel)]
+            found += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
+        return found
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight: all runs of a channel together are as likely as its single ones together."""
+        if not self.of_run:
+            return 1.0
+        runs = len(np.unique(steps_of(scene).code))
+        return _RUN_SHARE / max(runs, 1)
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the time."""
+        return (TIME,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the rate per hour."""
+        unit, si = unit_of(self.channel)
+        return (Parameter("rate", f"{unit}/h", self.scale_per_s, si / HOUR),)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d rate: the time since the run's start, s."""
+        steps = state.steps
+        passed = np.where(steps.run == self.run, steps.in_run_s, 0.0) if self.of_run else steps.in_run_s
+        return self.at_own(state, passed[:, None])
+
+
+@dataclass(frozen=True)
+class ThermalDrift(OfChannel):
+    """A channel's reading follows temperatures, from the first step of each run on: of the material, of the air."""
+
+    channel: str = "dz"
+    columns: tuple[str, ...] = (MATERIAL,)
+
+    id = "thermal-drift"
+    reach = 30.0
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every channel, and all linear ones alike, with each temperature that varies, and with both."""
+        steps = steps_of(scene)
+        known = [column for column in _BOTH if steps.varies(column)]
+        forms = [(column,) for column in known] + ([_BOTH] if len(known) == len(_BOTH) else [])
+        channels = seen_channels(scene)
+        several = sum(is_linear(channel) for channel in channels) > 1
+        return [ThermalDrift(c, form) for c in ([""] if several else []) + channels for form in forms]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight of a channel and of one temperature."""
+        return (1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))) * (
+            _TWO_SHARE if len(self.columns) > 1 else 1.0
+        )
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperatures."""
+        return self.columns
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the drift per kelvin of each temperature."""
+        unit, si = unit_of(self.channel or "dx")
+        scale = _PER_KELVIN[unit] * si
+        return tuple(Parameter(_NAMES[column], f"{unit}/K", scale, si) for column in self.columns)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d drift: by how much the temperatures have changed since the run's first step."""
+        return self.at_own(state, np.stack([state.steps.since_first(column) for column in self.columns], -1))
+
+
+@dataclass(frozen=True)
+class DeadPath(OfChannel):
+    """The changing refractive index of the air acts on a path that nothing compensates, from the start of each run."""
+
+    channel: str = ""
+
+    id = "dead-path"
+    reach = 30.0  # a forgotten path may be metres long
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every linear channel, and all of them alike, where the index of the air is known to vary."""
+        if not steps_of(scene).air_varies:
+            return ()
+        linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
+        return [DeadPath(channel) for channel in ([""] if len(linear) > 1 else []) + linear]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight of a channel, and of all alike."""
+        return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the air's temperature and pressure."""
+        return (AIR, PRESSURE)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the length of the path."""
+        return (Parameter("dead_path", "mm", _PLAUSIBLE_PATH_M, MM),)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d path: by how much the index has changed since the run's first step."""
+        return self.at_own(state, state.steps.index_since_first[:, None])
+
+
+def _rate(channel: str, steps: LoadSteps) -> float:
+    """Return a plausible rate of a channel's zero, SI per second: that of an hour is seen in a shorter run as well."""
+    plausible = (_SIGNAL_PER_HOUR if is_signal(channel) else _PER_HOUR) * unit_of(channel)[1]
+    return float(plausible / min(HOUR, steps.longest_s))

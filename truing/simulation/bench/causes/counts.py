@@ -1,0 +1,136 @@
+"""Whole numbers and shares of other channels: fringes that were counted wrongly, signals that leak into each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.channels import OfRun
+from truing.simulation.bench.causes.reading_causes import (
+    FEWEST,
+    ReadingCause,
+    is_linear,
+    is_signal,
+    seen_channels,
+    seen_of,
+    steps_of,
+)
+from truing.simulation.bench.load_steps import ReadingState
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+
+_PLAUSIBLE_COUNT = 3.0
+_PLAUSIBLE_SHARE = 0.02
+# Onsets that are tried in all; in long campaigns, every so many-th.
+_MOST_ONSETS = 800
+
+
+@dataclass(frozen=True)
+class FringeSlip(OfRun):
+    """From a step on, to the end of its run, a channel reads whole half wavelengths too much.
+
+    ``from_rank`` is the place of ``from_step`` in the run, from 0.
+    """
+
+    channel: str = "dz"
+    run: int | str = ""
+    from_step: int | str = ""
+    from_rank: int = 0
+    lone: bool = False
+    half_wavelength_m: float = 316.495e-9
+
+    id = "fringe-slip"
+    kind = Kind.DISCRETE
+    reach = 1e3
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """Return the run, with its channel where there are several."""
+        return self.in_run
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells this candidate from all others."""
+        return f"{self.form_of} {self.from_rank}"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every run, linear channel and step that has three readings on either side."""
+        steps, seen = steps_of(scene), seen_of(scene)
+        half, found = steps.wavelength_m / 2.0, []
+        for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
+            own = np.flatnonzero(steps.code == code)
+            read = [steps.channels[place] for place in np.flatnonzero(seen[own].any(0))]
+            lone = sum(not is_signal(name) for name in read) == 1
+            for place, channel in enumerate(steps.channels):
+                rows = own[seen[own, place]]
+                rows = rows[np.argsort(steps.rank[rows])]
+                if is_linear(channel):
+                    found += [
+                        FringeSlip(
+                            channel, steps.run[first].item(), steps.step[row].item(), int(steps.rank[row]), lone, half
+                        )
+                        for row in rows[FEWEST : len(rows) - FEWEST + 1]
+                    ]
+        return found[:: 1 + len(found) // _MOST_ONSETS]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the number of half wavelengths."""
+        return (Parameter("count", "1", _PLAUSIBLE_COUNT),)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d count: half a wavelength, from the step on."""
+        late = (state.steps.run == self.run) & (state.steps.rank >= self.from_rank)
+        return self.at_own(state, self.half_wavelength_m * late[:, None].astype(float))
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the whole number that is nearest, and the step from which on."""
+        count = int(np.rint(values[0])) or (1 if values[0] >= 0 else -1)
+        return (Told("count", count, None, "1"), Told("from_step", self.from_step, None, ""))
+
+
+@dataclass(frozen=True)
+class Crosstalk(ReadingCause):
+    """A signal carries a fraction of another one."""
+
+    signal: str = "v1"
+    source: str = "v2"
+
+    id = "crosstalk"
+    step = Step.INSTRUMENT
+    reach = 30.0
+
+    @property
+    def subject(self) -> str:
+        """Return the signal that carries another."""
+        return f"signal {self.signal}"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every pair of signals."""
+        signals = [channel for channel in seen_channels(scene) if is_signal(channel)]
+        return [Crosstalk(own, other) for own in signals for other in signals if own != other]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the fraction."""
+        return (Parameter("fraction", "1", _PLAUSIBLE_SHARE),)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d fraction: the other signal."""
+        return self._leaks(state, state.readings[..., None])
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the readings, with what of them leaks over."""
+        return np.asarray(slopes + values[0] * self._leaks(state, slopes))
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the fraction, and whose it is."""
+        return (*super().told(values, covariance, legs), Told("source", self.source, None, ""))
+
+    def _leaks(self, state: ReadingState, readings: NDArray) -> NDArray:
+        names = state.steps.channels
+        found = np.zeros(readings.shape, readings.dtype)
+        if self.signal in names and self.source in names:
+            found[:, names.index(self.signal)] = readings[:, names.index(self.source)]
+        return found

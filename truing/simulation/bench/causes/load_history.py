@@ -1,0 +1,117 @@
+"""The deflection goes on under a load that stays: creep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.load_path import OfLoad
+from truing.simulation.bench.causes.reading_causes import seen_axes, steps_of
+from truing.simulation.bench.load_steps import TIME, LoadSteps, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+
+_PLAUSIBLE = 0.02
+_SHORTEST_S = 10.0
+# Neighbours among the time constants that are tried, and one sigma of the logarithm of one about that.
+_RATIO, _PLAUSIBLE_LOG = 2.0, 0.5
+_MOST_CONSTANTS = 10
+# What has settled long before the reading cannot be told from a softer sensor.
+_HELD = 0.5
+_ALL_SHARE = 0.5
+_TINY = 1e-30
+_WITHIN_95 = 1.959964
+
+
+@dataclass(frozen=True)
+class Creep(OfLoad):
+    """To the deflection a fraction of it is added as it is followed with a time constant, within each run.
+
+    Loads along ``axis``, or all. Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.
+    """
+
+    axis: str = ""
+    tau_s: float = 60.0
+    free: bool = False
+
+    id = "creep"
+    step = Step.STRUCTURE
+    kind = Kind.SHAPED
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return time constants from ten seconds to the longest run's length, for all axes and each."""
+        steps = steps_of(scene)
+        if not np.isfinite(steps.time_s).all():
+            return ()
+        held, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
+        shortest = max(_SHORTEST_S, _HELD * float(np.median(held))) if len(held) else longest
+        if not shortest < longest:
+            return ()
+        count = min(_MOST_CONSTANTS, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_RATIO))))
+        axes = seen_axes(scene)
+        chosen = ["", *axes] if len(axes) > 1 else axes
+        return [Creep(axis, float(tau)) for tau in np.geomspace(shortest, longest, count) for axis in chosen]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight of an axis, and of all together."""
+        return 1.0 if self.axis else _ALL_SHARE * len(seen_axes(scene))
+
+    def refined(self) -> Cause:
+        """Return the form whose time constant is fitted too."""
+        return replace(self, free=True)
+
+    def held_at(self, shape: NDArray) -> Cause | None:
+        """Return the form with the time constant that its logarithm over tau_s says."""
+        return replace(self, tau_s=self.tau_s * float(np.exp(shape[0])), free=False)
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the time."""
+        return (TIME,)
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the fraction: what creeps goes on the way it was pushed."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the fraction, then the logarithm of the time constant where it is free."""
+        fraction = (Parameter("fraction", "1", _PLAUSIBLE),)
+        return (*fraction, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else fraction
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d deflection / d fraction, and by the logarithm of the time constant."""
+        followed = self._followed(state.deflection, state.steps, values)
+        if not self.free:
+            return followed[..., None]
+        nudged = np.array([0.0, 1j * _TINY]) + values
+        by_tau = values[0] * self._followed(state.deflection, state.steps, nudged).imag / _TINY
+        return np.stack([followed, by_tau], -1)
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return what the deflection has crept."""
+        return np.asarray(values[0] * self._followed(state.deflection, state.steps, values))
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the deflection, with what they have crept."""
+        return np.asarray(slopes + values[0] * self._followed(slopes, state.steps, values))
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the fraction, and the time constant in s."""
+        fraction = Told("fraction", float(values[0]), float(np.sqrt(covariance[0, 0])), "1")
+        if not self.free:
+            return (fraction, Told("tau", self.tau_s, self.tau_s * _PLAUSIBLE_LOG, "s"))
+        tau = self.tau_s * float(np.exp(values[1]))
+        # What the wider side of the interval comes to: a logarithm's is wider upwards.
+        wider = np.expm1(_WITHIN_95 * float(np.sqrt(covariance[1, 1]))) / _WITHIN_95
+        return (fraction, Told("tau", tau, tau * float(wider), "s"))
+
+    def _followed(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
+        """Return deflections (B, 6, 6, ...) as they are followed, zero under loads that are not concerned."""
+        tau: Any = self.tau_s * np.exp(values[1] if self.free else 0.0)
+        followed = steps.filtered(deflection, np.exp(-steps.held_s / tau))
+        if self.axis:
+            followed[:, :, [n for n, axis in enumerate(AXES) if axis != self.axis]] = 0.0
+        return followed

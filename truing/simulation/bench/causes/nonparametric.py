@@ -1,0 +1,329 @@
+"""What no cause of the catalogue explains of a bench: a channel depends on inputs.
+
+What a cause already does in the very same form (a channel in proportion to the load of its own axis, or to the time in
+a run) is no candidate here: data could not tell the two apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from math import prod
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.reading_causes import (
+    FEWEST,
+    ReadingCause,
+    is_signal,
+    seen_channels,
+    seen_of,
+    steps_of,
+    unit_of,
+    whose,
+)
+from truing.simulation.bench.load_steps import (
+    AIR,
+    CHANNELS,
+    IN_RUN,
+    LOADS,
+    MATERIAL,
+    LoadSteps,
+    ReadingState,
+)
+from truing.simulation.cause import Cause, Profiles, Scene, Step
+from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
+from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
+
+# Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run;
+# which way it changed last.
+UNLOADING, SO_FAR, WAY = "unloading ", "largest so far ", "direction of "
+# Functions of a load, of one and of two steps before; sine and cosine of a period.
+MEMORY, PERIOD = "memory", "period"
+_REMEMBERED = 2
+# A jump where a load is beyond a size, on either side by an amount of its own: between two levels, so many at most.
+BEYOND, _SIDES = "beyond", 2
+_MOST_SIZES = 5
+# A load with a factor, and with one that depends on a column: nobody knows at which value of that the factor is one.
+GAIN, _FACTORS = "gain", 2
+# What comes with a break in a run and fades.
+REST = "rest"
+_FADES, _MOST_FADES = 2.0, 8
+_SMOOTH = 3
+_WAVES = 6
+# Plausible, in sigmas of the channel.
+_PLAUSIBLE_SIGMAS = 4.0
+# What the catalogue has in proportion to a column already.
+_NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
+# Periods of time that are tried: from so many steps up to a part of the campaign, so many at most, this share of the
+# campaign's own frequency apart.
+_STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
+# Of a load: so many levels wherever a period begins, and so many periods in the range of loads. What is slower is a
+# polynomial; through fewer levels some wave passes whatever they do.
+_LEVELS_PER_PERIOD, _LOAD_PERIODS_AT_LEAST = 4, 2.0
+# Loads nearer to each other than this share of their range are one level, applied again.
+_ONE_LEVEL = 0.01
+
+
+@dataclass(frozen=True)
+class NonparametricReadingEffect(NonparametricEffect, ReadingCause):
+    """A channel depends on inputs: columns of the steps, loads, and what was before.
+
+    Further forms are a load at so many steps before, sine and cosine of a period of time or a load, which is the half
+    range, a jump where a load is beyond the half range, on its positive and its negative side, a load and its product
+    with a column, or what comes with a break in a run and fades with the half range as time constant. ``scale`` is
+    plausible, SI; ``weight`` how likely beforehand among forms.
+    """
+
+    channel: str = "dz"
+    scale: float = 1.0
+    weight: float = 1.0
+
+    step = Step.INSTRUMENT
+    reach = 100.0
+    of_time = frozenset({TIME, ORDER, IN_RUN})
+    letters: ClassVar[dict[str, str]] = {
+        **NonparametricEffect.letters,
+        MEMORY: "before",
+        PERIOD: "part",
+        BEYOND: "side",
+        GAIN: "gain",
+        REST: "rest",
+    }
+    boundless = frozenset({PERIOD, BEYOND, REST})
+
+    @property
+    def subject(self) -> str:
+        """Return the channel."""
+        return whose(self.channel)
+
+    def follows(self, legs: int) -> tuple[str, ...]:
+        """Return the columns of the tables that it depends on."""
+        plain = tuple(column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in self.columns)
+        return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return everything that each channel may depend on, as far as its readings allow."""
+        steps, seen = steps_of(scene), seen_of(scene)
+        found: list[Cause] = []
+        for channel in seen_channels(scene):
+            own = seen[:, place := steps.channels.index(channel)]
+            bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[place]))
+            for columns, form, degree in _dependences(steps, own, channel):
+                if own.sum() >= PER_FUNCTION * degree:
+                    found.append(replace(bare, **dependence(columns, partial(_range_of, steps), form, degree)))
+            found += _jumping(bare, steps, own)
+            fades = fading_times(steps, own)
+            rest = replace(bare, form=REST, weight=1.0 / max(len(fades), 1))
+            found += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
+        return found
+
+    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+        """Return what each channel may depend on to and fro: every period of time, and of a load, that the campaign
+        tells apart."""
+        steps, seen = steps_of(scene), seen_of(scene)
+        return [own for column in (TIME, *_applied(steps)) for own in _to_and_fro(steps, seen, column)]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight: what is in proportion to one input is likelier than other forms."""
+        return super().prior(scene) * self.weight
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return the functions' values at the channel's readings."""
+        basis = self.functions(state.steps)
+        own = np.array([name == self.channel for name in state.steps.channels])
+        return np.asarray(basis[:, None] * own[:, None])
+
+    def functions(self, steps: LoadSteps) -> NDArray:
+        """Return the functions' values (B, m)."""
+        if self.form == MEMORY:
+            return _remembered(steps, self.columns[0])
+        if self.form == REST:
+            return np.exp(-steps.since_break_s / self.half_ranges[0])[:, None]
+        if self.form in (POLYNOMIAL, WAVES):
+            return self.basis(lambda column: _values_of(steps, column))
+        inputs = self.scaled(lambda column: _values_of(steps, column))
+        x = np.asarray(prod(inputs))
+        if self.form == GAIN:
+            return np.stack([inputs[0], x], -1)
+        if self.form == BEYOND:
+            return np.stack([x > 1.0, x < -1.0], -1).astype(float)[:, : self.degree]
+        return np.stack([np.sin(2.0 * np.pi * x), np.cos(2.0 * np.pi * x)], -1)
+
+    @property
+    def _terms(self) -> str:
+        return f"{self.half_ranges[0]:.6g}" if self.form in self.boundless else super()._terms
+
+    @property
+    def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (self.channel,), ()
+
+    @property
+    def _amplitude(self) -> tuple[str, float, float]:
+        return *unit_of(self.channel), self.scale
+
+
+def _applied(steps: LoadSteps) -> list[str]:
+    """Return the loads that were ever applied."""
+    return [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
+
+
+def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[Profiles]:
+    """Return how channels, seen (B, K), may depend on the periods of a column, by their noise."""
+    periods = _periods_of(steps, column)
+    start = float(steps.time_s[0]) if column == TIME else 0.0
+    moved = seen & (_values_of(steps, column) != start)[:, None]
+    read = np.flatnonzero(moved.sum(0) >= PER_FUNCTION * _REMEMBERED)
+    if not len(periods) or not len(read):
+        return []
+    inputs = {"columns": (column,), "centres": (start,), "form": PERIOD, "degree": _REMEMBERED}
+    forms = [NonparametricReadingEffect(half_ranges=(float(period),), **inputs) for period in periods]  # type: ignore[arg-type]
+    shapes = np.stack([form.functions(steps) for form in forms])
+
+    def alike(places: NDArray) -> Profiles:
+        scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[places[0]])
+
+        def member(target: int, shape: int) -> Cause:
+            return replace(forms[shape], channel=steps.channels[places[target]], scale=scale)
+
+        return Profiles(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
+
+    return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
+
+
+def _jumping(bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray) -> list[Cause]:
+    """Return jumps of a channel, seen at steps (B,), beyond sizes of each load, where there are readings enough."""
+    found: list[Cause] = []
+    for load in _applied(steps):
+        values, sizes = _values_of(steps, load)[seen], _sizes_between(steps, load, seen)
+        for size in sizes:
+            beyond = int(np.sum(values > size)), int(np.sum(values < -size))
+            sides = _SIDES if min(beyond) else 1
+            if beyond[0] >= PER_FUNCTION and len(values) >= PER_FUNCTION * sides:
+                jump = replace(bare, columns=(load,), half_ranges=(float(size),), form=BEYOND, degree=sides)
+                found.append(replace(jump, weight=1.0 / len(sizes)))
+    return found
+
+
+def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield columns, form and degree of what a channel, seen at steps (B,), may depend on."""
+    loads = _applied(steps)
+    own = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
+    others = [name for name in varying(steps.covariates, seen) if name not in LOADS]
+
+    def levels(*columns: str) -> int:
+        values = np.prod([_values_of(steps, column)[seen] for column in columns], axis=0)
+        return len(np.unique(np.round(values, 12)))
+
+    for load in loads:
+        first = 2 if load == own or is_signal(channel) else 1
+        for degree in range(first, _SMOOTH + 1):
+            if levels(load) > degree:
+                yield (load,), POLYNOMIAL, degree
+        if load != own and levels(UNLOADING + load, load) > 1:
+            yield (UNLOADING + load, load), POLYNOMIAL, 1
+        if levels(UNLOADING + load) > 1:
+            yield (UNLOADING + load,), POLYNOMIAL, 1
+            yield (load,), MEMORY, _REMEMBERED
+        for told in (SO_FAR, WAY):
+            if levels(told + load) > 1:
+                yield (told + load,), POLYNOMIAL, 1
+    for pair in combinations(loads, 2):
+        if levels(*pair) > 1:
+            yield pair, POLYNOMIAL, 1
+    for column in others:
+        if column not in _NAMED_LINEAR:
+            yield (column,), POLYNOMIAL, 1
+        if levels(column) > _SMOOTH:
+            yield (column,), POLYNOMIAL, _SMOOTH
+    timed = TIME if TIME in others else ORDER
+    if timed in others:
+        yield (timed,), WAVES, _WAVES
+    for load in loads if not is_signal(channel) else ():
+        for column in others:
+            if levels(load) > 1:
+                yield (load, column), GAIN, _FACTORS
+
+
+def _sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
+    """Return sizes of a load, N or N m, between those that were applied while a channel was seen (B,); none below the
+    smallest, where it is the load itself that is there or not."""
+    sizes = np.sort(np.abs(_values_of(steps, load)[seen]))
+    one_level = _ONE_LEVEL * sizes.max(initial=0.0)
+    sizes = sizes[sizes > one_level]
+    apart = np.flatnonzero(np.diff(sizes) > one_level)
+    between = (sizes[apart] + sizes[apart + 1]) / 2.0
+    chosen = np.linspace(0, max(len(between) - 1, 0), min(_MOST_SIZES, len(between))).round().astype(int)
+    return np.asarray(between[chosen])
+
+
+def fading_times(steps: LoadSteps, seen: NDArray) -> NDArray:
+    """Return times, s, with which something may fade after a break while a channel was seen (B,): from a usual pause to
+    the longest run; none where there was no break."""
+    held = steps.held_s[steps.held_s > 0.0]
+    if np.isfinite(steps.since_break_s[seen]).sum() < FEWEST:
+        return np.zeros(0)
+    shortest, longest = float(np.median(held)), steps.longest_s
+    count = min(_MOST_FADES, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_FADES))))
+    return np.geomspace(shortest, longest, count)
+
+
+def _range_of(steps: LoadSteps, column: str) -> tuple[float, float]:
+    """Return the centre and half the range of a column; of a load, zero and its largest."""
+    if column.removeprefix(SO_FAR) in LOADS:
+        return 0.0, float(steps.largest[LOADS.index(column.removeprefix(SO_FAR))])
+    if column.startswith((UNLOADING, WAY)):
+        return 0.0, 1.0
+    centre, half = middle_and_half(_values_of(steps, column))
+    return centre, half or 1.0
+
+
+def _values_of(steps: LoadSteps, column: str) -> NDArray:
+    """Return a column's values (B,)."""
+    if column.startswith(UNLOADING):
+        return steps.unloading[:, LOADS.index(column.removeprefix(UNLOADING))].astype(float)
+    if column.startswith(SO_FAR):
+        return steps.largest_so_far[:, LOADS.index(column.removeprefix(SO_FAR))]
+    if column.startswith(WAY):
+        return steps.direction[:, LOADS.index(column.removeprefix(WAY))]
+    if column in LOADS:
+        return steps.load[:, LOADS.index(column)]
+    return np.asarray(steps.covariates[column], float)
+
+
+def _remembered(steps: LoadSteps, load: str) -> NDArray:
+    """Return a load (B, 2) over its largest, one and two steps before in the run; zero before its start."""
+    share = steps.share[:, LOADS.index(load)]
+    once = np.where(steps.rank >= 1, share[steps.before], 0.0)
+    return np.stack([once, np.where(steps.rank >= _REMEMBERED, share[steps.before[steps.before]], 0.0)], -1)
+
+
+def _periods_of(steps: LoadSteps, column: str) -> NDArray:
+    """Return the periods (S,) of time, s, or of a load, N or N m, that a campaign tells apart."""
+    values = _values_of(steps, column)
+    span = float(np.ptp(values)) if np.isfinite(values).all() else 0.0
+    if not span > 0.0:
+        return np.zeros(0)
+    if column != TIME:
+        return periods_of_levels(np.unique(np.round(values / (_ONE_LEVEL * span))) * (_ONE_LEVEL * span))
+    held = steps.held_s[steps.held_s > 0.0]
+    if not len(held):
+        return np.zeros(0)
+    fastest = 1.0 / (_STEPS_PER_PERIOD * float(np.median(held)))
+    frequencies = np.arange(_PERIODS_AT_LEAST / span, fastest, _APART / span)
+    return np.asarray(1.0 / frequencies[:_MOST_PERIODS])
+
+
+def periods_of_levels(levels: NDArray) -> NDArray:
+    """Return the periods (S,) that loads at these levels (L,), ascending, tell apart."""
+    span, count = float(levels[-1] - levels[0]), len(levels)
+    counted = np.arange(_LOAD_PERIODS_AT_LEAST, count / _LEVELS_PER_PERIOD, _APART)
+    periods = span / counted[:_MOST_PERIODS]
+    nearly = 0.5 * _ONE_LEVEL * span
+    within = np.searchsorted(levels, levels + periods[:, None] - nearly) - np.arange(count)
+    whole = levels + periods[:, None] <= levels[-1] + nearly
+    return np.asarray(periods[np.all((within >= _LEVELS_PER_PERIOD) | ~whole, axis=1)])

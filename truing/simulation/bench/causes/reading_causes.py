@@ -1,0 +1,108 @@
+"""What causes share that act on readings of a bench: which field they change, and what meets them downstream."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.load_steps import CHANNELS, LINEAR, LoadSteps, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.cause import READINGS, Cause, Scene, Step
+from truing.simulation.change import Change
+
+FIELDS = {Step.DRIVE: "wrench", Step.STRUCTURE: "deflection", Step.INSTRUMENT: "readings"}
+ARCSEC = np.pi / 180.0 / 3600.0
+UM, MV, MM, HOUR = 1e-6, 1e-3, 1e-3, 3600.0
+# What is wrong of a channel and has a name of its own wants this many steps at least on either side.
+FEWEST = 3
+
+
+class ReadingCause(Cause):
+    """A cause that changes one field of a `ReadingState`: the wrench, the deflection, or the readings, by its step.
+
+    The change may depend on that field, in proportion, and on nothing else that is not known of the steps.
+    """
+
+    acts_on: ClassVar[str] = READINGS
+    reads = frozenset()
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return the derivative (B, ..., P) of its field by the parameters at values (P,), SI."""
+        raise NotImplementedError
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return by how much its field changes at values (P,); where that is linear in them, slopes times values."""
+        return np.asarray(self.slopes(state, values) @ values)
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return what becomes of changes (B, ..., Q) of its field that meet the effect: the same, if it only adds."""
+        return slopes
+
+    def change(self, state: Any, values: NDArray) -> Change:
+        """Return the derivative of its field by the parameters at values (P,)."""
+        found = self.slopes(state, values)
+        return Change({FIELDS[self.step]: found}, found.shape[-1])
+
+    def shift(self, state: Any, values: NDArray) -> dict[str, NDArray]:
+        """Return by how much its field changes at values (P,)."""
+        return {FIELDS[self.step]: self.moved(state, values)}
+
+
+def steps_of(scene: Scene) -> LoadSteps:
+    """Return the load steps of a scene; raises ValueError where it has none."""
+    if scene.loads is None:
+        raise ValueError("scene: found no load steps, expected those of a bench")
+    return scene.loads
+
+
+def seen_of(scene: Scene) -> NDArray:
+    """Return which readings (B, K) there are: all, where it is not told."""
+    steps = steps_of(scene)
+    return np.ones((len(steps.run), len(steps.channels)), bool) if scene.seen is None else scene.seen
+
+
+def unit_of(channel: str) -> tuple[str, float]:
+    """Return the unit of a channel's readings in the tables, and what one is in SI."""
+    if channel not in CHANNELS:
+        return "mV", MV
+    return ("um", UM) if is_linear(channel) else ("arcsec", ARCSEC)
+
+
+def is_linear(channel: str) -> bool:
+    """Return whether a channel reads a displacement."""
+    return channel in CHANNELS[:LINEAR]
+
+
+def is_signal(channel: str) -> bool:
+    """Return whether a channel is a signal of the sensor itself."""
+    return channel not in CHANNELS
+
+
+def whose(channel: str) -> str:
+    """Return a channel as the tables name it as subject; all are named by nothing."""
+    if not channel:
+        return ""
+    return f"signal {channel}" if is_signal(channel) else f"channel {channel}"
+
+
+def at_channels(steps: LoadSteps, channel: str) -> NDArray:
+    """Return which channels (K,) one name stands for: that one, or all linear ones."""
+    return np.array([is_linear(name) if not channel else name == channel for name in steps.channels])
+
+
+def is_force(axis: str) -> bool:
+    """Return whether a load axis is that of a force."""
+    return axis in AXES[:LINEAR]
+
+
+def seen_axes(scene: Scene) -> list[str]:
+    """Return the axes that were loaded."""
+    return [axis for axis, loaded in zip(AXES, steps_of(scene).loaded, strict=True) if loaded]
+
+
+def seen_channels(scene: Scene) -> list[str]:
+    """Return the channels that were read."""
+    names = steps_of(scene).channels
+    return [names[place] for place in np.flatnonzero(seen_of(scene).sum(0))]

@@ -1,0 +1,96 @@
+"""Loads of a calibration table that were written into each other's row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.reading_causes import ReadingCause, is_signal
+from truing.simulation.bench.load_steps import LoadSteps, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+
+Row = tuple[int | str, int | str]
+
+
+@dataclass(frozen=True)
+class RowsExchanged(ReadingCause):
+    """The loads of two ``rows``, (run, step) each, stand in each other's row, in ``components`` of the six."""
+
+    rows: tuple[Row, ...] = ()
+    components: tuple[str, ...] = ()
+
+    id = "rows-exchanged"
+    step = Step.DRIVE
+    kind = Kind.DISCRETE
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """Return the run, or both."""
+        runs = dict.fromkeys(str(run) for run, _ in self.rows)
+        return f"run {' '.join(runs)}" if runs else ""
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return none: exchanged rows are found in the table, before anything is fitted."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return none: rows are exchanged or not."""
+        return ()
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return no derivative."""
+        return np.zeros((*state.wrench.shape, 0))
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return how far the loads applied lie from those written down."""
+        shift = np.zeros_like(state.wrench)
+        places = [_place(state.steps, row) for row in self.rows]
+        if len(places) == 2 and None not in places:
+            columns = [AXES.index(name) for name in self.components]
+            load = state.steps.load[np.ix_(places, columns)]  # type: ignore[arg-type]
+            shift[np.ix_(places, columns)] = load[::-1] - load  # type: ignore[arg-type]
+        return shift
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the rows, as run/step, and the components, as text."""
+        rows = " ".join(f"{run}/{step}" for run, step in self.rows)
+        return (Told("rows", rows, None, ""), Told("components", " ".join(self.components), None, ""))
+
+
+@dataclass(frozen=True)
+class SignalsExchanged(RowsExchanged):
+    """The same of signals alone: two rows of their table bear each other's loads, those of the readings are right."""
+
+    step = Step.INSTRUMENT
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return no derivative."""
+        return np.zeros((*state.readings.shape, 0))
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return by how much the signals of the two rows differ."""
+        return self._exchanged(state, state.readings) - state.readings
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the readings, those of the signals in each other's row."""
+        return self._exchanged(state, slopes)
+
+    def _exchanged(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return values (B, K, ...) with the signals of the two rows exchanged."""
+        found = np.array(values)
+        places = [_place(state.steps, row) for row in self.rows]
+        if len(places) == 2 and None not in places:
+            signal = np.array([is_signal(name) for name in state.steps.channels])
+            found[np.ix_(places, signal)] = values[np.ix_(places[::-1], signal)]  # type: ignore[arg-type]
+        return found
+
+
+def _place(steps: LoadSteps, row: Row) -> int | None:
+    """Return where a row stands among the load steps; none where it is not there."""
+    found = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
+    return int(found[0]) if len(found) else None

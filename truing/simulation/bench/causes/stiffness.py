@@ -1,0 +1,202 @@
+"""The sensor is not as stiff as simulated, or not in proportion: along an axis, by its sign, its size, or with play."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.load_path import OfLoad
+from truing.simulation.bench.causes.reading_causes import is_linear, seen_axes, seen_of, steps_of, unit_of
+from truing.simulation.bench.load_steps import CHANNELS, LoadSteps, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.cause import Cause, Parameter, Scene, Step
+
+# The whole response under a load changes, or that along its own axis alone; all axes together are less likely.
+_OWN_SHARE, _ALL_SHARE = 0.4, 0.3
+_PLAUSIBLE_CLEARANCE = {True: 2e-6, False: 2.0 * np.pi / 180.0 / 3600.0}
+# A course that hardly differs from proportion over the loads that were tried says nothing.
+_LEVELS = 2
+
+
+@dataclass(frozen=True)
+class Deflection(OfLoad):
+    """The elastic deflection under loads along an axis is multiplied by one plus something; of all axes without one.
+
+    Where ``own`` only the component along the load's own axis is, and all six of them else.
+    """
+
+    axis: str = ""
+    own: bool = False
+
+    step = Step.STRUCTURE
+    plausible: ClassVar[float] = 0.03
+    parameter: ClassVar[str]
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return all axes together, each that shows it, and its own component alone where others were seen."""
+        axes = [axis for axis in seen_axes(scene) if self.shows(steps_of(scene), AXES.index(axis))]
+        found: list[Cause] = [replace(self, axis="")] if len(axes) > 1 else []
+        for axis in axes:
+            found.append(replace(self, axis=axis))
+            if _is_seen(scene, AXES.index(axis), own=False) and _is_seen(scene, AXES.index(axis), own=True):
+                found.append(replace(self, axis=axis, own=True))
+        return found
+
+    def shows(self, steps: LoadSteps, axis: int) -> bool:
+        """Return whether loads of an axis could show it."""
+        return True
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight of an axis, its own component alone, or all axes together."""
+        if not self.axis:
+            return _ALL_SHARE * len(seen_axes(scene))
+        return _OWN_SHARE if self.own else 1.0 - _OWN_SHARE
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the one parameter."""
+        return (Parameter(self.parameter, "1", self.plausible),)
+
+    def excess(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
+        """Return by how much more than one the deflection is multiplied (B, 6), and by parameters (B, 6, P)."""
+        course = self.course(steps)
+        return course * values[0], course[..., None]
+
+    def course(self, steps: LoadSteps) -> NDArray:
+        """Return what the excess is in proportion to (B, 6), where it is in proportion to its one parameter."""
+        raise NotImplementedError
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d deflection / d parameters."""
+        by_axis = self.excess(state.steps, values)[1]
+        return np.asarray(state.deflection[..., None] * by_axis[:, None] * self._concerned[..., None])
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return by how much the deflection is larger."""
+        return np.asarray(state.deflection * self._factor(state.steps, values))
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the deflection, multiplied as that is."""
+        return np.asarray(slopes * (1.0 + self._factor(state.steps, values)[..., None]))
+
+    def _factor(self, steps: LoadSteps, values: NDArray) -> NDArray:
+        return np.asarray(self.excess(steps, values)[0][:, None] * self._concerned)
+
+    @property
+    def _concerned(self) -> NDArray:
+        """Return which responses under which loads (6, 6) it concerns."""
+        axes = np.array([not self.axis or axis == self.axis for axis in AXES])
+        return np.where(np.eye(6, dtype=bool) if self.own else np.ones((6, 6), bool), axes, False).astype(float)
+
+
+@dataclass(frozen=True)
+class StiffnessScale(Deflection):
+    """The stiffness along an axis is 1 + scale times the simulated one."""
+
+    id = "stiffness-scale"
+    parameter = "scale"
+
+    def excess(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
+        """Return 1 / (1 + scale) - 1 and its derivative."""
+        stiffer = 1.0 + values[0] * np.ones((len(steps.load), 6))
+        return 1.0 / stiffer - 1.0, -(stiffer[..., None] ** -2.0)
+
+
+@dataclass(frozen=True)
+class StiffnessAsymmetry(Deflection):
+    """The deflection is 1 + asymmetry/2 times as large under positive loads, 1 - asymmetry/2 under negative ones."""
+
+    id = "stiffness-asymmetry"
+    parameter = "asymmetry"
+
+    def shows(self, steps: LoadSteps, axis: int) -> bool:
+        """Return whether an axis was loaded both ways."""
+        return bool(steps.load[:, axis].min() < 0.0 < steps.load[:, axis].max())
+
+    def course(self, steps: LoadSteps) -> NDArray:
+        """Return half the loads' signs."""
+        return 0.5 * np.sign(steps.load)
+
+
+@dataclass(frozen=True)
+class StiffnessNonlinear(Deflection):
+    """The deflection is 1 + cubic (F / F_max)^2 times as large."""
+
+    id = "stiffness-nonlinear"
+    parameter = "cubic"
+
+    def shows(self, steps: LoadSteps, axis: int) -> bool:
+        """Return whether an axis was loaded by several amounts."""
+        sizes = np.abs(steps.load[:, axis])
+        return len(np.unique(sizes[sizes > 0.0])) >= _LEVELS
+
+    def course(self, steps: LoadSteps) -> NDArray:
+        """Return the squares of the loads over the largest."""
+        return steps.share**2
+
+
+@dataclass(frozen=True)
+class Hysteresis(Deflection):
+    """On unloading the deflection is larger, by width times the largest at half of the largest load; it closes at both
+    ends."""
+
+    id = "hysteresis"
+    parameter = "width"
+    plausible = 0.02
+
+    def shows(self, steps: LoadSteps, axis: int) -> bool:
+        """Return whether an axis was unloaded step by step."""
+        return int(np.sum(steps.unloading[:, axis] & (steps.load[:, axis] != 0.0))) >= _LEVELS
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the width: on unloading a passive body stays behind, and never runs ahead."""
+        return (0,)
+
+    def course(self, steps: LoadSteps) -> NDArray:
+        """Return 4 (1 - x) where an axis is unloaded: times x, which the deflection is in proportion to, the loop.
+
+        Beyond the largest load, in an overload test, the loop is closed.
+        """
+        return np.where(steps.unloading, 4.0 * np.maximum(1.0 - np.abs(steps.share), 0.0), 0.0)
+
+
+@dataclass(frozen=True)
+class JointClearance(OfLoad):
+    """Play in the joints: half the clearance is added along the load's own axis, in its direction."""
+
+    axis: str = "fz"
+
+    id = "joint-clearance"
+    step = Step.STRUCTURE
+    reach = 30.0
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every axis that was loaded, with its own component seen, both ways or by several amounts."""
+        steps = steps_of(scene)
+        return [JointClearance(axis) for axis in seen_axes(scene) if _is_seen(scene, AXES.index(axis), own=True)
+                and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS]  # fmt: skip
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the clearance: there is no less than no gap."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the clearance, the full gap."""
+        channel = CHANNELS[self._place]
+        unit, si = unit_of(channel)
+        return (Parameter("clearance", unit, _PLAUSIBLE_CLEARANCE[is_linear(channel)], si),)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d deflection / d clearance: half the load's sign, in its own component."""
+        found = np.zeros((*state.deflection.shape, 1))
+        found[:, self._place, self._place, 0] = 0.5 * np.sign(state.steps.load[:, self._place])
+        return found
+
+
+def _is_seen(scene: Scene, axis: int, *, own: bool) -> bool:
+    """Return whether under loads of an axis its own component was read, or any other of the platform's."""
+    under_load = seen_of(scene)[steps_of(scene).load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
+    return bool(under_load[axis] if own else np.delete(under_load, axis).any())

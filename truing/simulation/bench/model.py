@@ -1,0 +1,311 @@
+"""Readings and signals of a loaded sensor as a function of what is not known exactly, with exact derivatives.
+
+Load steps stand for poses and channels for targets, of one dimension each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.forward_pass import ReadingPassage, passed
+from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
+from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
+from truing.simulation.bench.run_blocks import run_blocks
+from truing.simulation.bench.six_upur.uncertain_sensor import Response
+from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.effects_model import EffectsModel
+from truing.simulation.mechanisms.model import Prediction
+from truing.simulation.split import Split
+from truing.simulation.targets import Targets
+
+_AXES = 6
+# Beforehand either model of what a leg carries may hold, and anything between them: at the middle, give or take one.
+_BETWEEN = 0.5
+# Channels are no base, platform or leg.
+_NO_BODY, _NO_LEG = 3, -1
+
+
+@dataclass(frozen=True)
+class ReadingModel(EffectsModel):
+    """A sensor on its bench with K channels; a function of the unknowns for a set of effects."""
+
+    known: KnownReadings
+    conditions: ReadingConditions
+
+    @property
+    def leg_count(self) -> int:
+        """Return the number of legs."""
+        return _AXES
+
+    @cached_property
+    def layout(self) -> dict[str, slice]:
+        """Return where each kind of shared unknown stands in the vector."""
+        sensor = self.known.sensor
+        sizes = {"zero": len(self.known.zeros.run), "shape": 0}
+        sizes |= {"geometry": sensor.geometry_size, "stiffness": sensor.stiffness_size}
+        sizes |= {"gain": self.known.gains.start.size, "legforce": int(self._has_two_models)}
+        sizes |= {"optics": self.known.optics.size}
+        sizes |= {cause.key: len(cause.parameters(_AXES)) for cause in self.causes}
+        ends = np.cumsum(list(sizes.values()))
+        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    @cached_property
+    def _noisy(self) -> NDArray:
+        """Return the axes whose loads have errors."""
+        return np.flatnonzero(self.known.load_sigma > 0.0)
+
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns: the load errors of a step."""
+        return len(self._noisy)
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns the model says nothing of: none."""
+        return np.zeros(self.local_size, bool)
+
+    @property
+    def bodies(self) -> NDArray:
+        """Return the number of each channel's noise (K,): one for displacements, rotations and signals each.
+
+        A single channel has too few readings to tell its noise from an effect on most of them.
+        """
+        return np.minimum(np.arange(len(self.known.channels)) // LINEAR, len(CHANNELS) // LINEAR)
+
+    @property
+    def targets(self) -> Targets:
+        """Return the channels as what is measured."""
+        count = len(self.known.channels)
+        own = tuple("signal" if n >= len(CHANNELS) else "channel" for n in range(count))
+        return Targets(np.full(count, _NO_BODY), np.full(count, _NO_LEG), self.known.channels, own)
+
+    @cached_property
+    def zeros(self) -> NDArray:
+        """Return the number (B, K) of the run and channel whose zero a reading counts from; -1 for tared signals."""
+        count, own = len(self.known.channels), self.known.zeros
+        tared = np.isin(np.arange(count), own.channel[own.known & (own.channel >= len(CHANNELS))])
+        return np.where(tared, -1, self.steps.code[:, None] * count + np.arange(count))
+
+    @property
+    def together(self) -> NDArray:
+        """Return the numbers of the runs (B,), whose steps err together."""
+        return self.steps.code
+
+    @property
+    def blocks(self) -> NDArray:
+        """Return which steps (B,) are left out of a fit together."""
+        return run_blocks(self.steps)
+
+    @cached_property
+    def steps(self) -> LoadSteps:
+        """Return the load steps, with what the plain simulation expects at them."""
+        known, own = self.known, self.conditions
+        order = np.argsort(np.argsort(own.time_s, kind="stable")).astype(float)
+        sensor = known.sensor
+        compliance = sensor.at(np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)).compliance
+        bare = LoadSteps(
+            own.run, own.step, own.time_s, own.load, known.largest, own.covariates, known.channels, known.sigma,
+            own.load @ compliance.T, known.wavelength_m,
+        )  # fmt: skip
+        loads = {name: own.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
+        columns = {**own.covariates, TIME: own.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}
+        return replace(bare, covariates=columns)
+
+    @property
+    def split(self) -> Split | None:
+        """Return how elastic parameters split into what is common to all legs and each leg's own."""
+        own = self.known.sensor
+        common = np.array([leg is None for leg, _ in own.unknowns[own.geometry_size :]])
+        return Split(np.r_[self.layout["stiffness"]], common, own.share) if own.is_split else None
+
+    def with_share(self, share: float) -> Self:
+        """Return the model with another share of the elastic parameters' variance in common."""
+        return replace(self, known=replace(self.known, sensor=replace(self.known.sensor, share=share)))
+
+    @property
+    def scene(self) -> Scene:
+        """Return what the campaign offers to causes when they propose candidates."""
+        own, steps = self.conditions, self.steps
+        return Scene(
+            self.targets,
+            np.zeros((len(self.known.channels), 0)),
+            own.load,
+            np.empty(0),
+            own.poses,
+            steps.covariates,
+            own.span_s,
+            self.known.reference_temperature_c,
+            loads=steps,
+            word_of_target="channel",
+        )
+
+    def at(self, conditions: ReadingConditions) -> Self:
+        """Return the model at other load steps; runs that it does not know have no zero."""
+        return replace(self, conditions=conditions)
+
+    def rescaled(self, readings: float, survey: float) -> Self:
+        """Return the model with the noise of loads so many times as large; there is no survey."""
+        return replace(self, known=replace(self.known, load_sigma=self.known.load_sigma * readings))
+
+    def points(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the predicted readings (B, K, 1), SI, at shared (G,) and local (B, H) unknowns."""
+        return self._with_zeros(self._passage(shared, local).state.readings, shared)[..., None]
+
+    def wrenches(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the wrenches (B, 6) that truly act, N and N m, at shared (G,) and local (B, H) unknowns."""
+        return self._passage(shared, local).state.wrench
+
+    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return how readings follow shifts of them, (B, K, 1, 1): by one."""
+        return np.ones((*self.conditions.load.shape[:1], len(self.known.channels), 1, 1))
+
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
+        """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
+        passage = self._passage(shared, local)
+        points = self._with_zeros(passage.state.readings, shared)
+        slopes, rows = np.empty((*points.shape, 0)), (np.empty(0), np.empty((0, 0)))
+        if by_shared:
+            slopes, rows = self._by_shared(shared, passage), self._known_rows(shared)
+        return Prediction(
+            points[..., None],
+            slopes[:, :, None],
+            passage.from_wrench(self._load_errors)[:, :, None],
+            *rows,
+            self._shared_known,
+            ~self.unpredicted,
+        )
+
+    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+        """Return no channel: what acts on a bench is told by what it does to the readings, whatever they remember."""
+        return {}
+
+    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the channel ``points``, (B, K, P), per plausible scale."""
+        passage = self._passage(shared, local)
+
+        def found(cause: Cause) -> dict[str, NDArray]:
+            values = np.zeros(len(cause.parameters(_AXES)))
+            return {"points": passage.of_cause(cause, values) * self.effect_scale(cause)}
+
+        return found
+
+    @property
+    def _has_two_models(self) -> bool:
+        return self.known.gains.are_of_legs and self.known.signals > 0 and self.known.sensor.models > 1
+
+    @property
+    def _shared_known(self) -> NDArray:
+        known = np.zeros(self.shared_size, bool)
+        known[self.layout["zero"]] = self.known.zeros.known
+        known[self.layout["geometry"]] = known[self.layout["stiffness"]] = True
+        known[self.layout["gain"]] = self.known.gains.known
+        known[self.layout["optics"]] = True
+        return known
+
+    @cached_property
+    def _load_errors(self) -> NDArray:
+        """Return how wrenches (B, 6, H) follow the load errors of a step: of the axes that it loads."""
+        load = self.conditions.load
+        errors = np.zeros((*load.shape, self.local_size))
+        for place, axis in enumerate(self._noisy):
+            errors[:, axis, place] = self.known.load_sigma[axis] * (load[:, axis] != 0.0)
+        return errors
+
+    @cached_property
+    def _zero_of(self) -> NDArray:
+        return self.known.zeros.at(self.conditions.run, len(self.known.channels))
+
+    def _with_zeros(self, readings: NDArray, shared: NDArray) -> NDArray:
+        zeros = np.append(shared[self.layout["zero"]] * self.known.zeros.sigma, 0.0)
+        return np.asarray(readings + zeros[self._zero_of])
+
+    def _response(self, shared: NDArray) -> Response:
+        return self.known.sensor.at(shared[self.layout["geometry"]], shared[self.layout["stiffness"]])
+
+    def _gains(self, shared: NDArray) -> NDArray:
+        own = self.known.gains
+        return own.start + own.sigma * shared[self.layout["gain"]].reshape(own.start.shape)
+
+    def _mixed(self, forces: NDArray, shared: NDArray) -> NDArray:
+        """Return the leg forces (..., 6, 6) between the two models of them (..., M, 6, 6)."""
+        if not self._has_two_models:
+            return forces[..., 0, :, :]
+        share = _BETWEEN + shared[self.layout["legforce"]][0]
+        return np.asarray((1.0 - share) * forces[..., 0, :, :] + share * forces[..., 1, :, :])
+
+    def _rows(self, shared: NDArray, response: Response) -> NDArray:
+        """Return how signals follow the wrench (S, 6)."""
+        gains = self._gains(shared)
+        if not self.known.gains.are_of_legs:
+            return gains
+        return gains[:, None] * self._mixed(response.forces, shared) if len(gains) else np.zeros((0, _AXES))
+
+    def _passage(self, shared: NDArray, local: NDArray) -> ReadingPassage:
+        """Return how the loads pass the chain with the effects in force."""
+        response = self._response(shared)
+        rows = self._rows(shared, response)
+        wrench = self.conditions.load + np.einsum("bkh,bh->bk", self._load_errors, local)
+        unknowns, optics = shared[self.layout["optics"]], self.known.optics
+        seen = optics.rows_at(unknowns), optics.grown(self.steps, unknowns)
+        return passed(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
+
+    def _by_shared(self, shared: NDArray, passage: ReadingPassage) -> NDArray:
+        """Return the readings' derivatives (B, K, G) by the shared unknowns."""
+        slopes = np.zeros((*passage.state.readings.shape, self.shared_size))
+        index = self._zero_of
+        step, channel = np.nonzero(index >= 0)
+        slopes[step, channel, self.layout["zero"].start + index[step, channel]] = self.known.zeros.sigma[
+            index[step, channel]
+        ]
+        sensor, wrench = self.known.sensor, passage.before[Step.DRIVE].wrench
+        by_stiffness = sensor.by_stiffness(shared[self.layout["stiffness"]])
+        for name, response in (("geometry", sensor.by_geometry), ("stiffness", by_stiffness)):
+            if len(response.compliance):
+                slopes[..., self.layout[name]] = self._by_response(response, shared, wrench, passage)
+        for name, by_wrench in self._by_signals(shared).items():
+            signals = np.einsum("sjn,bj->bsn", by_wrench, wrench)
+            motion = np.zeros((len(wrench), _AXES, signals.shape[-1]))
+            slopes[..., self.layout[name]] = passage.from_readings(np.concatenate([motion, signals], 1))
+        if self.known.optics.size:
+            motion = passage.before[Step.STRUCTURE].deflection.sum(-1)
+            seen = self.known.optics.slopes(self.steps, motion)
+            still = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
+            slopes[..., self.layout["optics"]] = passage.from_readings(np.concatenate([seen, still], 1))
+        for effect in self.effects(shared):
+            own = passage.of_cause(effect.cause, effect.values)
+            slopes[..., self.layout[effect.cause.key]] = own * self.effect_sigma(effect.cause)
+        return slopes
+
+    def _by_response(self, response: Response, shared: NDArray, wrench: NDArray, passage: ReadingPassage) -> NDArray:
+        """Return the readings' derivatives (B, K, n) by what changes the sensor's response."""
+        signals = np.zeros((len(wrench), self.known.signals, len(response.compliance)))
+        if self.known.signals and self.known.gains.are_of_legs:
+            rows = self._gains(shared)[:, None] * self._mixed(response.forces, shared)
+            signals = np.einsum("nsj,bj->bsn", rows, wrench)
+        if not passage.after(Step.STRUCTURE, None):
+            motion = np.moveaxis(wrench @ np.swapaxes(response.compliance, -1, -2), 0, -1)
+            return passage.from_motion(motion, signals)
+        deflection = np.moveaxis(response.compliance, 0, -1) * wrench[:, None, :, None]
+        return passage.from_deflection(deflection, signals)
+
+    def _by_signals(self, shared: NDArray) -> dict[str, NDArray]:
+        """Return how the signals' rows follow gains and what lies between the models of leg forces: (S, 6, n) each."""
+        own = self.known.gains
+        if not self.known.signals:
+            return {}
+        if not own.are_of_legs:
+            count = own.start.size
+            return {"gain": np.eye(count).reshape(*own.start.shape, count) * own.sigma.ravel()}
+        forces = self._response(shared).forces
+        each = np.eye(self.known.signals) * own.sigma
+        found = {"gain": self._mixed(forces, shared)[..., None] * each[:, None]}
+        if self._has_two_models:
+            apart = forces[1] - forces[0]
+            found["legforce"] = (self._gains(shared)[:, None] * apart)[..., None]
+        return found

@@ -1,0 +1,84 @@
+"""Leg forces and the wrench on the platform: the influence matrix G and its merit (force-sensor paper, eq. 1-4, 35-37).
+
+`F_w = G F_a`: a wrench (f; m) on the platform at its origin and the forces along the legs, tension positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.six_upur.geometry import JointCentres
+
+
+def influence_matrix(joints: JointCentres) -> NDArray:
+    """Return G (..., 6, 6), 1 and m: its columns are the legs' screws (S; r x S) about the platform's origin.
+
+    The moment part as printed, (r_b x r_B) / L, is the negative of that.
+    """
+    S = joints.direction
+    return np.swapaxes(np.concatenate([S, np.cross(joints.arm, S)], -1), -1, -2)
+
+
+def about(G: NDArray, point: NDArray) -> NDArray:
+    """Return G with its moments about a point (..., 3), m from the platform's origin."""
+    force, moment = G[..., :3, :], G[..., 3:, :]
+    return np.concatenate([force, moment - np.cross(point[..., None], force, axis=-2)], -2)
+
+
+def per_length(G: NDArray, length_m: float) -> NDArray:
+    """Return G without units: moments over a characteristic length. 1 m leaves it as it is, 1 mm is G in mm."""
+    return G / _levers(length_m)[:, None]
+
+
+def characteristic_length(G: NDArray) -> NDArray:
+    """Return the length (...), m, at which moments weigh as much as forces: the legs' rms distance from the origin."""
+    return np.sqrt(np.sum(G[..., 3:, :] ** 2, (-1, -2)) / np.sum(G[..., :3, :] ** 2, (-1, -2)))
+
+
+def sensitivities(G: NDArray) -> NDArray:
+    """Return what one unit of each load makes of all leg forces (..., 6): column norms of J = 1 / G; 1, then 1/m.
+
+    Whatever the screws, the squares of the first three have reciprocals that add up to 6 at most (`force_bound`).
+    """
+    J = np.linalg.inv(G)
+    return np.sqrt(np.sum(J * J, -2))
+
+
+def force_bound(sensitivity: NDArray) -> NDArray:
+    """Return the sum (...) of 1/S^2 over the forces, of sensitivities (..., 6): at most the number of legs.
+
+    The rows of G times the columns of its inverse are 1, and the squared force rows of unit screws add up to the legs'
+    number; so six unit screws cannot have a sum above 6.
+    """
+    return np.sum(sensitivity[..., :3] ** -2.0, -1)
+
+
+@dataclass(frozen=True)
+class Merit:
+    """Figures of merit of G, moments over a characteristic length."""
+
+    length_m: float
+    condition: NDArray  # (...) of the 2-norm
+    isotropy: NDArray  # (...) 1 / condition: 1 where all wrenches are seen alike
+    force_isotropy: NDArray  # (...) smallest over largest singular value of the force rows
+    torque_isotropy: NDArray  # (...) and of the moment rows, whatever the length
+    sensitivity: NDArray  # (..., 6)
+
+
+def merit(G: NDArray, length_m: float = 1.0) -> Merit:
+    """Return the merit of G (..., 6, 6); raises LinAlgError where six legs do not hold the platform."""
+    scaled = per_length(G, length_m)
+    whole, force, torque = (_isotropy(rows) for rows in (scaled, scaled[..., :3, :], scaled[..., 3:, :]))
+    return Merit(length_m, 1.0 / whole, whole, force, torque, sensitivities(scaled))
+
+
+def _isotropy(rows: NDArray) -> NDArray:
+    values = np.linalg.svd(rows, compute_uv=False)
+    return values[..., -1] / values[..., 0]
+
+
+def _levers(length_m: float) -> NDArray:
+    return np.repeat([1.0, length_m], 3)

@@ -1,0 +1,246 @@
+"""A sensor within its tolerances: compliance and leg forces as functions of what is not known of it.
+
+Unknowns are counted in standard deviations: length errors of the legs, to first order, and the logarithms of elastic
+parameters, exactly: of each part one that all legs share, and one of each leg's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.six_upur.alike_legs import alike_legs
+from truing.simulation.bench.six_upur.assembly import SOURCES
+from truing.simulation.bench.six_upur.compliance_change import motion_of_sources
+from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
+from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.stiffness import ElasticSensor, end_transport
+
+_LEGS = 6
+_MIDDLE, _INSTALLED = SOURCES.index("middle_clearance"), SOURCES.index("sensor_installation")
+_TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Response:
+    """How a sensor answers: compliance (..., 6, 6), SI, and leg forces (..., M, 6, 6) by wrench as M models have them.
+
+    The first model is that of joints that resist nothing; the second, of elastic legs, is what runs along these; of
+    a given compliance, what its legs' lengthening tells.
+    """
+
+    compliance: NDArray
+    forces: NDArray
+
+
+@dataclass(frozen=True)
+class UncertainSensor:
+    """A sensor of elastic legs, with what tolerances leave open of it; a ``given`` compliance (6, 6) replaces theirs.
+
+    Legs of one that is given are taken to be alike: one may be softer than its like, or sit elsewhere, all the same.
+    One that is given as zero is not known: then nothing tells what bends the legs. geometry_sigma: (5,) m, by error
+    source, 0 where exact; stiffness_sigma: relative, of every elastic parameter, and ``share`` of its square what all
+    legs have in common: legs of one bar are off alike, legs made one by one are not, and the declaration does not say
+    which they are. Where no joints are known there are no leg forces (M = 0).
+    """
+
+    joints: JointCentres | None
+    elastic: ElasticSensor | None = None
+    given: NDArray | None = None
+    geometry_sigma: NDArray = field(default_factory=lambda: np.zeros(len(SOURCES)))
+    stiffness_sigma: float = 0.0
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.elastic is None and self.given is None:
+            raise ValueError("sensor: found neither elements nor a compliance, expected one of them")
+
+    @property
+    def _is_elastic(self) -> bool:
+        """Return whether the compliance is that of the legs' elements."""
+        return self.elastic is not None and (self.given is None or np.array_equal(self.given, self.elastic.compliance))
+
+    @cached_property
+    def sources(self) -> NDArray:
+        """Return which of the 30 length errors (leg by leg) are unknown."""
+        if self.joints is None:
+            return np.zeros(0, int)
+        return np.flatnonzero(np.tile(np.asarray(self.geometry_sigma) > 0.0, _LEGS))
+
+    @property
+    def models(self) -> int:
+        """Return the number M of models of the leg forces."""
+        return 0 if self.joints is None else 2 if self.elastic is not None or np.any(self.given) else 1
+
+    @property
+    def geometry_size(self) -> int:
+        """Return the number of unknown length errors."""
+        return len(self.sources)
+
+    @property
+    def stiffness_size(self) -> int:
+        """Return the number of unknown elastic parameters: common ones first, then leg by leg; one where there are
+        no legs."""
+        if self.stiffness_sigma == 0.0:
+            return 0
+        if self.elastic is not None and self._is_elastic:
+            return (1 + _LEGS) * len(self.elastic.parts.names)
+        return 1 if self._alike is None else 1 + _LEGS
+
+    @cached_property
+    def _alike(self) -> NDArray | None:
+        """Return the legs' stiffnesses (6, 6, 6), SI, that a given compliance speaks of, if it speaks of legs."""
+        if (
+            self.joints is None
+            or self._is_elastic
+            or np.linalg.matrix_rank(self._given((6, 6)), hermitian=True) < _LEGS
+        ):
+            return None
+        return alike_legs(np.linalg.inv(self._given((6, 6))), self.joints)
+
+    @property
+    def is_split(self) -> bool:
+        """Return whether elastic parameters have a part that is common to all legs and one of each leg's own."""
+        return self.stiffness_size > 1
+
+    @property
+    def unknowns(self) -> list[tuple[int | None, str]]:
+        """Return what the unknowns are, lengths first: leg (from 1; None where all legs share it) and name."""
+        named: list[tuple[int | None, str]] = [
+            (int(place) // len(SOURCES) + 1, SOURCES[int(place) % len(SOURCES)]) for place in self.sources
+        ]
+        legs: list[int | None] = [None, *range(1, _LEGS + 1)]
+        if self.elastic is None or not self._is_elastic:
+            return [*named, *((leg, "stiffness") for leg in legs[: self.stiffness_size])]
+        parts = self.elastic.parts.names if self.stiffness_size else ()
+        return [*named, *((leg, f"stiffness of {part}") for leg in legs for part in parts)]
+
+    @property
+    def scales(self) -> NDArray:
+        """Return what one standard deviation of each unknown is: m of the lengths, relative of the stiffnesses."""
+        lengths = np.tile(self.geometry_sigma, _LEGS)[self.sources]
+        common = np.array([leg is None for leg, _ in self.unknowns[self.geometry_size :]], bool)
+        share = np.where(common, self.share, 1.0 - self.share) if self.is_split else np.ones(self.stiffness_size)
+        return np.concatenate([lengths, np.sqrt(share) * self.stiffness_sigma])
+
+    def at(self, geometry: NDArray, stiffness: NDArray) -> Response:
+        """Return the response at unknowns (geometry_size,) and (..., stiffness_size), in standard deviations."""
+        slopes, plain = self.by_geometry, self._elastically(stiffness)
+        return Response(
+            plain.compliance + np.tensordot(geometry, slopes.compliance, 1),
+            plain.forces + np.tensordot(geometry, slopes.forces, 1),
+        )
+
+    def by_stiffness(self, stiffness: NDArray) -> Response:
+        """Return the response's derivatives by the elastic unknowns, of which there is one more leading axis."""
+        nudged = stiffness + 1j * _TINY * np.eye(self.stiffness_size)
+        return _imaginary(self._elastically(nudged))
+
+    @cached_property
+    def by_geometry(self) -> Response:
+        """Return the response's derivatives by the length errors, of which there is one more leading axis."""
+        if self.joints is None or not self.geometry_size:
+            return Response(np.zeros((0, 6, 6)), np.zeros((0, self.models, 6, 6)))
+        motion = motion_of_sources(self.joints)
+
+        def moved(place: NDArray, by: NDArray) -> NDArray:
+            return np.asarray(place + 1j * _TINY * np.moveaxis(by, -1, 0))
+
+        joints = JointCentres(
+            moved(self.joints.lower, motion.lower),
+            moved(self.joints.arm, motion.arm),
+            moved(self.joints.origin, motion.origin),
+        )
+        sigma = np.tile(self.geometry_sigma, _LEGS)[self.sources]
+        found = _imaginary(self._response(joints, self._lengthened()))
+        return Response(
+            found.compliance[self.sources] * sigma[:, None, None],
+            found.forces[self.sources] * sigma[:, None, None, None],
+        )
+
+    def _elastically(self, stiffness: NDArray) -> Response:
+        """Return the response of the nominal geometry with other elastic parameters."""
+        lead = stiffness.shape[:-1]
+        if self.elastic is None or not self._is_elastic:
+            giving = None if self.elastic is None else self.elastic.parts.compliance.sum(-3)
+            plain = self._response(self.joints, giving)
+            forces = np.broadcast_to(plain.forces, (*lead, *plain.forces.shape))
+            return Response(self._softened(stiffness), forces.astype(stiffness.dtype))
+        parts = self.elastic.parts.compliance
+        count = parts.shape[-3]
+        logs = np.zeros((*lead, _LEGS, count))
+        if stiffness.shape[-1]:
+            logs = self._each_leg(stiffness.reshape(*lead, 1 + _LEGS, count))
+        return self._response(self.joints, np.einsum("...lp,lpij->...lij", np.exp(-logs), parts))
+
+    def _each_leg(self, stiffness: NDArray) -> NDArray:
+        """Return the logarithms (..., 6, P) by which each leg's parameters are off: by what is common (first), and by
+        each leg's own, of unknowns (..., 7, P)."""
+        common, own = self.stiffness_sigma * np.sqrt([self.share, 1.0 - self.share])
+        return np.asarray(common * stiffness[..., :1, :] + own * stiffness[..., 1:, :])
+
+    def _softened(self, stiffness: NDArray) -> NDArray:
+        """Return a given compliance (..., 6, 6) with other elastic parameters (..., stiffness_size)."""
+        if self._alike is None or not stiffness.shape[-1]:
+            softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
+            return self._given((6, 6)) * softer[..., None, None]
+        stiffer = np.exp(self._each_leg(stiffness[..., None])[..., 0])
+        return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._alike)))
+
+    def _lengthened(self) -> NDArray | None:
+        """Return the legs' compliances (30, 6, 6, 6) with each length error as a tiny imaginary part."""
+        if self.elastic is None:
+            return None
+        parts = self.elastic.parts
+        found = np.broadcast_to(parts.compliance.sum(-3), (_LEGS, len(SOURCES), _LEGS, 6, 6)).astype(complex)
+        legs = np.arange(_LEGS)
+        for source, slope in ((_MIDDLE, parts.by_middle), (_INSTALLED, parts.by_installed)):
+            found[legs, source, legs] += 1j * _TINY * slope.sum(-3)
+        return found.reshape(-1, _LEGS, 6, 6)
+
+    def _response(self, joints: JointCentres | None, giving: NDArray | None) -> Response:
+        """Return the response of joints with legs of compliances (..., 6, 6, 6), if they have any."""
+        if joints is None:
+            return Response(self._given((6, 6)), np.zeros((0, 6, 6)))
+        G = influence_matrix(joints)
+        passive = np.linalg.inv(G)
+        if giving is None:
+            lead = passive.shape[:-2]
+            own = [passive, self._lengthening(G)][: self.models]
+            return Response(self._displaced(G), _stacked(own, lead))
+        transport = end_transport(joints.arm, leg_axes(joints.direction))
+        stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
+        compliance = np.linalg.inv(stiffness.sum(-3))
+        carried = stiffness @ compliance[..., None, :, :]
+        along = np.einsum("...li,...lij->...lj", joints.direction, carried[..., :3, :])
+        forces = _stacked([passive, along], compliance.shape[:-2])
+        return Response(compliance if self._is_elastic else self._displaced(G), forces)
+
+    def _displaced(self, G: NDArray) -> NDArray:
+        """Return a given compliance (..., 6, 6) with the legs where they have influence G (..., 6, 6)."""
+        if self._alike is None or self.joints is None:
+            return self._given(G.shape)
+        back = influence_matrix(self.joints) @ np.linalg.inv(G)
+        return np.asarray(np.swapaxes(back, -1, -2) @ self._given((6, 6)) @ back)
+
+    def _lengthening(self, G: NDArray) -> NDArray:
+        """Return the forces (..., 6, 6) along alike legs of a given compliance: in proportion to how these lengthen,
+        which is G' C of the wrench, whatever else they resist; as large as those of joints that resist nothing."""
+        lengthened = np.swapaxes(G, -1, -2) @ np.asarray(self.given)
+        size = np.trace(lengthened @ G, axis1=-2, axis2=-1) / _LEGS
+        return np.asarray(lengthened / np.where(size == 0.0, 1.0, size)[..., None, None])
+
+    def _given(self, shape: tuple[int, ...]) -> NDArray:
+        return np.broadcast_to(np.asarray(self.given), shape)
+
+
+def _stacked(forces: list[NDArray], lead: tuple[int, ...]) -> NDArray:
+    """Return models of the leg forces (..., M, 6, 6)."""
+    return np.stack([np.broadcast_to(one, (*lead, 6, 6)) for one in forces], -3)
+
+
+def _imaginary(response: Response) -> Response:
+    return Response(response.compliance.imag / _TINY, response.forces.imag / _TINY)

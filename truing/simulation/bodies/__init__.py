@@ -1,0 +1,1 @@
+"""Free bodies, without a mechanism."""

@@ -1,0 +1,187 @@
+"""Bodies without a mechanism that drift with time, from some time on, or stand elsewhere from one pose on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large, wholes
+from truing.simulation.bodies.causes.terms import ORDER, TIME, runs_with_time
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Told
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.causes.targets import FEWEST
+from truing.simulation.mechanisms.state import State
+
+# Time constants that are tried, over the length of the campaign.
+_TAUS = (0.03, 0.1, 0.3, 1.0)
+# Half periods of slow waves over the campaign, and how many poses each wants.
+_WAVES, _POSES_PER_WAVE = 6, 25
+# When a drift that was not there from the start may begin, over the length of the campaign.
+_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+# Poses that are tried for a jump of a body as a whole, and of its shape; targets beyond which only the former is tried.
+_MOST_ONSETS, _MOST_OF_SHAPE, _MOST_JUMPING = 60, 20, 12
+_SHARE_OF_WAVES, _SHARE_OF_STARTS = 0.5, 0.5
+# Logarithms of ratios of time constants beyond which a drift is a line, or a step, whatever they are.
+_LOG_RATIOS = (-4.0, 4.0)
+
+
+@dataclass(frozen=True)
+class BodyDrift(OfBody):
+    """A body drifts with time: its targets shift by a pattern, or, where it stands still, it moves as a whole.
+
+    ``column`` (time_s, or the order of the poses) runs from ``start`` over ``span``, before which nothing moves; the
+    drift is linear, goes with 1 - exp(-t / tau), or, smooth but of no simple form, as so many slow ``waves``. With
+    ``tau_is_fitted`` the last parameter is the logarithm of the time constant over ``tau``. A body that jumped stands
+    elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``.
+    """
+
+    column: str = TIME
+    start: float = 0.0
+    span: float = 1.0
+    tau: float = 0.0
+    waves: int = 0
+    tau_is_fitted: bool = False
+    late: bool = False  # whether ``start`` is later than the campaign's
+    from_pose: int | str = ""
+    from_order: float = -np.inf
+
+    id = "body-drift"
+    kind = Kind.SHAPED
+    share = 0.5  # where a drive only went one way, it is likelier to be what a body follows than time
+
+    @property
+    def jumps(self) -> bool:
+        """Return whether it happened from one pose to the next."""
+        return bool(np.isfinite(self.from_order))
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells this candidate from all others."""
+        form = f"{self.waves} waves" if self.waves else f"tau={self.tau:.6g}" if self.tau else "linear"
+        return f"{self.form_of} {f'{form} from {self.start:.6g}' if self.late else form}"
+
+    @property
+    def form_of(self) -> str:
+        """Return what drifts: its courses exclude each other, and a jump only itself."""
+        whose = f"{self.id} {self.body} {'whole' if self.whole else 'pattern'} {self.column}"
+        return f"{whose} jump at {self.from_order:.6g}" if self.jumps else whose
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every body with every form of drift; as a whole only where it should stand still.
+
+        None where a drive ran along with time: what it would explain is told of the drive.
+        """
+        column = TIME if scene.varies(TIME) else ORDER
+        if scene.legs or not scene.varies(column) or any(runs_with_time(scene, (d,)) for d in scene.drives):
+            return ()
+        return [
+            form
+            for own in bodies_of(scene)
+            for whole in wholes(scene, own[0])
+            for form in _forms(BodyDrift(*own, whole, column), scene)
+        ]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this form: as likely linear as with any time constant, or as a jump at any pose; less so
+        without simple form, or from later on."""
+        if self.jumps:
+            return 1.0 / len(_onsets(len(scene.poses), self.whole))
+        if self.late:
+            return _SHARE_OF_STARTS / len(_STARTS)
+        return _SHARE_OF_WAVES if self.waves else 1.0 / len(_TAUS) if self.tau else 1.0
+
+    def refined(self) -> Cause:
+        """Return the drift with its time constant among the parameters."""
+        return replace(self, tau_is_fitted=True) if self.tau else self
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the drift from the first to the last pose: each target's, or of the body as a whole; tau."""
+        if self.waves:
+            return tuple(parameter for n in range(self.waves) for parameter in self._of_pattern(f"_wave{n + 1}"))
+        return (*self._of_pattern(), *((Parameter("tau", "1", 1.0),) if self.tau_is_fitted else ()))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d moved / d drift, and by the time constant."""
+        if self.waves:
+            x = (np.asarray(state.covariates[self.column]) - self.start) / self.span
+            functions = (np.cos(np.pi * x[:, None] * np.arange(1, self.waves + 1)) - 1.0) / 2.0
+            return Change({"moved": self._moved(state, functions)}, self.waves * self._pattern.shape[1])
+        size = self._pattern.shape[1]
+        if self.jumps:
+            late = np.asarray(state.covariates[ORDER]) >= self.from_order
+            return Change({"moved": self._moved(state, late[:, None].astype(float))}, size)
+        value, slope = self._course(state, values[size] if self.tau_is_fitted else 0.0)
+        moved = self._moved(state, value[:, None])
+        if self.tau_is_fitted:
+            by_tau = self._moved(state, slope[:, None]) @ values[:size]
+            moved = np.concatenate([moved, by_tau[..., None]], -1)
+        return Change({"moved": moved}, moved.shape[-1])
+
+    def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
+        """Return how far the targets have drifted, (B, K, 3)."""
+        if not self.tau_is_fitted:
+            return super().shift(state, values)
+        size = self._pattern.shape[1]
+        return {"moved": self.change(state, values).fields["moved"][..., :size] @ values[:size]}
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the drift from the first to the last pose, and the time constant in units of its column."""
+        size, plain = self._pattern.shape[1], replace(self, tau_is_fitted=False, waves=0)
+        whole = np.kron(np.arange(1, self.waves + 1) % 2 * -1.0, np.eye(size)) if self.waves else np.eye(size)
+        end = whole @ values[: whole.shape[1]], whole @ covariance[: whole.shape[1], : whole.shape[1]] @ whole.T
+        found = super(BodyDrift, plain).told(*self._free_of_motion(*end), legs)
+        if self.jumps:
+            return (*found, Told("from_pose", self.from_pose, None, ""))
+        if not self.tau_is_fitted:
+            return found
+        tau = self.tau * float(np.exp(np.clip(values[size], *_LOG_RATIOS)))
+        unit = "s" if self.column == TIME else "poses"
+        return (*found, Told("tau", tau, tau * float(np.sqrt(covariance[size, size])), unit))
+
+    def _course(self, state: State, log_ratio: Any) -> tuple[NDArray, NDArray]:
+        """Return the course of the drift (B,), 0 at the start and 1 at the end, and its slope by the log of tau."""
+        x = (np.asarray(state.covariates[self.column]) - self.start) / self.span
+        if not self.tau:
+            return (np.maximum(x, 0.0) if self.late else x), np.zeros_like(x)
+        bounded = sorted((*_LOG_RATIOS, log_ratio), key=np.real)[1]
+        rate = self.span / self.tau * np.exp(-bounded)
+        whole = -np.expm1(-rate)
+        value = -np.expm1(-rate * x) / whole
+        by_rate = (x * np.exp(-rate * x) - value * np.exp(-rate)) / whole
+        return value, -rate * by_rate
+
+
+def _forms(own: BodyDrift, scene: Scene) -> list[BodyDrift]:
+    """Return the forms in which a body may drift; of one with many targets the shape drifts evenly only."""
+    start, end = _ends(scene, own.column)
+    own, many = replace(own, start=start, span=end - start), is_large(own.targets) and not own.whole
+    waves = min(_WAVES, len(scene.poses) // _POSES_PER_WAVE)
+    forms = [own]
+    if not many:
+        forms += [replace(own, tau=tau * own.span) for tau in _TAUS]
+        forms += [replace(own, start=start + s * own.span, span=(1.0 - s) * own.span, late=True) for s in _STARTS]
+        forms += [replace(own, waves=waves)] if waves > 1 else []
+    if (own.whole or len(own.targets) <= _MOST_JUMPING) and ORDER in scene.covariates:
+        order = np.asarray(scene.covariates[ORDER])
+        in_time = np.argsort(order, kind="stable")
+        at = [int(in_time[onset]) for onset in _onsets(len(order), own.whole)]
+        forms += [replace(own, from_pose=scene.poses[pose], from_order=float(order[pose])) for pose in at]
+    return forms
+
+
+def _onsets(poses: int, whole: bool) -> range:
+    """Return the ranks in time from which a body may stand elsewhere: with three poses on either side."""
+    most = _MOST_ONSETS if whole else _MOST_OF_SHAPE
+    return range(FEWEST, poses - FEWEST + 1, -(-poses // most))
+
+
+def _ends(scene: Scene, column: str) -> tuple[float, float]:
+    """Return the first and the last time of the campaign."""
+    if column == TIME and scene.span_s is not None:
+        return scene.span_s
+    values = scene.covariates[column]
+    return float(values.min()), float(values.max())

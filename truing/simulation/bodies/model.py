@@ -1,0 +1,323 @@
+"""Points of bodies without a mechanism, as a function of what is not known exactly, with exact derivatives.
+
+Nothing says where such a body stands in a pose, so its pose is fitted: what the model claims to know is that its
+targets keep their places on it. A body that stands still claims more: its pose is one for the campaign, but for the
+jitter of the instrument, and the frame of the measurement is then one frame too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.effects_model import COMMON, RecordedModel
+from truing.simulation.mechanisms.forward_pass import Met, Passage, moved_by_shape
+from truing.simulation.mechanisms.legs.geometry import Closure, Legs
+from truing.simulation.mechanisms.model import Prediction
+from truing.simulation.mechanisms.recording import Recording, designs
+from truing.simulation.mechanisms.state import State
+from truing.simulation.mechanisms.target_motion import LegFrames
+from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Conditions
+from truing.simulation.survey import ShapeUnknowns
+from truing.simulation.targets import Targets
+
+# Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.
+FIRST_BODY = 3
+_POSE = 6
+_FREE_POSE = np.diag([FREE_LENGTH_M] * 3 + [FREE_ANGLE_RAD] * 3)
+_NOT_MOVED = np.zeros((1, 0, 3, 0))
+_NO_LEGS = Legs(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), Closure())
+_NO_FRAMES = LegFrames(np.empty((0, 0, 3)), np.empty((0, 0, 3, 3)), np.empty((0, 0, 3)))
+
+
+@dataclass(frozen=True)
+class BodyConditions(Conditions):
+    """What is known of each pose, and where each of N bodies was found there, as a start: R (B, N, 3, 3), t (B, N, 3).
+
+    Both lead from the body's frame to the model's, m; ``readings`` is (B, 0). ``level`` (B, N) numbers the places where
+    a body that stands still does so: one, or one for every combination of drives that it follows.
+    """
+
+    R: NDArray = field(default_factory=lambda: np.empty((0, 0, 3, 3)))
+    t: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))
+    level: NDArray = field(default_factory=lambda: np.empty((0, 0), int))
+
+
+@dataclass(frozen=True)
+class KnownBodies:
+    """What is known beforehand of N bodies and their K targets; m and rad.
+
+    ``shape`` (K, 3) in the bodies' frames, with what ``survey`` leaves unknown of it; ``surveyed`` (W,) tells which of
+    that is knowledge, and not merely wide. ``levels`` (N,) is the number of places where a body stands still, 0 for
+    one that does not; ``jitter`` (N, 6, 6) is a square root of the covariance of its pose from pose to pose (shift of
+    the targets' centre, then rotation). ``lead`` is the body whose frame the model's is in every pose; -1 where that
+    of the measurement is one frame for the campaign.
+    """
+
+    shape: NDArray
+    survey: ShapeUnknowns
+    surveyed: NDArray
+    levels: NDArray
+    jitter: NDArray
+    lead: int
+    drives: tuple[str, ...] = ()
+    placed: tuple[str, ...] = ()
+    reference_temperature_c: float = 20.0
+
+    @property
+    def still(self) -> NDArray:
+        """Return which bodies (N,) stand still."""
+        return np.asarray(self.levels > 0)
+
+
+@dataclass(frozen=True)
+class BodyModel(RecordedModel):
+    """Bodies with their targets; a function of the unknowns for a set of effects."""
+
+    targets: Targets
+    known: KnownBodies
+    conditions: BodyConditions
+
+    nominal = _NO_LEGS
+
+    @property
+    def _common_errors(self) -> NDArray | None:
+        """Return how points follow the errors that photographs of all poses share."""
+        return self.conditions.common_errors
+
+    @property
+    def _pose_errors(self) -> NDArray | None:
+        """Return how points follow the errors that the photographs of each pose share."""
+        return self.conditions.pose_errors
+
+    @property
+    def leg_count(self) -> int:
+        """Return the number of legs: none."""
+        return 0
+
+    @cached_property
+    def bodies(self) -> NDArray:
+        """Return the number of each target's body (K,)."""
+        return self.targets.body - FIRST_BODY
+
+    @cached_property
+    def layout(self) -> dict[str, slice]:
+        """Return where each kind of shared unknown stands in the vector."""
+        sizes = {"shape": self.known.survey.modes.shape[-1], "seat": _POSE * int(self.known.levels.sum())}
+        sizes |= self._common_sizes | {cause.key: len(cause.parameters(0)) for cause in self.causes}
+        ends = np.cumsum(list(sizes.values()))
+        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    @cached_property
+    def _local(self) -> dict[int, slice]:
+        """Return where each body's pose stands among the local unknowns: those that stand still come first."""
+        order = [*np.flatnonzero(self.known.still), *np.flatnonzero(~self.known.still)]
+        fitted = [int(body) for body in order if body != self.known.lead]
+        return {body: slice(_POSE * n, _POSE * (n + 1)) for n, body in enumerate(fitted)}
+
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns H: six for each body but the leading one, then what photographs share."""
+        return _POSE * len(self._local) + self._pose_size
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the model says nothing of: the poses of bodies that do not stand still."""
+        return np.arange(self.local_size) >= _POSE * int(self.known.still.sum())
+
+    @property
+    def blocks(self) -> NDArray | None:
+        """Return which poses can be left out together: none, since bodies follow time and drives alone, which a block
+        would have to be told beyond."""
+        return None
+
+    @property
+    def scene(self) -> Scene:
+        """Return what the campaign offers to causes when they propose candidates."""
+        conditions = self.conditions
+        return Scene(
+            self.targets,
+            self.known.shape,
+            conditions.readings,
+            np.empty(0),
+            conditions.poses,
+            conditions.covariates,
+            conditions.span_s,
+            self.known.reference_temperature_c,
+            drives=self.known.drives,
+            placed=self.known.placed,
+            still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.still)),
+            photographed=self.photographed is not None,
+            scale_bars=self.photographed.scale_bars if self.photographed else (),
+            scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
+        )
+
+    def at(self, conditions: BodyConditions) -> Self:
+        """Return the model at other poses."""
+        return replace(self, conditions=conditions)
+
+    def rescaled(self, readings: float, survey: float) -> Self:
+        """Return the model with jitter and the survey's noise so many times as large."""
+        factors = np.where(self.known.surveyed, survey, 1.0)
+        modes = replace(self.known.survey, modes=self.known.survey.modes * factors)
+        return replace(self, known=replace(self.known, survey=modes, jitter=self.known.jitter * readings))
+
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
+        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
+        recording = self._recording(shared, local)
+        by_local = np.zeros((*recording.state.points.shape, self.local_size))
+        for body, own, slope in self._by_pose(shared, local, recording):
+            if body in self._local:
+                by_local[:, own, :, self._local[body]] = slope @ self._pose_factor(body)
+        slopes = self._by_shared(shared, local, recording) if by_shared else np.empty((*by_local.shape[:-1], 0))
+        by_local = recording.recorded(by_local)
+        self._fill_pose_errors(by_local)
+        return Prediction(
+            self._with_errors(recording.state.points, shared, local),
+            slopes,
+            by_local,
+            np.empty(0),
+            np.empty((0, slopes.shape[-1])),
+            self._shared_known,
+            self._local_known,
+        )
+
+    def _by_shared(self, shared: NDArray, local: NDArray, recording: Recording) -> NDArray:
+        """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
+        slopes = np.zeros((*recording.state.points.shape, self.shared_size))
+        turn = recording.state.turn
+        follows = moved_by_shape(recording.passage.met, turn.shape)
+        slopes[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
+        for body, own, slope in self._by_pose(shared, local, recording):
+            for level in range(self.known.levels[body]):
+                there = (self.conditions.level[:, body] == level)[:, None, None, None]
+                slopes[:, own, :, self._seat(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
+        self._fill_structure(slopes, shared, recording)
+        slopes = recording.recorded(slopes)
+        self._fill_instruments(slopes, shared, recording)
+        self._fill_common(slopes)
+        return slopes
+
+    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+        """Return no channel: what acts on bodies moves their points."""
+        return {}
+
+    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the channel ``points``, (B or 1, 3 K, P), per plausible scale."""
+        recording = self._recording(shared, local)
+
+        def found(cause: Cause) -> dict[str, NDArray]:
+            told = designs(recording, cause, self.effect_scale(cause))
+            return {name: design for name, design in told.items() if name == "points"}
+
+        return found
+
+    @property
+    def _shared_known(self) -> NDArray:
+        known = np.zeros(self.shared_size, bool)
+        known[self.layout["shape"]] = self.known.surveyed
+        known[self.layout.get(COMMON, slice(0))] = True
+        return known
+
+    def _name(self, body: int) -> str:
+        return self.targets.bodies[int(np.flatnonzero(self.bodies == body)[0])]
+
+    def _seat(self, body: int, level: int = 0) -> slice:
+        first = self.layout["seat"].start + _POSE * (int(self.known.levels[:body].sum()) + level)
+        return slice(first, first + _POSE)
+
+    def _pose_factor(self, body: int) -> NDArray:
+        return np.asarray(self.known.jitter[body]) if self.known.still[body] else _FREE_POSE
+
+    def _pose(self, body: int, shared: NDArray, local: NDArray) -> NDArray:
+        """Return how far a body is from where it was found (B, 6): shift of its centre, rotation vector."""
+        found = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
+        if body in self._local:
+            found = found + local[:, self._local[body]] @ self._pose_factor(body).T
+        if self.known.still[body]:
+            levels = int(self.known.levels[body])
+            first = self._seat(body).start
+            seats = shared[first : first + _POSE * levels].reshape(levels, _POSE) @ _FREE_POSE
+            found = found + seats[self.conditions.level[:, body]]
+        return found
+
+    @cached_property
+    def _centres(self) -> NDArray:
+        """Return the mean place (N, 3) of each body's targets in its frame."""
+        return np.stack([self.known.shape[self.bodies == body].mean(0) for body in range(len(self.known.levels))])
+
+    def _recording(self, shared: NDArray, local: NDArray) -> Recording:
+        """Return what is recorded of the bodies with the effects in force."""
+        passage = self._passage(shared)
+        places = self._places(passage)
+        kind = np.result_type(places, shared, local)
+        points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
+        for body, centre in enumerate(self._centres):
+            own, pose = self.bodies == body, self._pose(body, shared, local)
+            start = self.conditions.R[:, body]
+            R = exp_so3(pose[:, 3:]) @ start
+            middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
+            points[:, own] = middle[:, None] + (places[:, own] - centre) @ np.swapaxes(R, -1, -2)
+            turn[:, own] = R[:, None]
+        state, met = replace(passage.state, points=points, turn=turn), []
+        for effect in self.effects(shared):
+            if effect.cause.step is Step.INSTRUMENT:
+                met.append((effect, state))
+                state = effect.apply(state)
+        return Recording(passage, self.targets, _NO_FRAMES, state, tuple(met))
+
+    def _passage(self, shared: NDArray) -> Passage:
+        """Return where the targets sit on their bodies, and which effects brought them there."""
+        none = self.conditions.readings
+        shape = self.known.shape + self.known.survey.modes @ shared[self.layout["shape"]]
+        state = State(
+            _NO_LEGS,
+            none,
+            none,
+            indicated=none,
+            covariates=self.conditions.covariates,
+            targets=self.targets,
+            shape=shape,
+            moved=np.zeros((1, *shape.shape)),
+            reference_temperature_c=self.known.reference_temperature_c,
+        )
+        met: list[Met] = []
+        for effect in self.effects(shared):
+            if effect.cause.step is Step.STRUCTURE:
+                met.append((effect, state))
+                state = effect.apply(state)
+        return Passage(state, state, tuple(met))
+
+    def _places(self, passage: Passage) -> NDArray:
+        """Return where the targets sit (B, K, 3) in the frames of their bodies."""
+        state = passage.state
+        return np.broadcast_to(state.shape + state.moved, (len(self.conditions.t), *state.shape.shape))
+
+    def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:
+        """Yield each body, its targets, and how these (B, k, 3, 6) follow a shift and a rotation vector of its pose."""
+        turn, places = recording.state.turn, self._places(recording.passage)
+        for body, centre in enumerate(self._centres):
+            own = self.bodies == body
+            arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)
+            jacobian = left_jacobian_so3(self._pose(body, shared, local)[:, 3:])
+            slope = np.empty((*arms.shape, _POSE))
+            slope[..., :3] = np.eye(3)
+            slope[..., 3:] = -skew(arms) @ jacobian[:, None]
+            yield body, own, slope
+
+    def _fill_structure(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
+        """Fill in the derivatives by the parameters of effects on the bodies."""
+        for effect in self.effects(shared):
+            cause = effect.cause
+            if cause.step is Step.STRUCTURE and len(effect.values):
+                slope = cause.change(recording.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
+                own = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
+                motion = recording.state.turn[:, own] @ (slope[:, own] * self.effect_sigma(cause))
+                by_shared[:, own, :, self.layout[cause.key]] = motion

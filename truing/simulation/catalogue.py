@@ -1,0 +1,133 @@
+"""The catalogue of causes: what can make nature depart from the plain simulation, by id."""
+
+from __future__ import annotations
+
+from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
+from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
+from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.bench.causes.load_history import Creep
+from truing.simulation.bench.causes.load_path import LoadEccentricity, LoadImbalance
+from truing.simulation.bench.causes.nonparametric import NonparametricReadingEffect
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
+from truing.simulation.bench.causes.stiffness import (
+    Hysteresis,
+    JointClearance,
+    StiffnessAsymmetry,
+    StiffnessNonlinear,
+    StiffnessScale,
+)
+from truing.simulation.bodies.causes.deformation import BodyDeformation
+from truing.simulation.bodies.causes.drift import BodyDrift
+from truing.simulation.cause import POINTS, RAYS, READINGS, Cause
+from truing.simulation.installed import with_installed
+from truing.simulation.mechanisms.causes.base_deformation import BaseDeformation
+from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.platform_deformation import (
+    LinearPlatformDeformation,
+    MatrixPlatformDeformation,
+    NonlinearPlatformDeformation,
+)
+from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
+from truing.simulation.photographs.causes.camera_instability import CameraInstability
+from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
+from truing.simulation.photographs.causes.refraction import EvenAir, Refraction
+from truing.simulation.photographs.causes.scale_bar_temperature import AllBars, OneBar
+
+OWN_CAUSES: tuple[Cause, ...] = (
+    LinearPlatformDeformation(),
+    MatrixPlatformDeformation(),
+    NonlinearPlatformDeformation(),
+    ThermalExpansion(),
+    BaseDeformation(),
+    LegDrift(),
+    LegThermal(),
+    FlexureShift(),
+    ActuatorGain(),
+    ActuatorBacklash(),
+    PeriodicError(),
+    MeasurementScale(),
+    TargetMoved(),
+    TargetsSwapped(),
+    BodyDeformation(),
+    BodyDrift(),
+    NonparametricMechanismEffect(),
+)
+# What is known of a sensor on its bench.
+OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
+    LoadEccentricity(),
+    LoadImbalance(),
+    StiffnessScale(),
+    StiffnessAsymmetry(),
+    StiffnessNonlinear(),
+    Hysteresis(),
+    JointClearance(),
+    Creep(),
+    ZeroDrift(),
+    ThermalDrift(),
+    CosineError(),
+    AbbeOffset(),
+    DeadPath(),
+    FringeSlip(),
+    Crosstalk(),
+    RowsExchanged(),
+    NonparametricReadingEffect(),
+)
+# What rays of photographs tell by themselves, and what points do that were computed from them.
+OWN_CAUSES_OF_RAYS: tuple[Cause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
+OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[Cause, ...] = (AllBars(), EvenAir())
+# Of those of mechanisms, what a body without a mechanism knows.
+_OF_BODIES = (
+    "thermal-expansion",
+    "measurement-scale",
+    "target-moved",
+    "targets-swapped",
+    "body-deformation",
+    "body-drift",
+    "unexplained",
+)
+# A lab's package names its own causes under this group: `"my-cause" = "my_package.causes:MyCause"`.
+ENTRY_POINTS = "truing.causes"
+
+
+def catalogue() -> dict[str, Cause]:
+    """Return all causes of points by id: the project's own, then those of installed packages.
+
+    Raises ValueError where two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES, POINTS)
+
+
+def catalogue_of_bodies() -> dict[str, Cause]:
+    """Return all causes that bodies without a mechanism know, by id; those of installed packages are among them."""
+    of_legs = {cause.id for cause in OWN_CAUSES} - set(_OF_BODIES)
+    return {name: cause for name, cause in catalogue().items() if name not in of_legs}
+
+
+def catalogue_of_readings() -> dict[str, Cause]:
+    """Return all causes that a sensor on its bench knows, by id; those of installed packages are among them.
+
+    Raises ValueError where two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES_OF_READINGS, READINGS)
+
+
+def catalogue_of_rays() -> dict[str, Cause]:
+    """Return all causes that rays of photographs may tell of by themselves, by id.
+
+    Raises ValueError where two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES_OF_RAYS, RAYS)
+
+
+def of_photographed_points() -> dict[str, Cause]:
+    """Return the causes, by id, that points know beside all others where they come from photographs."""
+    return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
+
+
+def _with_installed(own: tuple[Cause, ...], acts_on: str) -> dict[str, Cause]:
+    return with_installed(own, ENTRY_POINTS, "cause", lambda cause: cause.id, lambda cause: cause.acts_on == acts_on)

@@ -1,0 +1,1 @@
+"""Mechanisms: legs and their closures, structures, causes, and the model of points."""

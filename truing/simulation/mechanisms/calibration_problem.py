@@ -1,0 +1,158 @@
+"""What a calibration asks of a model: that its equations hold at every measured pose, up to what was mismeasured there.
+
+The implicit objectives of the telescope report (eq. 30-33) are the equations without any deviation; errors in variables
+lets poses and readings deviate from what was measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, left_jacobian_so3
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts, ShiftClosing
+from truing.simulation.mechanisms.common_errors import CommonErrors
+from truing.simulation.mechanisms.legs.leg_bodies import Carried, LegBodies
+from truing.simulation.mechanisms.legs.leg_joints import joints_of
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
+
+
+@dataclass(frozen=True)
+class Constrained:
+    """The equations of each pose, M in m, and their first derivatives; 0 where all belongs together."""
+
+    value: NDArray  # (..., B, M)
+    by_deviation: NDArray  # (..., B, M, N)
+    by_values: NDArray  # (..., B, M, P)
+
+
+@dataclass(frozen=True)
+class CalibrationProblem:
+    """Measured poses p (B, 3) m, R (B, 3, 3), base frame, and readings rho (B, L) m, of a machine to be identified.
+
+    A reading says how far an actuator is from the reference reading of the nominal machine: where rho0 is among the
+    parameters, it is the place of that reference which they identify (report, section 7.1.2).
+    """
+
+    structure: Structure
+    nominal: Machine
+    parameters: ParameterSet
+    p: NDArray
+    R: NDArray
+    rho: NDArray
+    leg_bodies: LegBodies | None = None
+    shifts: AttachmentShifts | None = None
+    common: CommonErrors | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the legs' own poses mean nothing to the model."""
+        if self.leg_bodies and not self.leg_bodies.fits(self.structure, self.nominal):
+            legs = f"{self.nominal.legs.closure.name} in the model {self.structure.name}"
+            raise ValueError(f"poses of legs: found {legs}, expected legs of one body each in a model of single legs")
+
+    @property
+    def entries(self) -> tuple[Parameter, ...]:
+        """Return all that is identified: the machine's parameters, what places each leg in its survey frame, and the
+        errors common to all poses."""
+        seats = self.leg_bodies.entries if self.leg_bodies else ()
+        return self.parameters.entries + seats + (self.common.entries if self.common else ())
+
+    @property
+    def start(self) -> NDArray:
+        """Return the nominal values (P,), SI."""
+        own = [self.leg_bodies.start] if self.leg_bodies else []
+        none = [np.zeros(len(self.common.entries))] if self.common else []
+        return np.concatenate([self.parameters.values(self.nominal), *own, *none])
+
+    @property
+    def deviations(self) -> int:
+        """Return the number N of deviations of a pose: the platform's (v; theta), readings, each leg's, shifts."""
+        return self._before_shifts + (self.shifts.deviations if self.shifts else 0)
+
+    @property
+    def _before_shifts(self) -> int:
+        return 6 + self.rho.shape[-1] + (self.leg_bodies.deviations if self.leg_bodies else 0)
+
+    def machine(self, values: NDArray) -> Machine:
+        """Return the machine that values (..., P) stand for; a batch of them leads that of the poses."""
+        return self.parameters.machine(self.nominal, _leading(values)[..., : len(self.parameters)])
+
+    def readings(self, machine: Machine) -> NDArray:
+        """Return the positions of the actuators (..., B, L), m, that were read, counted as the machine counts them."""
+        return self.rho + (machine.legs.rho0 - self.nominal.legs.rho0)
+
+    def constrain(self, values: NDArray, deviation: NDArray) -> Constrained:
+        """Return the equations at values (..., P), SI, where the truth is off the measurement by deviation (..., B, N).
+
+        Rotations deviate by exp(theta) R.
+        """
+        if self.common is None:
+            return self._constrain(values, deviation)
+        first = len(self.entries) - len(self.common.entries)
+        found = self._constrain(values[..., :first], self.common.corrected(deviation, values[..., first:]))
+        by_values = np.concatenate([found.by_values, self.common.slopes(found.by_deviation)], -1)
+        return Constrained(found.value, found.by_deviation, by_values)
+
+    def _constrain(self, values: NDArray, deviation: NDArray) -> Constrained:
+        machine, readings = self.machine(values), 6 + self.rho.shape[-1]
+        p, R = self.p + deviation[..., :3], exp_so3(deviation[..., 3:6]) @ self.R
+        rho = self.readings(machine) + deviation[..., 6:readings]
+        change = self.parameters.change(machine)
+        closing = self.structure.close(machine, p, R, rho, change)
+        carried = None
+        if self.leg_bodies is not None:
+            joints = joints_of(self.leg_bodies.leg, machine, p, R, rho, change)
+            own = _leading(values)[..., len(self.parameters) :]
+            carried = self.leg_bodies.carry(own, deviation[..., readings : self._before_shifts], closing, joints)
+            closing = carried.closing
+        found = _constrained(closing, deviation, change, carried)
+        if self.shifts is None:
+            return found
+        shifted = self.shifts.close(machine, rho, change, deviation[..., self._before_shifts :])
+        return _with_shifts(found, shifted, change)
+
+
+def _leading(values: NDArray) -> NDArray:
+    return values[..., None, :] if values.ndim > 1 else values
+
+
+def _constrained(closing: Closing, deviation: NDArray, change: Change, carried: Carried | None = None) -> Constrained:
+    """Join the derivatives: by the platform's pose and the readings, by the parameters, and by what the legs add."""
+    by_pose = [by_deviation(closing.by_twist, deviation[..., 3:6]), closing.by_rho]
+    by_values = [closing.by_parameter + _by_rho0(closing, change)]
+    if carried is not None:
+        by_pose, by_values = [*by_pose, carried.by_deviation], [*by_values, carried.by_values]
+    return Constrained(closing.value, np.concatenate(by_pose, -1), np.concatenate(by_values, -1))
+
+
+def _with_shifts(found: Constrained, shifted: ShiftClosing, change: Change) -> Constrained:
+    """Put the equations of the shifts below the others, and their deviations behind."""
+    count, legs = shifted.by_rho.shape[-2:]
+    batch = found.value.shape[:-1]
+    below = np.zeros((*batch, count, found.by_deviation.shape[-1] + count), shifted.by_rho.dtype)
+    below[..., 6 : 6 + legs], below[..., -count:] = shifted.by_rho, np.eye(count)
+    values = np.zeros((*batch, count, found.by_values.shape[-1]), shifted.by_parameter.dtype)
+    moved = change.get("rho0", (legs,))
+    values[..., : change.size] = shifted.by_parameter + shifted.by_rho @ moved
+    beside = np.zeros((*found.by_deviation.shape[:-1], count))
+    return Constrained(
+        np.concatenate([found.value, shifted.value], -1),
+        np.concatenate([np.concatenate([found.by_deviation, beside], -1), below], -2),
+        np.concatenate([found.by_values, values], -2),
+    )
+
+
+def by_deviation(by_twist: NDArray, theta: NDArray) -> NDArray:
+    """Return derivatives (..., M, 6) by a twist here as those by the deviation (v; theta) (..., 3) that led here."""
+    turned = by_twist[..., 3:] @ left_jacobian_so3(theta)
+    return np.concatenate([np.broadcast_to(by_twist[..., :3], turned.shape), turned], -1)
+
+
+def _by_rho0(closing: Closing, change: Change) -> NDArray:
+    """Return what the parameters change by moving the reference of the readings, (..., M, P)."""
+    moved = change.fields.get("rho0")
+    return np.zeros_like(closing.by_parameter) if moved is None else closing.by_rho @ moved

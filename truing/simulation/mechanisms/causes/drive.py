@@ -1,0 +1,198 @@
+"""Actuators stand elsewhere than they indicate: wrong gain, backlash, and the periodic error of a leadscrew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
+from truing.simulation.mechanisms.causes.pitches import MOST_PITCHES, distinct_pitches, grid_size, pitch_spacing
+from truing.simulation.mechanisms.state import State
+
+APPROACH = "approach"
+_PLAUSIBLE_GAIN = 0.01
+_PLAUSIBLE_BACKLASH_M = 3e-6
+_PLAUSIBLE_AMPLITUDE_M = 3e-6
+_MM = 1e-3
+# Where the pitch is searched for: how many legs at most are tried together, by the number of pitches to be tried.
+_MOST_LEGS = ((60, 2), (200, 1))
+# Where the readings tell fewer than this share of the pitches apart, they tell none for certain.
+_TOLD_APART = 0.6
+# How far a pitch may lie from one of the grid, in steps of the frequency.
+_AWAY = 0.75
+
+
+@dataclass(frozen=True)
+class ActuatorGain(PerLeg):
+    """The actuator goes 1 + gain times as far as it indicates."""
+
+    id = "actuator-gain"
+    step = Step.DRIVE
+    reads = frozenset({"indicated"})
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the gain of each leg concerned."""
+        return tuple(Parameter(name, "1", _PLAUSIBLE_GAIN) for name in self.numbered("gain", legs))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d rho_i / d gain_i = the displacement that actuator i indicates."""
+        rows = self.spread(state.indicated - state.legs.rho0)
+        return Change({"rho": rows}, rows.shape[-1])
+
+
+@dataclass(frozen=True)
+class ActuatorBacklash(PerLeg):
+    """The actuator stays behind by the backlash, against the direction of its last movement."""
+
+    id = "actuator-backlash"
+    step = Step.DRIVE
+    reads = frozenset()
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every choice of legs that were approached from both directions; none without an order in time."""
+        if not scene.varies(APPROACH):
+            return ()
+        both = np.ptp(scene.covariates[APPROACH], axis=0) > 0
+        chosen = [cause for cause in super().candidates(scene) if isinstance(cause, ActuatorBacklash)]
+        return [cause for cause in chosen if all(both[leg - 1] for leg in cause.legs)]
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the column that tells from where an actuator came: the order in time."""
+        return ("time_s",)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the backlash of each leg concerned, half the full gap."""
+        return tuple(Parameter(name, "mm", _PLAUSIBLE_BACKLASH_M, _MM) for name in self.numbered("backlash", legs))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d rho_i / d backlash_i = - the direction of approach of actuator i."""
+        rows = self.spread(-state.covariates[APPROACH])
+        return Change({"rho": rows}, rows.shape[-1])
+
+
+@dataclass(frozen=True)
+class PeriodicError(PerLeg):
+    """The leadscrew adds a sine of its own pitch: rho_i + S_i sin(2 pi d_i / pitch) + C_i cos(2 pi d_i / pitch).
+
+    S and C are amplitude times cosine and sine of the phase. Where ``free``, the frequency 1 / pitch is one parameter
+    more, counted from that of ``pitch_mm``; ``frequency_sigma`` (1/m) is how far it may plausibly lie from there, and
+    the farthest that it is taken (by a hyperbolic tangent): what lies beyond is another candidate. Where
+    ``aliased``, actuators stood on so few levels that other pitches make the same waves.
+    """
+
+    pitch_mm: float = 1.0
+    frequency_sigma: float = 0.0
+    free: bool = False
+    aliased: bool = False
+
+    id = "actuator-periodic-error"
+    step = Step.DRIVE
+    kind = Kind.SHAPED
+    reads = frozenset({"indicated"})
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the choices of legs at the declared pitch, else at every pitch that the readings can tell apart."""
+        moved = scene.readings - scene.rho0
+        if scene.pitch_m is not None:
+            return [PeriodicError(chosen, scene.pitch_m / _MM) for chosen in choices(scene.legs)]
+        sigma, pitches = _AWAY * pitch_spacing(moved), distinct_pitches(moved)
+        most = next((legs for count, legs in _MOST_LEGS if len(pitches) <= count), 0)
+        aliased = len(pitches) < _TOLD_APART * min(grid_size(moved), MOST_PITCHES)
+        return [
+            PeriodicError(chosen, pitch / _MM, sigma, aliased=aliased)
+            for pitch in pitches
+            for chosen in choices(scene.legs, most)
+        ]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this choice of legs; all pitches are alike."""
+        return choice_share(len(self.legs), scene.legs)
+
+    def alike(self, legs: int) -> tuple[int, ...]:
+        """Return none: waves of like amplitude have S and C of any size."""
+        return ()
+
+    def refined(self) -> Cause:
+        """Return the form whose pitch is fitted too; the same where it was declared, or cannot be told."""
+        return replace(self, free=True) if self.frequency_sigma > 0 and not self.aliased else self
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return S and C of each leg concerned, then the frequency where it is free."""
+        pairs = zip(self.numbered("sine", legs), self.numbered("cosine", legs), strict=True)
+        waves = tuple(Parameter(name, "mm", _PLAUSIBLE_AMPLITUDE_M, _MM) for pair in pairs for name in pair)
+        return (*waves, Parameter("frequency", "1/mm", self.frequency_sigma, 1 / _MM)) if self.free else waves
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d rho_i by S_i and C_i of every leg concerned, then by the frequency where it is free."""
+        sine, cosine = self._waves(state, values)
+        waves = np.stack([self.spread(sine), self.spread(cosine)], -1)
+        columns = waves.reshape(*waves.shape[:-2], -1)
+        if self.free:
+            along = columns @ self._quarter_turn(values[:-1])
+            turned = 2 * math.pi * self._frequency(values[-1])[1] * (state.indicated - state.legs.rho0) * along
+            columns = np.concatenate([columns, turned[..., None]], -1)
+        return Change({"rho": columns}, columns.shape[-1])
+
+    def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
+        """Return by how much the actuators stand elsewhere, m."""
+        sine, cosine = self._waves(state, values)
+        waves = np.stack([self.spread(sine), self.spread(cosine)], -1)
+        amplitudes = values[:-1] if self.free else values
+        return {"rho": waves.reshape(*waves.shape[:-2], -1) @ amplitudes}
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return amplitude and phase of each leg concerned, and the pitch between them, with sigmas to first order."""
+        own = self.concerned(legs)
+        amplitudes, phases = [], []
+        for place, leg in enumerate(own):
+            size, phase, by_both = _polar(values[2 * place], values[2 * place + 1])
+            part = slice(2 * place, 2 * place + 2)
+            # Directions that the campaign does not see leave variances of zero, give or take rounding.
+            sigma = np.sqrt(np.maximum(np.diag(by_both @ covariance[part, part] @ by_both.T), 0.0))
+            amplitudes.append(Told(f"amplitude_{leg}", size / _MM, float(sigma[0]) / _MM, "mm"))
+            phases.append(Told(f"phase_{leg}", phase, min(float(sigma[1]), math.pi), "rad"))
+        return (*amplitudes, self._told_pitch(values, covariance), *phases)
+
+    def _told_pitch(self, values: NDArray, covariance: NDArray) -> Told:
+        if self.aliased:
+            return Told("pitch", self.pitch_mm, self.pitch_mm, "mm")
+        if not self.free:
+            return Told("pitch", self.pitch_mm, self.pitch_mm**2 * self.frequency_sigma * _MM or None, "mm")
+        frequency, slope = self._frequency(values[-1])
+        pitch = 1 / float(frequency) / _MM
+        sigma = pitch**2 * float(slope) * math.sqrt(covariance[-1, -1]) * _MM
+        return Told("pitch", pitch, min(sigma, pitch**2 * self.frequency_sigma * _MM), "mm")
+
+    def _frequency(self, away: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the frequency (1/m) that the last parameter stands for, and its derivative by that."""
+        share = np.tanh(away / self.frequency_sigma)
+        return 1 / (self.pitch_mm * _MM) + self.frequency_sigma * share, 1 - share**2
+
+    def _waves(self, state: State, values: NDArray) -> tuple[NDArray, NDArray]:
+        """Return sine and cosine (B, L) of the indicated displacements."""
+        frequency = self._frequency(values[-1])[0] if self.free else 1 / (self.pitch_mm * _MM)
+        turn = 2 * math.pi * frequency * (state.indicated - state.legs.rho0)
+        return np.sin(turn), np.cos(turn)
+
+    @staticmethod
+    def _quarter_turn(amplitudes: NDArray) -> NDArray:
+        """Return the amplitudes of the waves' derivatives: S cos - C sin has -C for its sine and S for its cosine."""
+        pairs = amplitudes.reshape(-1, 2)
+        return np.stack([-pairs[:, 1], pairs[:, 0]], -1).ravel()
+
+
+def _polar(sine: float, cosine: float) -> tuple[float, float, NDArray]:
+    """Return amplitude and phase of sine sin(x) + cosine cos(x), and their derivative (2, 2) by the two."""
+    size, phase = math.hypot(sine, cosine), math.atan2(cosine, sine)
+    per_size = max(size, 1e-12)
+    return (
+        size,
+        phase,
+        np.array([[math.cos(phase), math.sin(phase)], [-math.sin(phase) / per_size, math.cos(phase) / per_size]]),
+    )

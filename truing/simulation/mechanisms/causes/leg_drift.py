@@ -1,0 +1,109 @@
+"""Legs drift: their effective length walks with time, evenly or as something that settles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
+from truing.simulation.mechanisms.state import State
+
+TIME = "time_s"
+_PLAUSIBLE_M = 7e-6
+# Time constants that are tried, in spans of the campaign: neighbours differ by little.
+_SETTLING = (1.0, 0.5, 0.25, 0.125, 0.0625)
+# One sigma of the logarithm of a time constant about the one that was tried.
+_PLAUSIBLE_LOG = 0.5
+_EVEN_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class LegDrift(PerLeg):
+    """The effective length of legs drifts from the first pose to the last, by drift, evenly or as 1 - exp(-t / tau).
+
+    ``start_s`` is the time of the first pose and ``duration_s`` that between first and last, over the whole campaign;
+    ``tau_s`` is 0 where the drift is even. Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.
+    """
+
+    start_s: float = 0.0
+    duration_s: float = 1.0
+    tau_s: float = 0.0
+    free: bool = False
+
+    id = "leg-drift"
+    step = Step.STRUCTURE
+    kind = Kind.SHAPED
+    is_persistent = False
+    reads = frozenset()
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return an even drift and some time constants for every choice of legs; none where no time is known."""
+        if scene.span_s is None or not scene.varies(TIME) or not np.isfinite(scene.covariates[TIME]).all():
+            return ()
+        start, duration = scene.span_s[0], scene.span_s[1] - scene.span_s[0]
+        constants = (0.0, *(share * duration for share in _SETTLING))
+        return [LegDrift(chosen, start, duration, tau) for tau in constants for chosen in choices(scene.legs)]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this choice of legs and of its course: even ones count for half."""
+        course = _EVEN_SHARE if self.tau_s == 0 else (1 - _EVEN_SHARE) / len(_SETTLING)
+        return course * choice_share(len(self.legs), scene.legs)
+
+    def refined(self) -> Cause:
+        """Return the form whose time constant is fitted too; the same where the drift is even."""
+        return self if self.tau_s == 0 else replace(self, free=True)
+
+    def alike(self, legs: int) -> tuple[int, ...]:
+        """Return the drifts of the legs concerned."""
+        return tuple(range(len(self.concerned(legs))))
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the time."""
+        return (TIME,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the drift of each leg concerned, then the logarithm of the time constant where it is free."""
+        drifts = tuple(Parameter(name, "mm", _PLAUSIBLE_M, 1e-3) for name in self.numbered("drift", legs))
+        return (*drifts, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else drifts
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the drifts, then tau in s where the drift settles."""
+        told = super().told(values, covariance, legs)
+        if self.tau_s == 0:
+            return told
+        if not self.free:
+            return (*told, Told("tau", self.tau_s, None, "s"))
+        tau = self.tau_s * float(np.exp(values[-1]))
+        return (*told[:-1], Told("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return the course of the drift per leg concerned, and by the logarithm of the time constant."""
+        course, slope = self._course(state.covariates[TIME], values)
+        columns = self._columns(course, state.legs.count)
+        if self.free:
+            bent = self._columns(slope, state.legs.count) @ values[:-1]
+            columns = np.concatenate([columns, bent[..., None]], -1)
+        return Change({"l": columns}, columns.shape[-1])
+
+    def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
+        """Return by how much the legs are longer, m."""
+        course, _ = self._course(state.covariates[TIME], values)
+        return {"l": self._columns(course, state.legs.count) @ (values[:-1] if self.free else values)}
+
+    def _columns(self, course: NDArray, legs: int) -> NDArray:
+        return self.spread(np.broadcast_to(course[:, None], (len(course), legs)))
+
+    def _course(self, time: NDArray, values: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the course (B,), 0 at the first pose and 1 at the last, and its derivative by the log of tau."""
+        passed = (time - self.start_s) / self.duration_s
+        if self.tau_s == 0:
+            return passed, np.zeros_like(passed)
+        rate = self.duration_s / self.tau_s * np.exp(-values[-1] if self.free else 0.0)
+        whole, part = -np.expm1(-rate), -np.expm1(-rate * passed)
+        by_rate = (passed * np.exp(-rate * passed) - part / whole * np.exp(-rate)) / whole
+        return part / whole, -rate * by_rate

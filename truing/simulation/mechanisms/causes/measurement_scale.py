@@ -1,0 +1,65 @@
+"""The instrument's unit of length is off: a wrong scale bar, or one that grows with temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.state import State
+
+TEMPERATURE = "temperature_c"
+CONSTANT, PER_KELVIN, BOTH = "constant", "per kelvin", "both"
+_PLAUSIBLE = {CONSTANT: 5e-5, PER_KELVIN: 1e-5}
+_SHARE = {CONSTANT: 0.45, PER_KELVIN: 0.45, BOTH: 0.1}
+
+
+@dataclass(frozen=True)
+class MeasurementScale(Cause):
+    """All points of a pose are scaled by 1 + scale + scale_per_k times the temperature above the reference."""
+
+    form: str = CONSTANT
+
+    id = "measurement-scale"
+    step = Step.INSTRUMENT
+    reads = frozenset()
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the constant factor and, where the temperature varies, one that follows it, and both."""
+        forms = (CONSTANT, PER_KELVIN, BOTH) if scene.varies(TEMPERATURE) else (CONSTANT,)
+        return [MeasurementScale(form) for form in forms]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this form: one parameter is likelier than two."""
+        return _SHARE[self.form]
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: the scale of an instrument moves no platform."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return scale, scale_per_k or both."""
+        constant = Parameter("scale", "1", _PLAUSIBLE[CONSTANT])
+        per_kelvin = Parameter("scale_per_k", "1/K", _PLAUSIBLE[PER_KELVIN])
+        return {CONSTANT: (constant,), PER_KELVIN: (per_kelvin,), BOTH: (constant, per_kelvin)}[self.form]
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d point / d parameter = point times what the parameter multiplies."""
+        factors = self._factors(state, len(state.points))
+        return Change({"points": state.points[..., None] * factors[:, None, None]}, factors.shape[-1])
+
+    def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
+        """Return points, or their motions, (B, K, 3, ...), as this instrument passes them on."""
+        factor = 1 + self._factors(state, len(points)) @ values
+        return points * factor.reshape(-1, *([1] * (points.ndim - 1)))
+
+    def _factors(self, state: State, poses: int) -> NDArray:
+        """Return what each parameter multiplies (B, P): 1, the temperature above the reference, or both."""
+        if self.form == CONSTANT:
+            return np.ones((poses, 1))
+        heat = state.heat[:, None]
+        return heat if self.form == PER_KELVIN else np.concatenate([np.ones_like(heat), heat], 1)

@@ -1,0 +1,410 @@
+"""What no cause of the catalogue explains of a mechanism or a body: legs, targets or the scale depend on inputs.
+
+What a cause of the catalogue already does in the very same form (readings in proportion to the own drive: a gain) is no
+candidate here: data could not tell the two apart, and the name would be lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import combinations
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Profiles, Scene, Step
+from truing.simulation.change import Change
+from truing.simulation.inputs import (
+    LAST_STEP,
+    LOOKING_BACK,
+    MEMORY,
+    ORDER,
+    OWN_DRIVE,
+    PER_ACTUATOR,
+    TEMPERATURE,
+    TIME,
+    drive_of,
+    middle_and_half,
+    varying,
+)
+from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
+from truing.simulation.mechanisms.state import State
+from truing.simulation.nonparametric import (
+    PER_FUNCTION,
+    POLYNOMIAL,
+    WAVES,
+    Dependence,
+    NonparametricEffect,
+    dependence,
+)
+
+ALL_DRIVES = "all drives"
+_SMOOTH = 3  # degree of the polynomials that stand for any smooth dependence
+_WAVES = 6  # half periods of slow waves over a campaign
+_FEWEST_SEEN = 6
+_FEWEST_PATTERNED = 4
+_PATTERNS = ("slope1", "slope2", "bend1", "twist", "bend2")
+_MM = 1e-3
+
+
+class Quantity(StrEnum):
+    """What depends on the inputs."""
+
+    READINGS = "readings"
+    LENGTHS = "lengths"
+    ATTACHMENTS = "attachments"
+    ATTACHMENTS_SIDEWAYS = "attachments sideways"
+    SCALE = "scale"
+    TARGETS = "targets"
+
+
+_STEPS = {Quantity.READINGS: Step.DRIVE, Quantity.SCALE: Step.INSTRUMENT}
+# Of one leg along one axis; the field of the state that moves.
+_ALONG = {Quantity.READINGS: "rho", Quantity.LENGTHS: "l", Quantity.ATTACHMENTS: "delta_bz"}
+# Plausible amplitudes: m, and of the scale relative.
+_PLAUSIBLE = {Quantity.SCALE: 2e-5, Quantity.TARGETS: 2e-5}
+_PLAUSIBLE_M = 5e-6
+_AXES = {Quantity.ATTACHMENTS_SIDEWAYS: ("_x", "_y"), Quantity.TARGETS: ("_x", "_y", "_z")}
+
+
+@dataclass(frozen=True)
+class NonparametricMechanismEffect(NonparametricEffect):
+    """A quantity of all legs, or of ``legs``, or of ``targets`` of a body, depends on inputs.
+
+    An input is a column of the configurations, ``rho3_mm`` (the displacement of that actuator, m), ``own drive`` (of
+    each leg's own), ``approach``, ``last step`` or ``memory`` (the direction and the size of each actuator's last
+    movement, the sum of all of them, fading). A further form are the displacements of all drives. Several targets
+    move together, by smooth patterns over the body, where ``places`` tells two coordinates of each between -1 and 1;
+    one by one else.
+    """
+
+    columns: tuple[str, ...] = (OWN_DRIVE,)
+    half_ranges: tuple[float, ...] = (1e-3,)
+    quantity: str = Quantity.READINGS
+    legs: tuple[int, ...] = ()
+    body: str = ""
+    targets: tuple[str, ...] = ()
+    places: tuple[float, ...] = ()
+
+    reads = frozenset({"indicated"})
+    letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, ALL_DRIVES: "drive"}
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a quantity that is none."""
+        Quantity(self.quantity)
+
+    @property
+    def step(self) -> Step:  # type: ignore[override]
+        """Return the step at which the quantity is changed."""
+        return _STEPS.get(Quantity(self.quantity), Step.STRUCTURE)
+
+    @property
+    def subject(self) -> str:
+        """Return the legs or the target that it concerns, as the tables name them."""
+        if len(self.targets) == 1:
+            return f"target {self.targets[0]}"
+        return " ".join(f"leg{leg}" for leg in self.legs)
+
+    @property
+    def is_persistent(self) -> bool:
+        """Return whether it stays with the machine: not what depends on the time, or concerns targets."""
+        return super().is_persistent and self.quantity != Quantity.TARGETS
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return everything that legs, bodies and the scale may depend on in a campaign."""
+        return [NonparametricMechanismEffect(**found) for found in _dependences(scene)]
+
+    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+        """Return what single targets may depend on: by one function each drive and column, squares and products; by
+        several slow waves of time."""
+        inputs = _Inputs(scene)
+        shapes = [list(inputs.of_single_targets()), list(inputs.waves())]
+        return [_profiles(scene, inputs, found) for found in shapes if found and len(scene.shape)]
+
+    def further(self, scene: Scene) -> Sequence[Cause]:
+        """Return its next terms, of all that it concerns or of single legs among it, as far as poses tell them."""
+        several = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
+        chosen = (self.legs, *((leg,) for leg in several))
+        most = len(scene.poses) // PER_FUNCTION
+        return [
+            replace(own, legs=legs)
+            for own in super().further(scene)
+            if isinstance(own, NonparametricMechanismEffect) and own.degree <= most
+            for legs in chosen
+        ]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight: all legs are likelier than a single one, and that than a pair."""
+        return super().prior(scene) * (choice_share(len(self.legs), scene.legs) if scene.legs else 1.0)
+
+    def follows(self, legs: int) -> tuple[str, ...]:
+        """Return the columns of the configurations that it depends on."""
+        concerned = self._concerned(legs)
+        if self.form == ALL_DRIVES:
+            return tuple(f"rho{leg}_mm" for leg in range(1, legs + 1))
+        found: list[str] = []
+        for column in self.columns:
+            own = column in PER_ACTUATOR
+            found += [f"rho{leg}_mm" for leg in concerned] if own else [TIME if column == ORDER else column]
+        return tuple(dict.fromkeys(found))
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the columns without which the platform cannot be predicted: an order in time where it looks back."""
+        if not self._is_of_legs:
+            return ()
+        looks_back = any(column in (*LOOKING_BACK, ORDER) for column in self.columns)
+        return tuple(dict.fromkeys((*self.follows(legs), *([TIME] if looks_back else []))))
+
+    def alike(self, legs: int) -> tuple[int, ...]:
+        """Return the amplitudes of the legs concerned: of several functions those of the last."""
+        if self.quantity not in _ALONG:
+            return ()
+        functions = self._count(legs)
+        return tuple(range(functions - 1, len(self._concerned(legs)) * functions, functions))
+
+    def functions(self, state: State) -> NDArray:
+        """Return the functions' values (B, L or 1, m) at the poses of a state."""
+        moved = state.indicated - state.legs.rho0
+        if self.form == ALL_DRIVES:
+            return np.asarray((moved / self.half_ranges[0])[:, None, :])
+        return self.basis(lambda column: _value(column, moved, state.covariates))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return the derivative of the quantity by the amplitudes."""
+        basis = self.functions(state)
+        size = len(self.parameters(state.legs.count))
+        if self.quantity == Quantity.SCALE:
+            return Change({"points": state.points[..., None] * basis[:, :1, None, :]}, size)
+        if self.quantity == Quantity.TARGETS:
+            return Change({} if state.targets is None else {"moved": self._of_targets(state, basis[:, 0])}, size)
+        rows = np.eye(state.legs.count)[:, np.array(self._concerned(state.legs.count)) - 1]
+        own = rows[:, :, None] * basis[:, :, None, :]
+        if self.quantity == Quantity.ATTACHMENTS_SIDEWAYS:
+            sideways = own[:, :, None, :, None, :] * np.eye(3)[:, None, :2, None]
+            return Change({"b": sideways.reshape(*sideways.shape[:3], size)}, size)
+        return Change({_ALONG[Quantity(self.quantity)]: own.reshape(*own.shape[:2], size)}, size)
+
+    def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
+        """Return points, or their motions, (B, K, 3, ...), as an instrument with this scale passes them on."""
+        if self.quantity != Quantity.SCALE:
+            return points
+        factor = 1 + self.functions(state)[:, 0] @ values
+        return points * factor.reshape(-1, *([1] * (points.ndim - 1)))
+
+    def _of_targets(self, state: State, basis: NDArray) -> NDArray:
+        """Return the derivative of ``moved`` (B, K, 3, P): each target or pattern along each axis by each function."""
+        own = tuple(zip(state.targets.bodies, state.targets.names, strict=True)) if state.targets is not None else ()
+        shares = _patterns(np.reshape(self.places, (-1, 2))) if self.places else np.eye(len(self.targets))
+        over = np.zeros((len(own), shares.shape[1]))
+        for place, target in enumerate(self.targets):
+            if (self.body, target) in own:
+                over[own.index((self.body, target))] = shares[place]
+        moved = np.einsum("kq,ij,bm->bkiqjm", over, np.eye(3), basis)
+        return moved.reshape(*moved.shape[:3], -1)
+
+    def _concerned(self, legs: int) -> tuple[int, ...]:
+        return self.legs or tuple(range(1, legs + 1))
+
+    def _count(self, legs: int) -> int:
+        return legs if self.form == ALL_DRIVES else super()._count(legs)
+
+    @property
+    def _is_of_legs(self) -> bool:
+        return self.quantity not in (Quantity.SCALE, Quantity.TARGETS)
+
+    @property
+    def _is_one(self) -> bool:
+        return len(self.legs) == 1 or len(self.targets) == 1 or self.quantity == Quantity.SCALE
+
+    @property
+    def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (str(self.quantity),), (self.body, self.subject)
+
+    @property
+    def _amplitude(self) -> tuple[str, float, float]:
+        unit, si = ("1", 1.0) if self.quantity == Quantity.SCALE else ("mm", _MM)
+        return unit, si, _PLAUSIBLE.get(Quantity(self.quantity), _PLAUSIBLE_M)
+
+    def _owners(self, legs: int) -> Sequence[str]:
+        if self.quantity == Quantity.SCALE:
+            return ("",)
+        patterns = tuple(f"{self.body}_{pattern}" for pattern in _PATTERNS) if self.places else self.targets
+        names = patterns or tuple(f"leg{leg}" for leg in self._concerned(legs))
+        return [f"{name}{axis}_" for name in names for axis in _AXES.get(Quantity(self.quantity), ("",))]
+
+
+def _value(column: str, moved: NDArray, covariates: Mapping[str, NDArray]) -> NDArray:
+    """Return an input's values (B, L or 1), by the actuators' displacements (B, L), m, and the columns."""
+    leg = drive_of(column)
+    if leg is not None and leg <= moved.shape[1]:  # bodies without legs may have such a column, too
+        return moved[:, leg - 1 : leg]
+    if column == OWN_DRIVE:
+        return moved
+    value = covariates[column]
+    return value if value.ndim == 2 else value[:, None]
+
+
+def _patterns(places: NDArray) -> NDArray:
+    """Return smooth patterns (T, 5) over a body at places (T, 2): its two slopes, its two curvatures, and a twist."""
+    s, t = places.T
+    return np.stack([s, t, s * s, s * t, t * t], -1)
+
+
+def _dependences(scene: Scene) -> Iterator[Dependence]:
+    """Yield the settings of everything that legs, bodies and the scale may depend on."""
+    inputs = _Inputs(scene)
+    kinds: dict[Quantity, Callable[[tuple[int, ...]], Iterator[Dependence]]] = {
+        Quantity.READINGS: inputs.of_readings,
+        Quantity.LENGTHS: inputs.of_lengths,
+        Quantity.ATTACHMENTS: inputs.of_attachments,
+        Quantity.ATTACHMENTS_SIDEWAYS: inputs.of_attachments_sideways,
+    }
+    for legs in choices(scene.legs, 1) if scene.legs else []:
+        for quantity, found in kinds.items():
+            yield from ({"quantity": str(quantity), "legs": legs, **one} for one in found(legs))
+    for legs in [chosen for chosen in choices(scene.legs, 2) if len(chosen) == 2]:
+        yield from ({"quantity": "readings", "legs": legs, **one} for one in inputs.columns(1))
+        if scene.lengths_apart:
+            apart = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
+            yield from ({"quantity": "lengths", "legs": legs, **one} for one in apart)
+    yield from ({"quantity": "scale", **one} for one in inputs.of_scale())
+    for body in _patterned(scene) if scene.legs else ():
+        yield from ({"quantity": "targets", **body, **one} for one in (*inputs.columns(1), *inputs.drives(1)))
+
+
+class _Inputs:
+    """What a campaign offers as inputs, and how each quantity may depend on them."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self.moved = scene.readings - scene.rho0 if scene.legs else np.zeros((len(scene.poses), 0))
+        self._columns = {name: v for name, v in varying(scene.covariates).items() if name not in LOOKING_BACK}
+        self._distinct = {name: len(np.unique(values)) for name, values in self._columns.items()}
+        stroke = 0.0, float(np.abs(self.moved).max(initial=0.0)) or 1.0
+        self._drives = [f"rho{leg}_mm" for leg in range(1, scene.legs + 1)]
+        self._ranges = {name: middle_and_half(values) for name, values in self._columns.items()}
+        self._ranges |= dict.fromkeys((*self._drives, OWN_DRIVE), stroke)
+
+    def of_readings(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+        """Yield what readings may depend on."""
+        others = tuple(f"rho{leg}_mm" for leg in legs)
+        yield from self.columns(1)
+        yield from self.columns(_SMOOTH)
+        yield from self.waves()
+        yield from (self._on(OWN_DRIVE, degree=2), self._on(OWN_DRIVE, degree=_SMOOTH))
+        yield from self._own_with_columns()
+        yield from self._look_back()
+        yield from self.drives(1, apart_from=others)
+        yield from self.drives(2, apart_from=others)
+        yield from self._products()
+        if not legs:
+            half = (self._ranges[OWN_DRIVE][1],)
+            yield {"columns": (), "centres": (), "half_ranges": half, "form": ALL_DRIVES, "degree": 1}
+
+    def of_lengths(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+        """Yield what a leg's length may depend on; where the leg itself is the actuator there is nothing new in it."""
+        if self._scene.lengths_apart:
+            yield from self.columns(1, apart_from=(TIME, TEMPERATURE))
+            yield from self.columns(_SMOOTH)
+            yield from self.waves()
+            yield self._on(OWN_DRIVE)
+
+    def of_attachments(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+        """Yield what attachments along z may depend on."""
+        yield from self.columns(1)
+        yield from self.columns(_SMOOTH)
+        yield from self.waves()
+        yield from self._own_with_columns()
+        yield from self._squares(self._drives)
+        yield from self._products()
+        if not legs:
+            yield from self.drives(_SMOOTH)
+
+    def of_attachments_sideways(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+        """Yield what attachments across z may depend on."""
+        yield from self.columns(1)
+        yield from (self._on(OWN_DRIVE), self._on(OWN_DRIVE, degree=2))
+
+    def of_scale(self) -> Iterator[Dependence]:
+        """Yield what the scale of the measurement may depend on."""
+        yield from self.columns(1, apart_from=(TEMPERATURE,))
+        yield from self.columns(_SMOOTH)
+        yield from self.waves()
+        yield from self.drives(1)
+
+    def of_single_targets(self) -> Iterator[Dependence]:
+        """Yield what a single target may depend on by one function."""
+        yield from self.drives(1)
+        yield from self._squares(self._drives)
+        yield from self._products()
+        yield from self.columns(1)
+        yield from self._squares([name for name, distinct in self._distinct.items() if distinct > _SMOOTH])
+
+    def columns(self, degree: int, apart_from: Iterable[str] = ()) -> Iterator[Dependence]:
+        """Yield every column by polynomials of a degree; none where it has no more values than that."""
+        for name, distinct in self._distinct.items():
+            if name not in apart_from and distinct > degree:
+                yield self._on(name, degree=degree)
+
+    def waves(self) -> Iterator[Dependence]:
+        """Yield slow waves of time, as many as the poses allow."""
+        name = TIME if TIME in self._columns else ORDER
+        count = min(_WAVES, len(self._scene.poses) // PER_FUNCTION)
+        if name in self._columns and count > _SMOOTH:
+            yield self._on(name, form=WAVES, degree=count)
+
+    def drives(self, degree: int, apart_from: Iterable[str] = ()) -> Iterator[Dependence]:
+        """Yield every single drive."""
+        yield from (self._on(drive, degree=degree) for drive in self._drives if drive not in apart_from)
+
+    def _own_with_columns(self) -> Iterator[Dependence]:
+        """Yield each leg's own drive times a column: a gain that depends on it."""
+        yield from (self._on(OWN_DRIVE, name) for name in self._columns)
+
+    def _look_back(self) -> Iterator[Dependence]:
+        """Yield how far each actuator moved last, and lately: a memory; the mere direction is backlash."""
+        for name in (LAST_STEP, MEMORY):
+            steps = self._scene.covariates.get(name)
+            if steps is not None and np.ptp(steps) > 0:
+                half = float(np.abs(steps).max())
+                yield dependence((name,), lambda _, half=half: (0.0, half))  # type: ignore[misc]
+
+    def _squares(self, names: Iterable[str]) -> Iterator[Dependence]:
+        yield from (self._on(name, name) for name in names)
+
+    def _products(self) -> Iterator[Dependence]:
+        yield from (self._on(*pair) for pair in combinations(self._drives, 2))
+
+    def _on(self, *columns: str, form: str = POLYNOMIAL, degree: int = 1) -> Dependence:
+        return dependence(columns, self._ranges.__getitem__, form, degree)
+
+
+def _profiles(scene: Scene, inputs: _Inputs, shapes: list[Dependence]) -> Profiles:
+    def member(target: int, shape: int) -> Cause:
+        own = scene.targets
+        whose = {"quantity": "targets", "body": own.bodies[target], "targets": (own.names[target],)}
+        return NonparametricMechanismEffect(**(shapes[shape] | whose))
+
+    def value(column: str) -> NDArray:
+        return _value(column, inputs.moved, scene.covariates)[:, 0]
+
+    values = np.stack([NonparametricMechanismEffect(**shape).basis(value) for shape in shapes])
+    seen = np.full(len(scene.shape), len(scene.poses)) if scene.seen is None else scene.seen.sum(0)
+    enough = np.broadcast_to(seen >= _FEWEST_SEEN * values.shape[-1], (len(shapes), len(scene.shape)))
+    return Profiles(values, np.arange(len(scene.shape)), enough, _PLAUSIBLE[Quantity.TARGETS], member)
+
+
+def _patterned(scene: Scene) -> Iterator[Dependence]:
+    """Yield the bodies, legs apart, whose targets may move together, with places along their two longest axes."""
+    for body in dict.fromkeys(scene.targets.bodies):
+        own = [n for n, other in enumerate(scene.targets.bodies) if other == body]
+        own = [n for n in own if not scene.targets.at_attachment[n]]
+        if len(own) >= _FEWEST_PATTERNED and not body.startswith("leg"):
+            away = scene.shape[own] - scene.shape[own].mean(0)
+            along = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
+            places = along / np.maximum(np.abs(along).max(0), 1e-9)
+            names = tuple(scene.targets.names[n] for n in own)
+            yield {"body": body, "targets": names, "places": tuple(float(value) for value in places.ravel())}

@@ -1,0 +1,211 @@
+"""Targets that are not where their label says: one, or a marker, that was moved from some pose on; two exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+from truing.simulation.cause import Cause, Kind, Parameter, Profiles, Scene, Step, Told
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.causes.markers import arms_of, markers_of, rigid_patterns
+from truing.simulation.mechanisms.state import State
+
+ORDER = "order"
+# A target is called moved where it was seen this often before and after.
+FEWEST = 3
+# Onsets that are tried: in a long campaign, one in some poses.
+_MOST_ONSETS = 200
+_PLAUSIBLE_M = 1e-4
+_MM = 1e-3
+_OF_MARKERS = ("corners", "places")
+
+
+@dataclass(frozen=True)
+class TargetMoved(Cause):
+    """A target sits elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``.
+
+    A square marker is moved as a whole, shifted and turned: it has ``corners``, which are targets, and ``places`` where
+    these sit on the body, m, one after the other.
+    """
+
+    body: str = ""
+    target: str = ""
+    from_pose: int | str = ""
+    from_order: float = -np.inf
+    corners: tuple[str, ...] = ()
+    places: tuple[float, ...] = ()
+
+    id = "target-moved"
+    step = Step.STRUCTURE
+    kind = Kind.SHAPED
+    reach = 1e5  # a target that is used again elsewhere moves by metres
+    is_persistent = False
+    reads = frozenset()
+
+    @property
+    def subject(self) -> str:
+        """Return the target, or the marker."""
+        return f"{'marker' if self.corners else 'target'} {self.target}"
+
+    def settings(self) -> dict[str, Any]:
+        """Return its fields; a target has no corners."""
+        return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return none: they are told by profiles."""
+        return ()
+
+    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+        """Return every target, and every marker in place of its corners, from every pose on that has three poses with
+        it on either side, and since the survey."""
+        if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST:
+            return ()
+        order = scene.covariates[ORDER]
+        in_time = np.argsort(order, kind="stable")
+        onsets = [0, *range(FEWEST, len(order) - FEWEST + 1, 1 + len(order) // _MOST_ONSETS)]
+        late = np.stack([order >= order[in_time[onset]] for onset in onsets])[..., None].astype(float)
+        usable = _usable(onsets, in_time, scene)
+        own = scene.targets
+        found = markers_of(own.bodies, own.names) if scene.photographed else {}
+        markers, corners = list(found), list(found.values())
+        alone = np.setdiff1d(np.arange(len(scene.shape)), [k for of_one in corners for k in of_one])
+
+        def moved(body: str, name: str, onset: int) -> TargetMoved:
+            pose = int(in_time[onsets[onset]])
+            return TargetMoved(body, name, scene.poses[pose], float(order[pose]))
+
+        def member(target: int, onset: int) -> Cause:
+            return moved(own.bodies[alone[target]], own.names[alone[target]], onset)
+
+        def marker(number: int, onset: int) -> Cause:
+            which = list(corners[number])
+            return moved(*markers[number], onset).of_corners([own.names[k] for k in which], scene.shape[which])
+
+        single = Profiles(late, alone, usable[:, alone], _PLAUSIBLE_M, member)
+        if not found:
+            return [single]
+        together, patterns = rigid_patterns(corners, scene.shape)
+        seen = np.asarray(usable[:, together].all(-1))
+        return [*([single] if len(alone) else []), Profiles(late, together, seen, _PLAUSIBLE_M, marker, patterns)]
+
+    def of_corners(self, corners: Sequence[str], places: NDArray) -> TargetMoved:
+        """Return the marker of this name, whose corners sit at places (n, 3) on the body, m."""
+        return replace(self, corners=tuple(corners), places=tuple(float(x) for x in np.ravel(places)))
+
+    @property
+    def _arms(self) -> tuple[NDArray, float]:
+        return arms_of(np.reshape(self.places, (-1, 3)))
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the shift dx, dy, dz in the frame of the body's survey, and how a marker turns about its middle."""
+        shift = tuple(Parameter(f"d{axis}", "mm", _PLAUSIBLE_M, _MM) for axis in "xyz")
+        if not self.corners:
+            return shift
+        return (*shift, *(Parameter(f"turn_{axis}", "rad", _PLAUSIBLE_M / self._arms[1]) for axis in "xyz"))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d moved / d shift: one, at the target, from the pose on; and at corners d moved / d turn."""
+        slope = np.eye(3)[None]
+        if self.corners:
+            turned = self._arms[0] @ np.swapaxes(exp_so3(values[3:]), -1, -2)
+            shift = np.broadcast_to(np.eye(3), (len(turned), 3, 3))
+            slope = np.concatenate([shift, -skew(turned) @ left_jacobian_so3(values[3:])], -1)
+        return Change(self._moved(state, slope), slope.shape[-1])
+
+    def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
+        """Return how far the targets are moved (B, K, 3); a marker turns by any angle."""
+        if not self.corners:
+            return super().shift(state, values)
+        arms = self._arms[0]
+        return self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])
+
+    def _moved(self, state: State, by: NDArray) -> dict[str, NDArray]:
+        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on; nothing where
+        the state has none of these."""
+        places = [place_of(state, self.body, name) for name in self.corners or (self.target,)]
+        if all(place is None for place in places):
+            return {}
+        late = np.asarray(state.covariates[ORDER]) >= self.from_order
+        moved = np.zeros((len(state.rho), len(state.shape), *by.shape[1:]), by.dtype)
+        for place, own in zip(places, by, strict=True):
+            if place is not None:
+                moved[late, place] = own
+        return {"moved": moved}
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the shift, and the pose from which on."""
+        return (*super().told(values, covariance, legs), Told("from_pose", self.from_pose, None, ""))
+
+
+@dataclass(frozen=True)
+class TargetsSwapped(Cause):
+    """Two labels of a body are exchanged in ``poses``, whose ranks in time are ``orders``."""
+
+    body: str = ""
+    targets: tuple[str, ...] = ()
+    poses: tuple[int | str, ...] = ()
+    orders: tuple[float, ...] = ()
+
+    id = "targets-swapped"
+    step = Step.INSTRUMENT
+    kind = Kind.DISCRETE
+    is_persistent = False
+    reads = frozenset()
+
+    @property
+    def subject(self) -> str:
+        """Return the two targets."""
+        return f"targets {' '.join(self.targets)}"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return none: exchanged labels are found among the measured points, before anything is fitted."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return none: labels are exchanged or not."""
+        return ()
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return no derivative."""
+        return Change({}, 0)
+
+    def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
+        """Return how far the points of the two labels lie from where they would be without the exchange."""
+        return {"points": self.recorded(state.points, state, values) - state.points}
+
+    def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
+        """Return points, or their motions, (B, K, 3, ...), under each other's label."""
+        found = [place_of(state, self.body, target) for target in self.targets]
+        places = [place for place in found if place is not None]
+        if len(places) != 2:
+            return points
+        rows = np.flatnonzero(np.isin(state.covariates[ORDER], self.orders))[:, None]
+        exchanged = points.copy()
+        exchanged[rows, np.array(places)] = points[rows, np.array(places[::-1])]
+        return exchanged
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the poses, as text."""
+        return (Told("poses", " ".join(str(pose) for pose in self.poses), None, ""),)
+
+
+def place_of(state: State, body: str, target: str) -> int | None:
+    """Return where a target stands among the state's; none where it is not there."""
+    known = () if state.targets is None else tuple(zip(state.targets.bodies, state.targets.names, strict=True))
+    return known.index((body, target)) if (body, target) in known else None
+
+
+def _usable(onsets: Sequence[int], in_time: NDArray, scene: Scene) -> NDArray:
+    """Return, for each onset and target (S, K), whether the target was seen three times on either side, and in the
+    pose itself; the first onset needs no other side."""
+    seen = np.ones((len(in_time), len(scene.shape)), bool) if scene.seen is None else scene.seen
+    until = np.concatenate([np.zeros((1, seen.shape[1]), int), np.cumsum(seen[in_time], 0)])
+    before = until[list(onsets)]
+    enough = (before >= FEWEST) & (until[-1] - before >= FEWEST) & seen[in_time[list(onsets)]]
+    enough[0] = until[-1] >= FEWEST
+    return enough

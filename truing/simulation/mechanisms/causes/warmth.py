@@ -1,0 +1,143 @@
+"""Parts grow with temperature: the whole machine, or its legs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.state import State
+
+if TYPE_CHECKING:
+    from truing.simulation.targets import Targets
+
+TEMPERATURE = "temperature_c"
+COMMON, APART, BODIES = "common", "apart", "bodies"
+# Steel grows by 12e-6 of its length per kelvin, aluminium by 23e-6, carbon fibre by next to nothing.
+_PLAUSIBLE = 1e-5
+_PARTS = ("base", "platform", "legs")
+_SHARE = {COMMON: 0.6, APART: 0.4}
+# Of bodies without a mechanism: all of them, or any one alone.
+_SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.5
+
+
+@dataclass(frozen=True)
+class ThermalExpansion(Cause):
+    """Base and platform grow about their origins, legs in length, by alpha times the temperature above the reference.
+
+    ``form``: one alpha for all three, or one each (``apart``); of ``bodies`` without a mechanism all of them, or only
+    the one that ``body`` names, grow about the origins of their surveys.
+    """
+
+    form: str = COMMON
+    body: str = ""
+
+    id = "thermal-expansion"
+    step = Step.STRUCTURE
+    reads = frozenset({"a", "b", "l", "shape"})
+
+    @property
+    def subject(self) -> str:
+        """Return the body that grows alone."""
+        return self.body
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return both forms where it was not always as warm as at the reference; without legs all bodies and each."""
+        if not warms(scene):
+            return ()
+        if scene.legs:
+            return [ThermalExpansion(form) for form in (COMMON, APART)]
+        names = tuple(dict.fromkeys(scene.targets.bodies))
+        return [ThermalExpansion(BODIES, body) for body in ("", *(names if len(names) > 1 else ()))]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this form: one parameter is likelier than three, all bodies than a certain one."""
+        if scene.legs:
+            return _SHARE[self.form]
+        return _SHARE_OF_ONE / len(set(scene.targets.bodies)) if self.body else _SHARE_OF_ALL
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperature."""
+        return (TEMPERATURE,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return alpha, or alpha_base, alpha_platform and alpha_legs."""
+        names = [f"alpha_{part}" for part in _PARTS] if self.form == APART else ["alpha"]
+        return tuple(Parameter(name, "1/K", _PLAUSIBLE) for name in names)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return how far everything grows per alpha: its coordinates, or its length, times the temperature's rise."""
+        if not state.legs.count:
+            return Change(_grown_bodies(state, self.body), len(values))
+        fields = grown(state, _PARTS)
+        if self.form == COMMON:
+            fields = {name: slope.sum(-1, keepdims=True) for name, slope in fields.items()}
+        return Change(fields, len(values))
+
+
+@dataclass(frozen=True)
+class LegThermal(Cause):
+    """Legs and what sits on them grow by alpha times the temperature above the reference; the bodies do not."""
+
+    id = "leg-thermal"
+    step = Step.STRUCTURE
+    reads = frozenset({"l", "shape"})
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the cause where there are legs, and where it was not always as warm as at the reference."""
+        return (self,) if scene.legs and warms(scene) else ()
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperature."""
+        return (TEMPERATURE,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return alpha."""
+        return (Parameter("alpha", "1/K", _PLAUSIBLE),)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return how far legs and their targets grow per alpha."""
+        return Change(grown(state, ("legs",)), 1)
+
+
+def warms(scene: Scene) -> bool:
+    """Return whether the temperature is known at all poses and departs from the reference at any."""
+    found = scene.covariates.get(TEMPERATURE)
+    return found is not None and bool(np.isfinite(found).all() and np.any(found != scene.reference_temperature_c))
+
+
+def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
+    """Return by how much each field grows per share of each part (..., P): joints, lengths, targets, times the heat."""
+    heat, column = state.heat, dict(zip(parts, np.eye(len(parts)), strict=True))
+    fields = {}
+    for name, part in (("a", "base"), ("b", "platform"), ("l", "legs")):
+        if part in column and state.legs.count:
+            array = getattr(state.legs, name)
+            rise = heat[:, None] if name == "l" else heat[:, None, None]
+            fields[name] = (array * rise)[..., None] * column[part]
+    if state.targets is not None and len(state.shape):
+        shares = _shares(state.targets, column)
+        fields["moved"] = (state.shape * heat[:, None, None])[..., None] * shares[:, None]
+    return fields
+
+
+def _grown_bodies(state: State, body: str) -> dict[str, NDArray]:
+    """Return by how much targets move (B, K, 3, 1) per share of all bodies' growth, or of one's, times the heat."""
+    bodies = () if state.targets is None else state.targets.bodies
+    own = np.array([not body or other == body for other in bodies], float)
+    return {"moved": (state.shape * own[:, None] * state.heat[:, None, None])[..., None]}
+
+
+def _shares(targets: Targets, column: dict[str, NDArray]) -> NDArray:
+    """Return which part's growth (K, P) carries each target; none that of one on an attachment, which is the joint."""
+    from truing.simulation.targets import BASE, LEG, PLATFORM
+
+    none = np.zeros(len(next(iter(column.values()))))
+    of_kind = {BASE: "base", PLATFORM: "platform", LEG: "legs"}
+    found = np.array([column.get(of_kind[int(kind)], none) for kind in targets.body])
+    return np.where(targets.at_attachment[:, None], 0.0, found)

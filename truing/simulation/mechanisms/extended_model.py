@@ -1,0 +1,193 @@
+"""The extended model: a mechanism as identified, with the effects that were found; and its prediction of poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rotation import skew
+from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.effects_model import COMMON
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.unknowns import Conditions, Known, Unknowns
+from truing.simulation.survey import ShapeUnknowns
+from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+
+LEAST_FRAME = 3  # targets away from attachments that make the frame of a body
+# Poses that are predicted together; derivatives of all targets by all unknowns are large.
+_AT_ONCE = 128
+
+
+@dataclass(frozen=True)
+class ExtendedModel:
+    """A mechanism as identified: unknowns (G,) with covariance (G, G), in prior sigmas.
+
+    The model's targets are those of base and platform, at their surveyed places; survey_sigma (K,), m, is the noise of
+    these. ``context`` says, for people, what the model was made from. The covariance is that at the noise found.
+    """
+
+    model: PointModel
+    shared: NDArray
+    covariance: NDArray
+    survey_sigma: NDArray
+    context: dict[str, str]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that were found."""
+        return self.model.effects(self.shared)
+
+    def covariance_of(self, cause: Cause) -> NDArray:
+        """Return the covariance (P, P) of an effect's parameters, SI."""
+        part, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
+        return self.covariance[part, part] * np.outer(sigma, sigma)
+
+
+@dataclass(frozen=True)
+class PredictedPoses:
+    """Poses of the platform seen from the base, m and rad; whether the legs closed.
+
+    ``of_model`` is that part of the covariance that stems from the model's unknowns: poses that it was fitted to share
+    it. Frames are those of the contract: the bodies' targets away from the attachments, brought to their survey.
+    """
+
+    p: NDArray  # (B, 3)
+    R: NDArray  # (B, 3, 3)
+    covariance: NDArray  # (B, 6, 6) of (p, theta), R <- exp(theta) R
+    of_model: NDArray  # (B, 6, 6)
+    converged: NDArray  # (B,)
+
+
+def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
+    """Return the extended model of a fit over targets: its geometry and effects with their joint covariance."""
+    own = model.targets.body != LEG
+    parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", COMMON)]
+    kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    smaller = with_targets(model, own)
+    sigma = survey_noise(model)[own]
+    return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context)
+
+
+def with_targets(model: PointModel, own: NDArray) -> PointModel:
+    """Return the model with some of its targets (K,), none on a leg, at their surveyed places."""
+    found, known = model.targets, model.known
+    kept = np.flatnonzero(own)
+    names, bodies = (tuple(told[k] for k in kept) if told else () for told in (found.names, found.bodies))
+    targets = Targets(found.body[kept], found.leg[kept], names, bodies)
+    # What was known before is in the covariance already.
+    surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0))
+    conditions = replace(model.conditions, common_errors=None, pose_errors=None)
+    alone = replace(model, photographed=None, prior_campaign=None)
+    return replace(alone, targets=targets, known=surveyed, conditions=conditions)
+
+
+def exact_survey(targets: Targets) -> ShapeUnknowns:
+    """Return what an exact survey leaves unknown: nothing."""
+    return ShapeUnknowns(np.zeros((len(targets.body), 3, 0)), np.eye(3 * int(targets.at_attachment.sum())))
+
+
+def survey_noise(model: Unknowns) -> NDArray:
+    """Return the noise (K,), m, of the survey of each body, as its unknown shape has it: all but a rigid motion."""
+    squares = np.sum(model.known.survey.modes**2, (1, 2))
+    sigma = np.zeros(len(squares))
+    for body in np.unique(model.bodies):
+        own = (model.bodies == body) & ~model.targets.at_attachment
+        free = 3 * own.sum() - 6 * (body < LEG and own.sum() >= LEAST_FRAME)
+        sigma[model.bodies == body] = np.sqrt(squares[own].sum() / max(free, 1))
+    return sigma
+
+
+def concerns_targets(cause: Cause) -> bool:
+    """Return whether a cause concerns single targets alone, and so not where the bodies are."""
+    settings = cause.settings()
+    return bool(settings.get("target") or settings.get("targets"))
+
+
+def acts_on_poses(cause: Cause) -> bool:
+    """Return whether a cause changes where the platform is, and not only what is recorded of it."""
+    return cause.step is not Step.INSTRUMENT and not concerns_targets(cause)
+
+
+def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, recorded: bool = False) -> PredictedPoses:
+    """Return the platform's poses at the given conditions, with the uncertainty of unknowns and readings propagated.
+
+    recorded: as the instrument of the campaign would measure them, its own errors (a wrong scale) included; without it,
+    as they are.
+    """
+    every = extended_model.model.causes
+    causes = [one for one in every if acts_on_poses(one) or (recorded and not concerns_targets(one))]
+    own = extended_model.model.targets
+    framing = with_targets(extended_model.model, (own.leg < 0) & (own.body != LEG)).with_causes(causes)
+    kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, framing)])
+    shared, covariance = extended_model.shared[kept], extended_model.covariance[np.ix_(kept, kept)]
+    count = len(conditions.readings)
+    rows = [np.arange(first, min(first + _AT_ONCE, count)) for first in range(0, max(count, 1), _AT_ONCE)]
+    found = [_predicted(framing.at(some_of(conditions, own)), shared, covariance) for own in rows]
+    return PredictedPoses(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _parts(model: PointModel, smaller: PointModel) -> list[slice]:
+    """Return where the unknowns of a smaller model stand among those of the model."""
+    return [model.layout[name] for name in smaller.layout]
+
+
+def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
+    """Return the conditions of some poses; rows: which, or a mask (B,)."""
+    rows = np.arange(len(conditions.readings))[rows]
+    own = {name: value[rows] for name, value in conditions.covariates.items()}
+    poses = tuple(conditions.poses[row] for row in rows) if conditions.poses else ()
+    return replace(conditions, readings=conditions.readings[rows], covariates=own, poses=poses)
+
+
+def _predicted(
+    model: PointModel, shared: NDArray, covariance: NDArray
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Return poses, their covariance, the unknowns' part of it, and where the legs closed."""
+    local = np.zeros((len(model.conditions.readings), model.local_size))
+    state = model.state(shared, local)
+    p, R = state.p, state.R
+    if min(np.sum(model.targets.body == body) for body in (BASE, PLATFORM)) < LEAST_FRAME:
+        by_shared, by_local = model.pose_derivatives(shared, local)
+    else:
+        found = model.predict(shared, local)
+        p, R = _framed(model, found.points)
+        by_shared, by_local = (_twists(model, found.points, p, by) for by in (found.by_shared, found.by_local))
+    of_model = by_shared @ covariance @ np.swapaxes(by_shared, 1, 2)
+    return p, R, of_model + by_local @ np.swapaxes(by_local, 1, 2), of_model, state.converged
+
+
+def _framed(model: PointModel, points: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the pose (B, 3), (B, 3, 3) of the platform's frame in the base's, as targets (B, K, 3) have them."""
+    base, platform = (
+        umeyama(model.known.shape[model.targets.body == body], points[:, model.targets.body == body])
+        for body in (BASE, PLATFORM)
+    )
+    back = np.swapaxes(base.R, 1, 2)
+    return np.einsum("bij,bj->bi", back, platform.t - base.t), back @ platform.R
+
+
+def _twists(model: PointModel, points: NDArray, p: NDArray, motions: NDArray) -> NDArray:
+    """Return the twist (B, 6, P) of the platform's frame against the base's, from motions (B, K, 3, P) of targets."""
+    origins = {BASE: np.zeros_like(p), PLATFORM: p}
+    base, platform = (
+        _twist(points[:, model.targets.body == body] - origin[:, None], motions[:, model.targets.body == body])
+        for body, origin in origins.items()
+    )
+    carried = np.einsum("bij,bjp->bip", skew(p), base[:, 3:])
+    return platform - base + np.concatenate([carried, np.zeros_like(carried)], 1)
+
+
+def _twist(arms: NDArray, motions: NDArray) -> NDArray:
+    """Return the twist (B, 6, P) that fits motions (B, n, 3, P) of points at arms (B, n, 3) best."""
+    rows = np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], -1)
+    normal = np.einsum("bnij,bnik->bjk", rows, rows)
+    return np.linalg.solve(normal, np.einsum("bnij,bnip->bjp", rows, motions))
+
+
+def bare_known(geometry: dict[str, float], shape: NDArray, targets: Targets, legs: int, reading_sigma: float) -> Known:
+    """Return what is known of a mechanism whose legs carry no targets, its survey exact."""
+    seats = np.tile(np.eye(3), (legs, 1, 1)), np.zeros((legs, 3))
+    return Known(geometry, shape, exact_survey(targets), reading_sigma, np.arange(0), *seats)

@@ -1,0 +1,203 @@
+"""The simulated chain drive -> structure -> instrument, and how a change anywhere travels down it.
+
+An effect (a cause with values for its parameters) changes the state that the three steps pass on, at its own step;
+what follows downstream follows from the chain, in value and in exact derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import skew
+from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import forward, pose_change
+from truing.simulation.mechanisms.legs.reference_pose import home_pose
+from truing.simulation.mechanisms.state import State
+
+Met = tuple[Effect, State]
+POSE = "pose"
+_OF_LEGS = ("a", "b", "u", "l")
+REFERENCE = ("straight", "home")
+# An effect that depends on the pose moves it by less than a hundredth of what moved it: six rounds reach rounding.
+_ROUNDS = 6
+_TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A state whose structure has answered, and how it came about.
+
+    ``met`` is every effect of the drive and of the structure, in the order in which they acted, with the state that it
+    met; ``driven`` is the state between the two steps.
+    """
+
+    state: State
+    driven: State
+    met: tuple[Met, ...]
+
+    def downstream(self, cause: Cause) -> tuple[Met, ...]:
+        """Return the effects that act after a cause, which comes last in its step where it is not among them."""
+        keys = [effect.cause.key for effect, _ in self.met]
+        if cause.key in keys:
+            return self.met[keys.index(cause.key) + 1 :]
+        return self.met[self._drives if cause.step is Step.DRIVE else len(self.met) :]
+
+    def at(self, cause: Cause) -> State:
+        """Return the state that a cause meets."""
+        otherwise = self.driven if cause.step is Step.DRIVE else self.state
+        return self._met_by_key.get(cause.key, otherwise) if self.met else otherwise
+
+    @cached_property
+    def _met_by_key(self) -> dict[str, State]:
+        return {effect.cause.key: met for effect, met in self.met}
+
+    @cached_property
+    def answer(self) -> Change:
+        """Return what the effects of the structure make of a twist of the platform, per component of it, m and rad."""
+        if not any(POSE in effect.cause.reads for effect, _ in self.of_structure):
+            return Change({}, 6)
+        shifted = np.broadcast_to(np.eye(3, 6), (1, 3, 6))
+        turned = np.zeros((*self.state.R.shape, 6))
+        turned[..., 3:] = np.einsum("aij,bjk->bika", skew(np.eye(3)), self.state.R)
+        answer = carried(Change({"p": shifted, "R": turned}, 6), self.of_structure)
+        return Change({name: slope for name, slope in answer.fields.items() if name not in ("p", "R")}, 6)
+
+    @property
+    def of_structure(self) -> tuple[Met, ...]:
+        """Return the effects of the structure."""
+        return self.met[self._drives :]
+
+    @property
+    def _drives(self) -> int:
+        return sum(effect.cause.step is Step.DRIVE for effect, _ in self.met)
+
+
+def simulate(
+    legs: Legs, rho: NDArray, effects: Sequence[Effect] = (), covariates: Mapping[str, NDArray] | None = None
+) -> State:
+    """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
+    home = home_pose(legs)
+    start = State(legs, rho, np.zeros_like(rho), indicated=rho, covariates=covariates or {})
+    return passed(replace(start, upright=home.z[0], straight=home.z[0], home=home.R[0]), effects).state
+
+
+def passed(start: State, effects: Sequence[Effect]) -> Passage:
+    """Return how a state passes drive and structure; effects of one step act in their order, each on what it meets.
+
+    Effects that depend on the pose are found by rounds: the pose that the others lead to, then again with theirs.
+    """
+    driven, drives = _through(start, [effect for effect in effects if effect.cause.step is Step.DRIVE])
+    structure = [effect for effect in effects if effect.cause.step is Step.STRUCTURE]
+    rounds = _ROUNDS if any(POSE in effect.cause.reads for effect in structure) else 0
+    entry = _posed(driven, driven) if rounds else driven
+    for _ in range(rounds):
+        entry = _posed(_through(entry, structure)[0], driven)
+    state, met = _through(entry, structure)
+    return Passage(_posed(state, state), driven, (*drives, *met))
+
+
+def _through(state: State, effects: Sequence[Effect]) -> tuple[State, list[Met]]:
+    met = []
+    for effect in effects:
+        met.append((effect, state))
+        state = effect.apply(state)
+    return state, met
+
+
+def _posed(state: State, target: State) -> State:
+    """Return the target with the pose that a state's legs lead to."""
+    reached = forward(state.legs, state.rho, state.delta_bz)
+    return replace(target, p=reached.p, R=reached.R, converged=reached.converged)
+
+
+def carried(change: Change, met: Sequence[Met]) -> Change:
+    """Return a change with what effects downstream of it, in their order, make of it."""
+    fields = dict(change.fields)
+    for effect, state in met:
+        for name, slope in _answer(effect, state, fields, change.size).items():
+            fields[name] = fields.get(name, 0.0) + slope
+    return Change(fields, change.size)
+
+
+def settled(passage: Passage, change: Change) -> tuple[Change, NDArray]:
+    """Return a change at the end of the structure, with what its effects make of the pose's motion, and the twist.
+
+    The twist (B, 6, P) of the platform is exact.
+    """
+    twist = _twist(passage.state, change)
+    if not passage.answer.fields:
+        return change, twist
+    answer = passage.answer
+    twist = np.linalg.solve(np.eye(6) - _twist(passage.state, answer), twist)
+    fields = dict(change.fields)
+    for name, slope in answer.fields.items():
+        fields[name] = fields.get(name, 0.0) + np.einsum("b...q,bqp->b...p", slope, twist)
+    return Change(fields, change.size), twist
+
+
+def _twist(state: State, change: Change) -> NDArray:
+    return pose_change(state.legs, state.p, state.R, state.rho, state.delta_bz, change)
+
+
+def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
+    """Return the derivative of `moved` by each target's own shape: an array of that shape, (B, K, 3, 3)."""
+    total = np.zeros(shape)
+    for effect, state in met:
+        if "shape" in effect.cause.reads:
+            for axis, nudge in enumerate(1j * _TINY * np.eye(3)):
+                shift = effect.cause.shift(replace(state, shape=state.shape + nudge), effect.values).get("moved")
+                total[..., axis] += 0.0 if shift is None else shift.imag / _TINY
+    return total
+
+
+def _answer(effect: Effect, state: State, fields: Mapping[str, NDArray], size: int) -> dict[str, NDArray]:
+    """Return by how much an effect's shift changes (B, ..., P) when the fields that it reads do: a complex step."""
+    reads = effect.cause.reads | ({"p", "R"} if POSE in effect.cause.reads else set())
+    driven = {name: slope for name, slope in fields.items() if name in reads}
+    if not driven:
+        return {}
+    poses = len(state.rho)
+    shifts = effect.cause.shift(_nudged(state, driven, size), effect.values)
+    return {
+        name: np.moveaxis(
+            np.broadcast_to(shift.imag / _TINY, (size * poses, *shift.shape[1:])).reshape(
+                size, poses, *shift.shape[1:]
+            ),
+            0,
+            -1,
+        )
+        for name, shift in shifts.items()
+        if np.iscomplexobj(shift)
+    }
+
+
+def _nudged(state: State, driven: Mapping[str, NDArray], size: int) -> State:
+    """Return size times the B poses of a state, one after the other, each with a tiny imaginary part of its fields."""
+    poses = len(state.rho)
+
+    def copies(array: NDArray, slope: NDArray | None = None) -> NDArray:
+        many = np.broadcast_to(array, (size, poses, *array.shape[1:]))
+        if slope is not None:
+            many = many + 1j * _TINY * np.moveaxis(slope, -1, 0)
+        return many.reshape(size * poses, *many.shape[2:])
+
+    posed = ("p", "R") if len(state.p) else ()
+    own: dict[str, Any] = {
+        name: copies(getattr(state, name), driven.get(name)) for name in ("indicated", "rho", "delta_bz", *posed)
+    }
+    own |= {name: copies(getattr(state, name)[None], driven[name]) for name in REFERENCE if name in driven}
+    joints = {}
+    for name in _OF_LEGS:
+        array, rank = getattr(state.legs, name), 1 if name == "l" else 2
+        if name in driven or array.ndim > rank:
+            joints[name] = copies(array if array.ndim > rank else array[None], driven.get(name))
+    covariates = {name: copies(value) for name, value in state.covariates.items()}
+    return replace(state, **own, covariates=covariates, legs=state.legs.replace(**joints))

@@ -1,0 +1,1 @@
+"""Legs of a parallel mechanism: geometry, closures, kinematics."""

@@ -1,0 +1,205 @@
+"""Pose from readings, readings from pose, and the exact derivative of the pose by whatever changes.
+
+Poses are those of the platform in the base frame, p (B, 3) in m and R (B, 3, 3). Attachments stand at
+``b* = b + delta_bz z_E``, z of the platform. Equations of the telescope report, as corrected in its reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.legs.geometry import Legs
+
+_MAX_ITERATIONS = 30
+# Newton doubles the digits: a step below the root of rounding leaves the next one at rounding. Relative to the legs.
+SMALL_STEP = 1.5e-8
+# A step of so many legs, or radians, leads nowhere that the mechanism could be.
+_LOST_STEP = 10.0
+# Arrays of so many poses stay in the processor's cache.
+_PIECE = 1024
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Poses that a set of readings leads to, and whether the iteration closed all legs."""
+
+    p: NDArray  # (B, 3) m
+    R: NDArray  # (B, 3, 3)
+    converged: NDArray  # (B,) bool
+
+
+def attachments(legs: Legs, delta_bz: NDArray | float) -> NDArray:
+    """Return b* (..., L, 3) in the platform frame, m."""
+    shift = np.asarray(delta_bz)
+    return legs.b + shift[..., None] * np.array([0.0, 0.0, 1.0])
+
+
+def upper_joints(legs: Legs, p: NDArray, R: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
+    """Return the joints on the platform (..., L, 3), m, base frame."""
+    return p[..., None, :] + attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2)
+
+
+def leg_vectors(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
+    """Return the vectors (B, L, 3), m, from lower to upper joint, base frame (eq. 5)."""
+    return upper_joints(legs, p, R, delta_bz) - legs.closure.lower(legs, rho)
+
+
+def inverse(legs: Legs, p: NDArray, R: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
+    """Return the readings (B, L), m, at which the platform stands at p, R (eq. 7)."""
+    return legs.closure.invert(legs, upper_joints(legs, p, R, delta_bz) - legs.a)
+
+
+def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forward:
+    """Return the poses reached with readings rho (..., L), m, by Newton from the centred platform along the actuators.
+
+    Where the legs cannot meet the platform, or where it could go either way, the pose is the last one tried and does
+    not count as converged; the others of the batch are not touched by it.
+    Raises ValueError for fewer than six legs.
+    """
+    if rho.ndim != 2 or is_batched(legs):
+        return _newton(legs, rho, delta_bz)
+    return in_pieces(partial(_newton, legs), rho, np.broadcast_to(delta_bz, rho.shape))
+
+
+def is_batched(legs: Legs) -> bool:
+    """Return whether the legs differ from pose to pose."""
+    return legs.a.ndim > 2 or legs.b.ndim > 2 or legs.u.ndim > 2 or legs.l.ndim > 1
+
+
+def in_pieces(solve: Callable[..., Forward], *arrays: NDArray) -> Forward:
+    """Return the poses that a solver finds from arrays (B, ...), piece by piece: the same, and faster for many."""
+    parts = [slice(first, first + _PIECE) for first in range(0, max(len(arrays[0]), 1), _PIECE)]
+    found = [solve(*(array[part] for array in arrays)) for part in parts]
+    return Forward(*(np.concatenate([getattr(piece, name) for piece in found]) for name in ("p", "R", "converged")))
+
+
+def _newton(legs: Legs, rho: NDArray, delta_bz: NDArray | float) -> Forward:
+    p, R = _centred_start(legs, rho)
+    lost = converged = np.zeros(p.shape[:-1], bool)
+    size = np.abs(legs.l).max(-1)
+    for _ in range(_MAX_ITERATIONS):
+        short, towards = legs.closure.close(legs, upper_joints(legs, p, R, delta_bz), rho)
+        rows = closure_rows(legs, R, -towards, delta_bz)
+        twist, length = bounded_steps(rows, short)
+        lost = lost | (length == np.inf)
+        p, R = p + twist[..., :3], exp_so3(twist[..., 3:]) @ R
+        converged = ~lost & (length < SMALL_STEP * size)
+        if np.all(converged | lost):
+            break
+    return Forward(p, R, converged)
+
+
+def bounded_steps(rows: NDArray, short: NDArray) -> tuple[NDArray, NDArray]:
+    """Return Newton's steps (..., n) for rows (..., L, n) and what they fall short (..., L), and their longest entry.
+
+    That is infinite, and the step zero, for members of the batch that are singular or thrown out of any mechanism.
+    """
+    square, wanted = _square(rows, short[..., None])
+    try:
+        step = np.linalg.solve(square, wanted)[..., 0]
+    except np.linalg.LinAlgError:  # which names no member
+        regular = (np.linalg.slogdet(square)[0] != 0)[..., None, None]
+        step = np.linalg.solve(np.where(regular, square, np.eye(square.shape[-1])), wanted)[..., 0]
+        step = np.where(regular[..., 0], step, np.inf)
+    length = np.abs(step).max(-1)
+    sound = length < _LOST_STEP
+    return np.where(sound[..., None], step, 0.0), np.where(sound, length, np.inf)
+
+
+def reaches(legs: Legs, rho: NDArray) -> NDArray:
+    """Return for which readings rho (B, L), m, the legs meet the platform at all, reading by reading."""
+    return forward(legs, rho).converged
+
+
+def _centred_start(legs: Legs, rho: NDArray) -> tuple[NDArray, NDArray]:
+    """Return a start ahead of the actuators, turned as the joints ask for, with the right mean squared leg length."""
+    R = _alignment(legs)
+    lower = legs.closure.lower(legs, rho)
+    middle, joints = lower.mean(-2), legs.b.mean(-2)
+    ahead = unit(legs.u.mean(-2))
+    offset = (legs.b - joints[..., None, :]) @ np.swapaxes(R, -1, -2) - (lower - middle[..., None, :])
+    square = np.mean(legs.closure.length(legs, rho) ** 2 - _dot(offset, offset), -1)
+    height = np.sqrt(np.maximum(square.real, 0.0))
+    p = middle + height[..., None] * ahead - (R @ joints[..., None])[..., 0]
+    return p, np.broadcast_to(R, (*p.shape[:-1], 3, 3))
+
+
+def _alignment(legs: Legs) -> NDArray:
+    """Return the rotation (..., 3, 3) that best lays the platform's joints over the lower ones at the reference."""
+    lower = legs.closure.lower(legs, legs.rho0).real
+    spread = np.swapaxes(lower - lower.mean(-2, keepdims=True), -1, -2) @ (legs.b - legs.b.mean(-2, keepdims=True)).real
+    left, _, right = np.linalg.svd(np.nan_to_num(spread))  # legs that are not numbers close nowhere, but raise nothing
+    left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return left @ right
+
+
+def closure_rows(legs: Legs, R: NDArray, z: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
+    """Return the rows [z, R b* x z] (B, L, 6): change of a leg's length by a twist (v; omega) of the platform."""
+    arms = attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2)
+    arms, z = np.broadcast_arrays(arms, z)
+    rows = np.empty((*z.shape[:-1], 6), np.result_type(arms, z))
+    rows[..., :3] = z
+    for axis in range(3):  # np.cross takes three times as long
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        rows[..., 3 + axis] = arms[..., j] * z[..., k] - arms[..., k] * z[..., j]
+    return rows
+
+
+def inverse_jacobian(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
+    """Return d rho / d twist (B, L, 6) at constant deformation, 6-pus (eq. 8), columns m/m and m/rad."""
+    z = unit(leg_vectors(legs, p, R, rho, delta_bz))
+    return closure_rows(legs, R, z, delta_bz) / np.sum(z * legs.u, -1)[..., None]
+
+
+def pose_change(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray, change: Change) -> NDArray:
+    """Return the twist (B, 6, P) of the platform per parameter of a change; exact, from the closure's differential.
+
+    z . (v + omega x R b* + R (db + z_E d delta_bz) - dc) = d length, c the lower joint of a straight leg.
+    """
+    upper = upper_joints(legs, p, R, delta_bz)
+    z = -legs.closure.close(legs, upper, rho)[1]
+    moved = np.einsum("...li,...lip->...lp", z, attachment_change(legs, R, change))
+    wanted = legs.closure.close_change(legs, upper, rho, change) - moved
+    return solve_rows(closure_rows(legs, R, z, delta_bz), wanted)
+
+
+def attachment_change(legs: Legs, R: NDArray, change: Change) -> NDArray:
+    """Return the derivative (B, L, 3, P), base frame, of the attachments on a platform that stands still."""
+    moved = np.einsum("...ij,...ljp->...lip", R, change.get("b", (legs.count, 3)))
+    return moved + R[..., None, :, 2, None] * change.get("delta_bz", (legs.count,))[..., None, :]
+
+
+def solve_rows(rows: NDArray, wanted: NDArray) -> NDArray:
+    """Return the twists (B, 6, P) that meet L >= 6 leg conditions, least squares beyond six.
+
+    Raises ValueError for fewer than six legs, which leave the platform free.
+    """
+    return np.linalg.solve(*_square(rows, wanted))
+
+
+def _square(rows: NDArray, wanted: NDArray) -> tuple[NDArray, NDArray]:
+    """Return as many equations as unknowns: the rows themselves, or their normal equations."""
+    count, unknowns = rows.shape[-2:]
+    if count < unknowns:
+        raise ValueError(f"found {count} legs, expected at least {unknowns}: fewer leave the platform free to move")
+    if count > unknowns:
+        transposed = np.swapaxes(rows, -1, -2)
+        return transposed @ rows, transposed @ wanted
+    return rows, np.broadcast_to(wanted, (*rows.shape[:-2], *wanted.shape[-2:]))
+
+
+def unit(v: NDArray) -> NDArray:
+    """Return vectors (..., 3) divided by their length, real or complex."""
+    return v / np.sqrt(_dot(v, v))[..., None]
+
+
+def _dot(v: NDArray, w: NDArray) -> NDArray:
+    """Return products (...) of vectors (..., 3) without conjugation, faster than their sum."""
+    return np.einsum("...i,...i->...", v, w)

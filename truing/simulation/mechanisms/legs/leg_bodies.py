@@ -1,0 +1,165 @@
+"""Legs whose own targets give their pose: the ends of such a leg are where the mechanism has its joints.
+
+In the survey frame of a leg its lower joint is at c0, and the upper one a leg's length further along w. Both are
+unknown, five numbers for each leg; the two points take the place of the leg's closing, whose length they keep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import unit, upper_joints
+from truing.simulation.mechanisms.legs.leg_joints import Joints, beside, stacked
+from truing.simulation.mechanisms.parameters import Parameter
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
+
+_OWN = 5  # numbers of a leg: c0, and the two smallest components of w
+
+
+@dataclass(frozen=True)
+class LegPoses:
+    """Measured poses of the survey frames of legs (K,), from 0, in the base frame, and where they were seen."""
+
+    leg: NDArray
+    R: NDArray  # (B, K, 3, 3)
+    t: NDArray  # (B, K, 3) m
+    seen: NDArray  # (B, K) bool
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A closing with the ends of legs, and its derivatives by the deviations of their poses and by their numbers."""
+
+    closing: Closing
+    by_deviation: NDArray  # (..., M, 6 K)
+    by_values: NDArray  # (..., M, 5 K)
+
+
+@dataclass(frozen=True)
+class LegBodies:
+    """Poses R (B, K, 3, 3), t (B, K, 3) m of the survey frames of legs (K,), from 0, in the base frame.
+
+    c (K, 3), m, and w (K, 3) are where lower joint and direction are to be expected in those frames.
+    """
+
+    leg: NDArray
+    R: NDArray
+    t: NDArray
+    c: NDArray
+    w: NDArray
+
+    @property
+    def entries(self) -> tuple[Parameter, ...]:
+        """Return the numbers to identify beside those of the machine, leg by leg: c0, then two components of w."""
+        found: list[Parameter] = []
+        for leg, axes in zip(self.leg, self._free(), strict=True):
+            found += [Parameter(f"c_{axis}", int(leg), "mm", 1e-3) for axis in "xyz"]
+            found += [Parameter(f"w_{'xyz'[axis]}", int(leg), "1", 1.0) for axis in axes]
+        return tuple(found)
+
+    @property
+    def start(self) -> NDArray:
+        """Return the expected values (5 K,), SI."""
+        return np.concatenate([self.c, np.take_along_axis(self.w, self._free(), -1)], -1).ravel()
+
+    @property
+    def deviations(self) -> int:
+        """Return the number of deviations of a pose: 6 K."""
+        return 6 * len(self.leg)
+
+    def fits(self, structure: Structure, machine: Machine) -> bool:
+        """Return whether legs are one body each, in a model that closes a leg by length less distance of joints."""
+        single = isinstance(structure, KinematicModel) or structure.name == "beam"
+        return single and machine.legs.closure.one_body
+
+    def carry(self, values: NDArray, deviation: NDArray, closing: Closing, joints: Joints) -> Carried:
+        """Return the closing with the ends of these legs in place of their equations: six for each, behind the others.
+
+        values (..., 5 K) in the order of `entries`; deviation (..., B, 6 K) of the legs' poses, (v; theta) leg by leg.
+        """
+        parts = deviation.reshape(*deviation.shape[:-1], len(self.leg), 6)
+        R, turn = exp_so3(parts[..., 3:]) @ self.R, left_jacobian_so3(parts[..., 3:])
+        c, w, slope = self._seats(values)
+        length, length_slope = joints.lengths(closing)
+        along, near = _turned(R, w), _turned(R, c)
+        far = near + length[..., None] * along
+        origin = self.t + parts[..., :3]
+        value = np.stack([near + origin - joints.lower, far + origin - joints.upper], -2)
+        ends = np.stack([-joints.lower_slope, along[..., None] * length_slope[..., None, :] - joints.upper_slope], -3)
+        by_pose = [beside(arm.shape, np.eye(3), -skew(arm) @ turn) for arm in (near, far)]
+        by_seat = [beside(far.shape, R, size[..., None, None] * (R @ slope)) for size in (0.0 * length, length)]
+        return _in_place(self.leg, closing, value, ends, np.stack(by_pose, -3), np.stack(by_seat, -3))
+
+    def _free(self) -> NDArray:
+        """Return the two smallest components (K, 2) of the expected directions."""
+        return np.sort(np.argsort(np.abs(self.w), -1, kind="stable")[:, :2], -1)
+
+    def _seats(self, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Return c0 and w (..., K, 3) of values (..., 5 K), and dw (..., K, 3, 2) by its two components."""
+        parts = values.reshape(*values.shape[:-1], len(self.leg), _OWN)
+        free = np.eye(3)[self._free()]
+        largest = 1.0 - free.sum(1)
+        across = np.einsum("...kj,kji->...ki", parts[..., 3:], free)
+        square = 1.0 - np.sum(across * across, -1)
+        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square)) * np.sign(np.sum(largest * self.w, -1))
+        follows = largest[..., None] * (parts[..., None, 3:] / rest[..., None, None])
+        return parts[..., :3], across + rest[..., None] * largest, np.swapaxes(free, -1, -2) - follows
+
+
+def _in_place(
+    leg: NDArray, closing: Closing, value: NDArray, ends: NDArray, by_pose: NDArray, by_seat: NDArray
+) -> Carried:
+    """Put six rows for each leg (..., K, 2, 3, own) behind the equations of the other legs."""
+    others = np.setdiff1d(np.arange(closing.value.shape[-1]), leg)
+    rows = ends.reshape(*ends.shape[:-4], -1, ends.shape[-1])
+    slopes = np.concatenate([stacked(closing)[..., others, :], rows], -2)
+    values = np.concatenate([closing.value[..., others], value.reshape(*value.shape[:-3], -1)], -1)
+    parts = np.split(slopes, [6, 6 + closing.by_rho.shape[-1]], -1)
+    own = (
+        _each_its_own(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(others))
+        for array in (by_pose, by_seat)
+    )
+    return Carried(Closing(values, *parts), *own)
+
+
+def _each_its_own(rows: NDArray, others: int) -> NDArray:
+    """Return rows (..., 6 K, own) of which each leg has columns of its own, (..., M, K own); none of the other legs."""
+    legs = rows.shape[-2] // 6
+    wide = np.zeros((*rows.shape[:-2], others + rows.shape[-2], legs * rows.shape[-1]), rows.dtype)
+    apart = np.repeat(np.eye(legs), 6, 0)[:, :, None] * rows[..., :, None, :]
+    wide[..., others:, :] = apart.reshape(*rows.shape[:-1], -1)
+    return wide
+
+
+def seated(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, measured: LegPoses) -> LegBodies:
+    """Return the legs' bodies, with seats that fit the nominal legs best on average over the poses.
+
+    p (B, 3), R (B, 3, 3), rho (B, L): the platform and readings as measured. A pose in which a leg was not seen is
+    filled with one that fits, which says nothing if its covariance is as wide.
+    """
+    lower = legs.closure.lower(legs, rho)[:, measured.leg]
+    z = unit(upper_joints(legs, p, R)[:, measured.leg] - lower)
+    first = np.argmax(measured.seen, 0), np.arange(len(measured.leg))
+    turned = np.where(measured.seen[..., None, None], measured.R, _shortest(z[first], z) @ measured.R[first])
+    back = np.swapaxes(turned, -1, -2)
+    weight = measured.seen / measured.seen.sum(0)
+    c = np.einsum("bk,bki->ki", weight, _turned(back, lower - np.where(measured.seen[..., None], measured.t, 0.0)))
+    w = unit(np.einsum("bk,bki->ki", weight, _turned(back, z)))
+    t = np.where(measured.seen[..., None], measured.t, lower - _turned(turned, c))
+    return LegBodies(measured.leg, turned, t, c, w)
+
+
+def _turned(R: NDArray, v: NDArray) -> NDArray:
+    return (R @ v[..., None])[..., 0]
+
+
+def _shortest(start: NDArray, z: NDArray) -> NDArray:
+    """Return the rotations (..., 3, 3) that carry unit vectors start to nearby z the shortest way."""
+    cross = skew(np.cross(start, z))
+    return np.eye(3) + cross + cross @ cross / (1.0 + np.sum(start * z, -1))[..., None, None]

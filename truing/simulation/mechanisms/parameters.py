@@ -1,0 +1,243 @@
+"""What a calibration identifies: named numbers of a machine, and the machine as a function of them.
+
+Names are those of the tables: a_x .. b_z, u_x .. u_z, l, rho0, kappa (the leg's own entry of K), K11 .. (a leg's row of
+K), flexure_length; shared by all legs flexure_bending, flexure_axial, flexure_torsion and the same of tube.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.structures.structure import Machine, Section
+
+_OF_LEGS = ("a", "b", "u", "l", "rho0")
+_AXES = ("x", "y", "z")
+_STIFFNESS = {"bending": "N m2", "axial": "N", "torsion": "N m2"}
+SHARED = -1
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of one leg (from 0; -1: shared), the unit it has in the tables, and what one of that is in SI."""
+
+    name: str
+    leg: int
+    unit: str
+    si: float
+
+    @property
+    def label(self) -> str:
+        """Return what it is called where legs are not apart: a_x3, legs from 1; K14 says its leg itself."""
+        own = self.leg == SHARED or self.name.startswith("K")
+        return self.name if own else f"{self.name}{self.leg + 1}"
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """Where a parameter stands in a machine: the field, and the place within it."""
+
+    field: str
+    place: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Parameters in their order; values (..., P) in SI, with any leading batch that a machine's arrays then have."""
+
+    entries: tuple[Parameter, ...]
+
+    def __len__(self) -> int:
+        """Return the number of parameters P."""
+        return len(self.entries)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Return what the parameters are called."""
+        return tuple(entry.label for entry in self.entries)
+
+    @property
+    def units(self) -> NDArray:
+        """Return what one unit of the tables is in SI, (P,)."""
+        return np.array([entry.si for entry in self.entries])
+
+    @cached_property
+    def _slots(self) -> dict[str, tuple[NDArray, tuple[Any, ...]]]:
+        """Return by field the positions among the parameters, and the indices of their places."""
+        slots = [_slot(entry) for entry in self.entries]
+        found: dict[str, tuple[NDArray, tuple[Any, ...]]] = {}
+        for field in dict.fromkeys(slot.field for slot in slots):
+            chosen = [i for i, slot in enumerate(slots) if slot.field == field]
+            places = np.array([slots[i].place for i in chosen])
+            found[field] = np.array(chosen), tuple(places.T)
+        return found
+
+    def values(self, machine: Machine) -> NDArray:
+        """Return the machine's numbers, (..., P)."""
+        parts = {field: _array(machine, field) for field in self._slots}
+        batch = np.broadcast_shapes(*(part.shape[: part.ndim - _RANK[name]] for name, part in parts.items()))
+        values = np.zeros((*batch, len(self)), np.result_type(float, *parts.values()))
+        for field, (chosen, place) in self._slots.items():
+            values[..., chosen] = parts[field][..., *place]
+        return values
+
+    def machine(self, nominal: Machine, values: NDArray) -> Machine:
+        """Return the nominal machine with these values (..., P); directions u stay of unit length, or become NaN.
+
+        Raises ValueError where a component of u is among the parameters that follows from the others.
+        """
+        arrays = {}
+        for field, (chosen, place) in self._slots.items():
+            start = _array(nominal, field)
+            array = np.broadcast_to(start, (*values.shape[:-1], *start.shape[-_RANK[field] :]))
+            array = array.astype(np.result_type(start, values))
+            array[..., *place] = values[..., chosen]
+            arrays[field] = self._of_unit_length(array, start) if field == "u" else array
+        return _with_arrays(nominal, arrays)
+
+    def change(self, machine: Machine) -> Change:
+        """Return the derivative of the machine's fields by the parameters."""
+        fields = {}
+        for field, (chosen, place) in self._slots.items():
+            array = _array(machine, field)
+            batch = array.shape[: array.ndim - _RANK[field]] if field == "u" else ()
+            slope = np.zeros((*batch, *array.shape[-_RANK[field] :], len(self)), array.dtype)
+            slope[..., *place, chosen] = 1.0
+            fields[field] = _along_the_sphere(array, slope) if field == "u" else slope
+        return Change(fields, len(self))
+
+    def _of_unit_length(self, u: NDArray, nominal: NDArray) -> NDArray:
+        """Return directions with the component made to fit that is largest in the nominal ones."""
+        largest = np.argmax(np.abs(nominal), -1)[..., None]
+        leg, axis = self._slots["u"][1]
+        if np.any(largest[..., leg, 0] == axis):
+            raise ValueError("u: found its largest component among the parameters, expected the two smallest")
+        np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), 0.0, -1)
+        square = 1.0 - np.sum(u * u, -1, keepdims=True)
+        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square))
+        sign = np.sign(np.take_along_axis(nominal, largest, -1).real)
+        np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), sign * rest, -1)
+        return u
+
+
+def _along_the_sphere(u: NDArray, slope: NDArray) -> NDArray:
+    """Add to the slopes of two components what the largest does: du_z = -(u_x du_x + u_y du_y) / u_z."""
+    largest = np.argmax(np.abs(u), -1)[..., None]
+    follows = -np.sum(u[..., None] * slope, -2, keepdims=True) / np.take_along_axis(u, largest, -1)[..., None]
+    return slope + np.where((np.arange(3) == largest)[..., None], follows, 0.0)
+
+
+# Trailing axes of each field of a machine that parameters may stand in.
+_RANK = {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2, "flexure_length": 1, "flexure": 1, "tube": 1}
+
+
+def _slot(parameter: Parameter) -> _Slot:
+    """Return where a parameter stands; raises ValueError for a name that no machine has."""
+    name, leg = parameter.name, parameter.leg
+    head, _, tail = name.partition("_")
+    if head in ("a", "b", "u") and tail in _AXES:
+        return _Slot(head, (leg, _AXES.index(tail)))
+    if name in ("l", "rho0", "flexure_length"):
+        return _Slot(name, (leg,))
+    if name == "kappa":
+        return _Slot("deformation", (leg, leg))
+    if name.startswith("K") and name[1:].replace("_", "").isdigit():
+        return _Slot("deformation", (leg, _column(name, leg)))
+    if head in ("flexure", "tube") and tail in _STIFFNESS:
+        return _Slot(head, (list(_STIFFNESS).index(tail),))
+    raise ValueError(f"parameter: found {name!r}, expected a number of the machine")
+
+
+def _column(name: str, leg: int) -> int:
+    """Return j - 1 of the name Kij or Ki_j."""
+    return int(name[1:].partition("_")[2] if "_" in name else name[1 + len(str(leg + 1)) :]) - 1
+
+
+def _array(machine: Machine, field: str) -> NDArray:
+    """Return a field of the machine; raises ValueError where the machine has none."""
+    held = getattr(machine.legs if field in _OF_LEGS else machine, field)
+    if held is None:
+        raise ValueError(f"machine: found no {field}, expected one for its parameters")
+    return np.stack([held.bending, held.axial, held.torsion], -1) if isinstance(held, Section) else np.asarray(held)
+
+
+def _with_arrays(machine: Machine, arrays: dict[str, NDArray]) -> Machine:
+    """Return the machine with arrays put in by field."""
+    legs = {name: array for name, array in arrays.items() if name in _OF_LEGS}
+    rest: dict[str, Any] = {name: array for name, array in arrays.items() if name not in _OF_LEGS}
+    rest |= {name: Section(*np.moveaxis(rest[name], -1, 0)) for name in ("flexure", "tube") if name in rest}
+    return replace(machine, legs=machine.legs.replace(**legs), **rest)
+
+
+def report_set(machine: Machine, deformation: str) -> ParameterSet:
+    """Return what the telescope report identifies under a deformation (its tables 5 to 7).
+
+    ``none``: a_x a_y b_x b_y u_x l; ``linear`` and ``matrix``: kappa, the diagonal of K, in place of u_x. Closures
+    without u lack u_x; where u is not along z, its smallest component stands for u_x.
+    """
+    _check(deformation)
+    legs = range(machine.legs.count)
+    joints = [_millimetres(f"{name}_{axis}", leg) for name in "ab" for axis in "xy" for leg in legs]
+    lengths = [_millimetres("l", leg) for leg in legs]
+    if deformation != "none":
+        return ParameterSet((*joints, *(_ratio("kappa", leg) for leg in legs), *lengths))
+    return ParameterSet((*joints, *_directions(machine, 1), *lengths))
+
+
+def full_set(
+    machine: Machine, deformation: str, *, rho0: bool = False, flexure_length: bool = False, sections: bool = False
+) -> ParameterSet:
+    """Return all of a, b, u (where the closure has one) and l, and the deformation's kappa or all of K.
+
+    On request also the reference readings, the flexures' lengths, and the stiffnesses of flexures and tubes.
+    """
+    legs = range(machine.legs.count)
+    entries = [_millimetres(f"{name}_{axis}", leg) for name in "ab" for axis in _AXES for leg in legs]
+    entries += _directions(machine, 2)
+    for name, wanted in (("l", True), ("rho0", rho0), ("flexure_length", flexure_length)):
+        entries += [_millimetres(name, leg) for leg in legs if wanted]
+    return ParameterSet((*entries, *deformation_set(machine, deformation).entries, *_sections(sections)))
+
+
+def deformation_set(machine: Machine, deformation: str) -> ParameterSet:
+    """Return the parameters of a deformation alone: none, kappa of each leg, or K row by row."""
+    _check(deformation)
+    count = machine.legs.count
+    if deformation == "matrix":
+        between = "_" if count > 9 else ""
+        pairs = ((i, j) for i in range(count) for j in range(count))
+        return ParameterSet(tuple(_ratio(f"K{i + 1}{between}{j + 1}", i) for i, j in pairs))
+    return ParameterSet(tuple(_ratio("kappa", leg) for leg in range(count) if deformation == "linear"))
+
+
+def _check(deformation: str) -> None:
+    if deformation not in ("none", "linear", "matrix"):
+        raise ValueError(f"deformation: found {deformation!r}, expected none, linear or matrix")
+
+
+def _directions(machine: Machine, count: int) -> list[Parameter]:
+    """Return the smallest components of each u, in the order of the axes; of equal ones the first."""
+    if "u" not in machine.legs.closure.geometry:
+        return []
+    smallest = np.sort(np.argsort(np.abs(machine.legs.u), -1, kind="stable")[:, :count], -1)
+    order = [(place, leg) for place in range(count) for leg in range(len(smallest))]
+    return [_ratio(f"u_{_AXES[smallest[leg, place]]}", leg) for place, leg in order]
+
+
+def _sections(wanted: bool) -> Sequence[Parameter]:
+    pairs = [(body, kind) for body in ("flexure", "tube") for kind in _STIFFNESS if wanted]
+    return [Parameter(f"{body}_{kind}", SHARED, _STIFFNESS[kind], 1.0) for body, kind in pairs]
+
+
+def _millimetres(name: str, leg: int) -> Parameter:
+    return Parameter(name, leg, "mm", 1e-3)
+
+
+def _ratio(name: str, leg: int) -> Parameter:
+    return Parameter(name, leg, "1", 1.0)

@@ -1,0 +1,126 @@
+"""What each leg of a mechanism tells about its own parameters at a configuration, over the poses around home.
+
+A configuration is six coordinates x of the platform's displacement from home: (p - p0; log R R0^T) = scale @ x.
+Readings follow by the mechanism's own closure, so any number of legs from six on is as good as any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, log_so3, skew
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.legs.reference_pose import Home, home_pose
+from truing.simulation.mechanisms.parameters import ParameterSet
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
+
+# Far below rounding of any real part: a complex step has no cancellation.
+_STEP = 1e-40
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Configurations: poses p (..., 3) m, R (..., 3, 3) and readings rho (..., L) m."""
+
+    p: NDArray
+    R: NDArray
+    rho: NDArray
+
+
+@dataclass(frozen=True)
+class PoseRegressors:
+    """Rows of the observability Jacobian, leg by leg (telescope report, eq. 37), over configurations x (B, 6).
+
+    change: of the machine by q parameters of every leg at once, each leg's own (arrays (L, 3, q) and (L, q)); scale
+    (6, 6): displacement per coordinate, m and rad.
+    """
+
+    structure: Structure
+    machine: Machine
+    change: Change
+    home: Home
+    scale: NDArray
+
+    def at(self, x: NDArray) -> Placed:
+        """Return the configurations at coordinates x (B, 6)."""
+        moved = x @ self.scale.T
+        p, R = self.home.p + moved[..., :3], exp_so3(moved[..., 3:]) @ self.home.R
+        return Placed(p, R, readings_at(self.structure, self.machine, p, R).rho)
+
+    def coordinates(self, placed: Placed) -> NDArray:
+        """Return the coordinates (B, 6) of poses, the inverse of `at`."""
+        turned = log_so3(placed.R @ np.swapaxes(self.home.R, -1, -2))
+        return np.linalg.solve(self.scale, np.concatenate([placed.p - self.home.p, turned], -1).T).T
+
+    def rows(self, placed: Placed) -> NDArray:
+        """Return the derivative (B, L, q) of each leg's closing by its own parameters."""
+        closing = self.structure.close(self.machine, placed.p, placed.R, placed.rho, self.change)
+        return closing.by_parameter
+
+    def rows_and_changes(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the rows (B, L, q) and their exact derivative (B, L, q, 6) by the coordinates, by a complex step."""
+        placed = self.at(x)
+        twist, rho = self._motion(x, placed)
+        turned = (np.eye(3) + 1j * _STEP * skew(np.swapaxes(twist[:, 3:], 1, 2))) @ placed.R[:, None]
+        moved = Placed(
+            placed.p[:, None] + 1j * _STEP * np.swapaxes(twist[:, :3], 1, 2),
+            turned,
+            placed.rho[:, None] + 1j * _STEP * np.swapaxes(rho, 1, 2),
+        )
+        rows = self.rows(moved)
+        return rows[:, 0].real, np.moveaxis(rows.imag, 1, -1) / _STEP
+
+    def quantities(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what limits may be set to, (B, 6 + L), and its derivative (B, 6 + L, 6) by the coordinates.
+
+        First the displacement from home in m and rad, then the readings less their reference in m.
+        """
+        placed = self.at(x)
+        moved = np.concatenate([x @ self.scale.T, placed.rho - self.machine.legs.rho0], -1)
+        by_pose = np.broadcast_to(self.scale, (len(x), 6, 6))
+        return moved, np.concatenate([by_pose, self._motion(x, placed)[1]], 1)
+
+    def _motion(self, x: NDArray, placed: Placed) -> tuple[NDArray, NDArray]:
+        """Return the twist (B, 6, 6) of the platform and the change (B, L, 6) of the readings per coordinate."""
+        turning = left_jacobian_so3(x @ self.scale[3:].T) @ self.scale[3:]
+        twist = np.concatenate([np.broadcast_to(self.scale[:3], turning.shape), turning], 1)
+        closing = self.structure.close(self.machine, placed.p, placed.R, placed.rho, Change({}, 0))
+        return twist, -np.linalg.solve(closing.by_rho, closing.by_twist @ twist)
+
+
+def leg_by_leg(machine: Machine, parameters: ParameterSet) -> Change:
+    """Return one change of q columns that moves all legs at once, each by its own q parameters in their order.
+
+    Raises ValueError for parameters that legs share, and where legs have different numbers of them.
+    """
+    owners = np.array([entry.leg for entry in parameters.entries])
+    own = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
+    if np.any(owners < 0) or len({len(columns) for columns in own}) != 1:
+        raise ValueError("parameters: expected as many of every leg, and none that legs share")
+    fields = parameters.change(machine).fields
+    legs = {name: np.stack([field[i, ..., columns] for i, columns in enumerate(own)]) for name, field in fields.items()}
+    return Change({name: np.moveaxis(field, 1, -1) for name, field in legs.items()}, len(own[0]))
+
+
+def pose_regressors(
+    structure: Structure, machine: Machine, parameters: ParameterSet, pose_range: NDArray, reading_range: NDArray
+) -> PoseRegressors:
+    """Return the regressors with coordinates in which all limits together are about as far away in every direction.
+
+    pose_range (6,) m and rad, reading_range (L,) m: half ranges, infinite where there is none. Raises ValueError
+    where they leave the platform free in some direction, for fewer than six legs, and as `leg_by_leg`.
+    """
+    change = leg_by_leg(machine, parameters)
+    home = home_pose(machine.legs)
+    plain = PoseRegressors(structure, machine, change, home, np.eye(6))
+    normals = plain.quantities(np.zeros((1, 6)))[1][0] / np.concatenate([pose_range, reading_range])[:, None]
+    gram = normals.T @ normals
+    lever = np.repeat([1.0, np.sqrt(np.mean(machine.legs.b**2) * 3)], 3)  # m per rad, so that the rank can be judged
+    values = np.linalg.eigvalsh(gram / np.outer(lever, lever))
+    if not values[0] > 1e-12 * values[-1]:
+        raise ValueError("limits of pose and readings that bound every displacement of the platform")
+    scale = np.linalg.inv(np.linalg.cholesky(gram).T)
+    return PoseRegressors(structure, machine, change, home, scale)

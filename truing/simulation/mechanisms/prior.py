@@ -1,0 +1,167 @@
+"""What a prior campaign of the same mechanism has found, as knowledge that a model of the next one starts from.
+
+Where both campaigns rest on the same
+survey, what that says of the attachments enters once too; where they do not, the frames of base and platform differ by
+the noise of the surveys that define them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import skew
+from truing.simulation.cause import Cause
+from truing.simulation.mechanisms.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
+from truing.simulation.mechanisms.unknowns import FREE_LENGTH_M, Unknowns
+from truing.simulation.prior_campaign import (
+    CampaignPrior,
+    Part,
+    block_diagonal,
+    centred,
+    clipped,
+    marginal,
+    persistent_causes,
+)
+from truing.simulation.targets import BASE, PLATFORM
+
+_SAME_M = 1e-9
+_GEOMETRY = ("a", "b", "u", "l")
+
+
+def mechanism_prior(found: ExtendedModel, model: Unknowns, common: tuple[Cause, ...] | None = None) -> CampaignPrior:
+    """Return what a prior model tells of the unknowns of a model of the next campaign.
+
+    Effects that the next one cannot predict, for want of a column, are left out; ``common``: those that both have.
+    """
+    old, causes = found.model, common
+    if causes is None:
+        drives = {f"rho{leg}_mm" for leg in range(1, model.leg_count + 1)}
+        causes = persistent_causes(old.causes, model.leg_count, model.conditions.covariates, drives)
+    wider = model.with_causes(causes)
+    names = [name for name in _GEOMETRY if name in old.layout and name in wider.layout]
+    names += [cause.key for cause in causes]
+    parts = tuple(Part(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
+    bridge = _bridge(old, wider, names)
+    own, others = _split(old, names)
+    told = clipped(np.linalg.inv(found.covariance) - np.eye(len(found.shared)))
+    told = marginal(told + np.diag(np.isin(np.arange(len(told)), others).astype(float)), others)[np.ix_(own, own)]
+    back, nominal = np.linalg.inv(bridge), _offset(old, wider, names)
+    estimate = bridge @ found.shared[own] + nominal, bridge @ found.covariance[np.ix_(own, own)] @ bridge.T
+    prior = CampaignPrior.of(causes, parts, estimate, clipped(back.T @ told @ back), back.T @ back, nominal)
+    return _by_survey(prior, found, wider)
+
+
+def _size(model: Unknowns, name: str) -> int:
+    part = model.layout[name]
+    return part.stop - part.start
+
+
+def _split(model: Unknowns, names: Sequence[str]) -> tuple[NDArray, NDArray]:
+    """Return the places of the named parts among a model's unknowns, in that order, and those of all others."""
+    slices = [model.layout[name] for name in names]
+    own = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
+    return own, np.setdiff1d(np.arange(model.shared_size), own)
+
+
+def _bridge(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
+    """Return the matrix (n, n) from the prior model's unknowns to the next one's: scales, and axes of the tilts."""
+    blocks = []
+    for name in names:
+        size = _size(old, name)
+        ratio = np.broadcast_to(old.scale_of(name), size) / np.broadcast_to(new.scale_of(name), size)
+        turn = np.eye(size)
+        if name == "u":
+            own = np.einsum("lim,lin->lmn", new.across, old.across)
+            turn = np.einsum("lmn,lk->lmkn", own, np.eye(len(own))).reshape(size, size)
+        blocks.append(turn * ratio)
+    return block_diagonal(*blocks)
+
+
+def _offset(old: Unknowns, new: Unknowns, names: Sequence[str]) -> NDArray:
+    """Return by how much nominal values differ, in units of the next model's unknowns."""
+    away = new.unknowns(old.nominal, {cause.key: np.zeros_like(new.effect_sigma(cause)) for cause in new.causes})
+    own, _ = _split(new, names)
+    return away[own]
+
+
+def _by_survey(prior: CampaignPrior, found: ExtendedModel, model: Unknowns) -> CampaignPrior:
+    """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
+    if _same_survey(found, model):
+        away, slopes = model.survey_rows(np.zeros(model.shared_size))
+        rows = slopes[:, prior.places(model)]
+        common, information = rows.T @ rows, clipped(prior.information - rows.T @ rows)
+        pull = prior.information @ prior.middle - rows.T @ away
+        return replace(prior, shared=prior.shared + common, information=information, middle=centred(information, pull))
+    moves, spread = _frames(prior, found, model)
+    if not len(spread):
+        return prior
+    carried = moves.T @ prior.information
+    inner = np.linalg.inv(np.linalg.inv(spread) + carried @ moves)
+    return replace(
+        prior,
+        frames=moves @ spread @ moves.T,
+        information=clipped(prior.information - carried.T @ inner @ carried),
+    )
+
+
+def _same_survey(found: ExtendedModel, model: Unknowns) -> bool:
+    """Return whether every target of base and platform stands in both surveys at the same place."""
+    before, now = (_places(one) for one in (found.model, model))
+    return before.keys() == now.keys() and all(
+        np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()
+    )
+
+
+def _places(model: Unknowns) -> dict[tuple[int, str], NDArray]:
+    targets = model.targets
+    own = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
+    return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
+
+
+def _frames(prior: CampaignPrior, found: ExtendedModel, model: Unknowns) -> tuple[NDArray, NDArray]:
+    """Return how the numbers follow motions of the frames (n, 12), and the covariance (12, 12) of these, m and rad.
+
+    Empty where a frame rests on the attachments themselves.
+    """
+    covariances = []
+    for body in (BASE, PLATFORM):
+        total = np.zeros((6, 6))
+        for one, sigma in ((found.model, found.survey_sigma), (model, survey_noise(model))):
+            own = (one.targets.body == body) & (one.targets.leg < 0)
+            if own.sum() < LEAST_FRAME:
+                return np.zeros((len(prior.mean), 0)), np.zeros((0, 0))
+            total += sigma[own].mean() ** 2 * np.linalg.inv(_rigid_information(one.known.shape[own]))
+        covariances.append(total)
+    spread = np.zeros((12, 12))
+    spread[:6, :6], spread[6:, 6:] = covariances
+    # The least that a survey may leave open, lest an exact one cannot be inverted.
+    spread += np.eye(12) * (1e-6 * FREE_LENGTH_M) ** 2
+    return _moved_by_frames(prior, model), spread
+
+
+def _rigid_information(places: NDArray) -> NDArray:
+    rows = np.concatenate([np.broadcast_to(np.eye(3), (len(places), 3, 3)), -skew(places)], -1)
+    return np.asarray(np.einsum("nij,nik->jk", rows, rows))
+
+
+def _moved_by_frames(prior: CampaignPrior, model: Unknowns) -> NDArray:
+    """Return how joints and directions follow a motion (t, theta) of the base's frame, then of the platform's."""
+    legs, across = model.nominal, model.across
+    turned = -skew(legs.u)
+    blocks = {
+        "a": (0, np.concatenate([np.broadcast_to(np.eye(3), (legs.count, 3, 3)), -skew(legs.a)], -1)),
+        "b": (6, np.concatenate([np.broadcast_to(np.eye(3), (legs.count, 3, 3)), -skew(legs.b)], -1)),
+        "u": (0, np.einsum("lim,lij->lmj", across, np.concatenate([np.zeros_like(turned), turned], -1))),
+    }
+    found = []
+    for part in prior.parts:
+        rows = np.zeros((len(part.scale), 12))
+        if part.name in blocks:
+            first, moved = blocks[part.name]
+            rows[:, first : first + 6] = moved.reshape(-1, 6)
+        found.append(rows / part.scale[:, None])
+    return np.concatenate(found)

@@ -1,0 +1,175 @@
+"""Implicit calibration leg by leg of many draws of a campaign at once (telescope report, eq. 30), for Monte Carlo.
+
+A leg's residual knows its own parameters alone, so every leg of every draw is a small problem of its own. What the
+other legs' readings do to a leg's attachment is known, and is taken up by where the platform was seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.least_squares.minima import Minima, distinct_minima
+from truing.estimation.least_squares.solver import Method, Solution, SolverStatus, join_solutions, least_squares
+from truing.simulation.mechanisms.parameters import ParameterSet
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine
+
+# A leg's own numbers, in the order of the compiled code.
+_NUMBERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "u_z", "l", "kappa", "rho0")
+_DRAWS_AT_ONCE = 1000
+# From so many draws on, compiled code wins although it has to be loaded first (0.5 s).
+_WORTH_COMPILED_CODE = 400
+
+
+@dataclass(frozen=True)
+class Recalibrations:
+    """Calibrations of D draws of a campaign, each leg by itself; SI."""
+
+    names: tuple[tuple[str, ...], ...]  # L x P, what each leg's values are
+    values: NDArray  # (D, L, P)
+    cost: NDArray  # (D, L) m^2, sum of squared residuals
+    covariance: NDArray  # (D, L, P, P) for residuals with a standard deviation of 1 m
+    status: NDArray  # (D, L) of SolverStatus values (str)
+    iterations: NDArray  # (D, L)
+
+    @property
+    def ok(self) -> NDArray:
+        """Return which calibrations (D, L) reached a minimum with all parameters determined."""
+        return self.status == SolverStatus.CONVERGED
+
+
+@dataclass(frozen=True)
+class LegDraws:
+    """What D draws of a campaign say about one leg, and the leg as a mechanism of its own."""
+
+    machine: Machine  # of this leg alone
+    parameters: ParameterSet  # of leg 0
+    p: NDArray  # (D, N, 3) m, the platform with the shift that the other legs' readings give this leg's attachment
+    R: NDArray  # (D, N, 3, 3)
+    rho: NDArray  # (D, N, 1) m
+
+
+def recalibrate(
+    machine: Machine,
+    parameters: ParameterSet,
+    p: NDArray,
+    R: NDArray,
+    rho: NDArray,
+    *,
+    start: NDArray | None = None,
+    method: Method = "trust-region",
+) -> Recalibrations:
+    """Return the calibrations of D draws of poses p (D, N, 3), R (D, N, 3, 3), m, and readings rho (D, N, L), m.
+
+    parameters: as many of every leg, each leg's own alone. Everything else is as in the machine, where the fits
+    start unless start (D, L, P) says otherwise. Arrays with D = 1 serve all draws. Raises ValueError for parameters
+    that are not a single leg's.
+    """
+    draws_of_legs = [leg_draws(machine, parameters, leg, p, R, rho) for leg in range(machine.legs.count)]
+    begin = nominal_values(machine, parameters)[None] if start is None else start
+    (draws,) = np.broadcast_shapes(*(array.shape[:1] for array in (begin, p, R, rho)))
+    begin = np.broadcast_to(begin, (draws, *begin.shape[1:]))
+    fits = [calibrate_leg(leg, begin[:, i], method) for i, leg in enumerate(draws_of_legs)]
+    names = tuple(tuple(entry.name for entry in leg.parameters.entries) for leg in draws_of_legs)
+    fields = ("x", "cost", "covariance", "status", "iterations")
+    return Recalibrations(names, *(np.stack([getattr(fit, field) for fit in fits], 1) for field in fields))
+
+
+def nominal_values(machine: Machine, parameters: ParameterSet) -> NDArray:
+    """Return the machine's own values (L, P), leg by leg; errors as for `recalibrate`."""
+    own = [_own(parameters, leg) for leg in range(machine.legs.count)]
+    counts = [len(entries) for entries in own]
+    if len(set(counts)) != 1:
+        raise ValueError(f"parameters: found {counts} per leg, expected as many of each")
+    return np.stack([entries.values(_single(machine, leg))[0, 0] for leg, entries in enumerate(own)])
+
+
+def minima_from(
+    machine: Machine,
+    parameters: ParameterSet,
+    p: NDArray,
+    R: NDArray,
+    rho: NDArray,
+    start: NDArray,
+    method: Method = "trust-region",
+) -> list[Minima]:
+    """Return which minima each leg's calibration has, as far as starts (S, L, P) lead to them.
+
+    One campaign: poses p (N, 3), R (N, 3, 3), readings rho (N, L), m; errors as for `recalibrate`.
+    """
+    legs = [leg_draws(machine, parameters, leg, p[None], R[None], rho[None]) for leg in range(machine.legs.count)]
+    return [distinct_minima(calibrate_leg(leg, start[:, i], method)) for i, leg in enumerate(legs)]
+
+
+def _own(parameters: ParameterSet, leg: int) -> ParameterSet:
+    """Return one leg's parameters, as those of a machine with a single leg."""
+    strange = sorted({entry.name for entry in parameters.entries if entry.name not in _NUMBERS})
+    if strange:
+        raise ValueError(f"parameters: found {', '.join(strange)}, expected a leg's own: {', '.join(_NUMBERS)}")
+    return ParameterSet(tuple(replace(entry, leg=0) for entry in parameters.entries if entry.leg == leg))
+
+
+def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, R: NDArray, rho: NDArray) -> LegDraws:
+    """Return what draws say about one leg; arrays and errors as for `recalibrate`."""
+    others = machine.deformation[leg].copy()
+    others[leg] = 0.0
+    seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None] if others.any() else p
+    single, own = _single(machine, leg), _own(parameters, leg)
+    return LegDraws(own.machine(single, own.values(single)), own, seen, R, rho[..., leg : leg + 1])
+
+
+def _single(machine: Machine, leg: int) -> Machine:
+    """Return one leg as a mechanism, with room for draws and poses before the leg."""
+    only = slice(leg, leg + 1)
+    arrays = {name: getattr(machine.legs, name)[None, None, only] for name in ("a", "b", "u", "l", "rho0")}
+    return Machine(machine.legs.replace(**arrays), machine.deformation[None, None, only, only])
+
+
+def calibrate_leg(leg: LegDraws, start: NDArray, method: Method = "trust-region") -> Solution:
+    """Return the calibrations of one leg from starts (D, P); many by the trust region run compiled."""
+    if method == "trust-region" and leg.machine.legs.closure.name == "6-pus" and len(start) >= _WORTH_COMPILED_CODE:
+        return calibrate_leg_compiled(leg, start)
+    return calibrate_leg_plain(leg, start, np.arange(len(start)), method)
+
+
+def calibrate_leg_plain(leg: LegDraws, start: NDArray, draws: NDArray, method: Method = "trust-region") -> Solution:
+    """Return the calibrations of one leg from some of the draws (d,), by QR; starts (D, P)."""
+    arrays = [np.broadcast_to(array, (len(start), *array.shape[1:])) for array in (leg.p, leg.R, leg.rho)]
+    parts = []
+    for some in np.array_split(draws, max(1, len(draws) // _DRAWS_AT_ONCE)):
+        data = (array[some] for array in arrays)
+        parts.append(least_squares(leg_residuals(leg), start[some], *data, method=method))
+    return join_solutions(parts)
+
+
+def calibrate_leg_compiled(leg: LegDraws, start: NDArray, threads: int | None = None) -> Solution:
+    """Return the calibrations of one leg of fixed length from starts (D, P), compiled; what is unclear by QR."""
+    from truing.simulation.mechanisms.recalibration_kernel import solve
+
+    legs, own = leg.machine.legs, leg.machine.deformation[0, 0, 0]
+    parts = (legs.a[0, 0, 0], legs.b[0, 0, 0], legs.u[0, 0, 0], legs.l[0, 0], own, legs.rho0[0, 0])
+    slots = np.array([_NUMBERS.index(entry.name) for entry in leg.parameters.entries])
+    fits = solve(np.concatenate(parts), slots, start, leg.p, leg.R, leg.rho[..., 0], threads=threads)
+    status = np.full(len(start), str(SolverStatus.CONVERGED), np.array([str(s) for s in SolverStatus]).dtype)
+    rank = np.full(len(start), start.shape[1])
+    solution = Solution(fits.x, fits.cost, fits.covariance, rank, status, fits.iterations)
+    unclear = np.flatnonzero(~fits.arrived)
+    if len(unclear):
+        solution.put(unclear, calibrate_leg_plain(leg, start, unclear))
+    return solution
+
+
+def leg_residuals(leg: LegDraws) -> Callable[..., tuple[NDArray, NDArray]]:
+    """Return the residuals (B, N), m, and derivatives (B, N, P) of a leg as a function of values, p, R and rho."""
+    model = KinematicModel(leg.machine.legs.closure.name)
+
+    def residuals(values: NDArray, p: NDArray, R: NDArray, rho: NDArray) -> tuple[NDArray, NDArray]:
+        machine = leg.parameters.machine(leg.machine, values[:, None])
+        closing = model.close(machine, p, R, rho, leg.parameters.change(machine))
+        return closing.value[..., 0], closing.by_parameter[..., 0, :]
+
+    return residuals

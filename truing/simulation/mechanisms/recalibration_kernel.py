@@ -1,0 +1,234 @@
+"""Implicit calibration of legs of fixed length, compiled: sixteen draws abreast, one pose after the other.
+
+Same answers as `truing.simulation.mechanisms.recalibration.calibrate_leg` by the trust region. Where a lane does not
+prove its own answer the caller has to solve it again. Importing this module imports numba.  Own code, for no library
+solves thousands of small problems abreast: 100,000 and more legs a second on two cores, about 30 times what a general
+solver reaches one by one (`python -m benchmarks.recalibration`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation import lane_arithmetic
+from truing.estimation.lane_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
+from truing.estimation.least_squares import simd_batches
+from truing.estimation.least_squares.simd_batches import (
+    ARRIVED,
+    COST,
+    RADIUS,
+    REGISTERS,
+    RESIDUAL,
+    ROW,
+    STATE,
+    STEP,
+    TRIAL,
+    X,
+    add_row,
+    clear_sums,
+    covariance_column,
+    judge,
+    prepare_covariance,
+    propose,
+    start,
+)
+from truing.estimation.rigid_poses.batched_kernel import share_out
+
+_FIELDS = 13  # per pose and lane: p, R, rho
+# A leg's numbers, in this order: a, b, u, l, kappa, rho0.
+A, B, U, L, KAPPA, RHO0 = 0, 3, 6, 9, 10, 11
+_NUMBERS = 12
+# Columns after the values where a draw has got to.
+_COST, _RADIUS, _STATE, _ITERATIONS = range(4)
+_DRAWS_PER_TASK = 512
+# After so many steps the draws that have arrived make room for those that have not.
+_STEPS_PER_ROUND = (5, 5, 10, 20, 40, 80)
+
+
+@inner
+def load_draws(p: NDArray, R: NDArray, rho: NDArray, rows: NDArray, poses: NDArray) -> None:
+    """Turn up to sixteen draws into lanes; lanes past the last repeat it."""
+    for j in range(LANES):
+        d = rows[min(j, len(rows) - 1)]
+        dp, dR, dr = min(d, p.shape[0] - 1), min(d, R.shape[0] - 1), min(d, rho.shape[0] - 1)
+        for n in range(len(poses)):
+            for i in range(3):
+                poses[n, i * LANES + j] = p[dp, n, i]
+                for k in range(3):
+                    poses[n, (3 + 3 * i + k) * LANES + j] = R[dR, n, i, k]
+            poses[n, 12 * LANES + j] = rho[dr, n]
+
+
+@inner
+def load_ends(ends: NDArray, rows: NDArray, size: int, lane: NDArray) -> None:
+    """Let every lane start where its draw has got to."""
+    for j in range(LANES):
+        d = rows[min(j, len(rows) - 1)]
+        for i in range(size):
+            lane[(TRIAL + i) * LANES + j] = ends[d, i]
+        lane[RADIUS * LANES + j] = ends[d, size + _RADIUS]
+
+
+@inner
+def set_leg(lane: NDArray, slots: NDArray, follows: int, numbers: NDArray, leg: NDArray) -> None:
+    """Fill the leg's numbers with the trial values in their places, and u of unit length."""
+    for i in range(_NUMBERS):
+        leg[i * LANES : (i + 1) * LANES] = numbers[i]
+    for i in range(len(slots)):
+        for j in range(LANES):
+            leg[slots[i] * LANES + j] = lane[(TRIAL + i) * LANES + j]
+    sign = 1.0 if numbers[U + follows] > 0.0 else -1.0
+    for j in range(LANES):
+        rest = 1.0
+        for i in range(3):
+            rest -= leg[(U + i) * LANES + j] ** 2 if i != follows else 0.0
+        leg[(U + follows) * LANES + j] = sign * np.sqrt(rest)
+
+
+@inner
+def fill_row(pose: NDArray, leg: NDArray, full: NDArray, lane: NDArray) -> None:
+    """Fill residual l - |p + R b* - a - rho u| (eq. 30) and its derivatives by all of a leg's numbers, of one pose."""
+    for j in range(LANES):
+        R, rho, kappa = get9(pose, 3, j), pose[12 * LANES + j], leg[KAPPA * LANES + j]
+        moved = rho - leg[RHO0 * LANES + j]
+        b = get3(leg, B, j)
+        upper = mix(1.0, get3(pose, 0, j), 1.0, apply(R, (b[0], b[1], b[2] + kappa * moved)))
+        g = mix(1.0, upper, -1.0, mix(1.0, get3(leg, A, j), rho, get3(leg, U, j)))
+        length = np.sqrt(dot(g, g))
+        z = scale(1.0 / length, g)
+        on_platform = apply(transpose(R), z)
+        for i in range(3):
+            full[(A + i) * LANES + j] = z[i]
+            full[(B + i) * LANES + j] = -on_platform[i]
+            full[(U + i) * LANES + j] = rho * z[i]
+        full[L * LANES + j] = 1.0
+        full[KAPPA * LANES + j] = -on_platform[2] * moved
+        full[RHO0 * LANES + j] = on_platform[2] * kappa
+        lane[RESIDUAL * LANES + j] = leg[L * LANES + j] - length
+
+
+@inner
+def choose_columns(leg: NDArray, slots: NDArray, follows: int, full: NDArray, lane: NDArray) -> None:
+    """Fill the row of the parameters; a component of u takes the one with it that follows from unit length."""
+    for i in range(len(slots)):
+        of_u = (slots[i] >= U) & (slots[i] < U + 3)
+        for j in range(LANES):
+            slope = leg[slots[i] * LANES + j] / leg[(U + follows) * LANES + j] if of_u else 0.0
+            lane[(ROW + i) * LANES + j] = full[slots[i] * LANES + j] - slope * full[(U + follows) * LANES + j]
+
+
+@inner
+def evaluate(
+    poses: NDArray, slots: NDArray, follows: int, numbers: NDArray, leg: NDArray, full: NDArray, lane: NDArray
+) -> None:
+    """Fill the sums over all poses at the trial values."""
+    set_leg(lane, slots, follows, numbers, leg)
+    clear_sums(lane, len(slots))
+    for n in range(len(poses)):
+        fill_row(poses[n], leg, full, lane)
+        choose_columns(leg, slots, follows, full, lane)
+        add_row(lane, len(slots))
+
+
+@inner
+def store(lane: NDArray, rows: NDArray, size: int, ends: NDArray) -> None:
+    """Write where the lanes have got to."""
+    for j in range(len(rows)):
+        for i in range(size):
+            ends[rows[j], i] = lane[(X + i) * LANES + j]
+        ends[rows[j], size + _COST] = lane[COST * LANES + j]
+        ends[rows[j], size + _RADIUS] = lane[RADIUS * LANES + j]
+        ends[rows[j], size + _STATE] = lane[STATE * LANES + j]
+
+
+@inner
+def store_covariance(lane: NDArray, rows: NDArray, size: int, covariance: NDArray) -> None:
+    """Write the inverses of the normal matrices."""
+    prepare_covariance(lane, size)
+    for k in range(size):
+        covariance_column(lane, size, k)
+        for j in range(len(rows)):
+            for i in range(size):
+                covariance[rows[j], i, k] = lane[(STEP + i) * LANES + j]
+
+
+@compiled(lane_arithmetic.__file__, simd_batches.__file__, __file__)
+def solve_rows(
+    numbers: NDArray,
+    slots: NDArray,
+    follows: int,
+    p: NDArray,
+    R: NDArray,
+    rho: NDArray,
+    rows: NDArray,
+    limit: int,
+    ends: NDArray,
+    covariance: NDArray,
+) -> None:
+    """Take up to so many steps with some of the draws, from where they have got to."""
+    poses = np.empty((rho.shape[1], _FIELDS * LANES))
+    lane, leg, full = np.zeros(REGISTERS * LANES), np.empty(_NUMBERS * LANES), np.empty(_NUMBERS * LANES)
+    size = len(slots)
+    for first in range(0, len(rows), LANES):
+        some = rows[first : first + LANES]
+        load_draws(p, R, rho, some, poses)
+        load_ends(ends, some, size, lane)
+        evaluate(poses, slots, follows, numbers, leg, full, lane)
+        start(lane, size)
+        for _ in range(limit):
+            propose(lane, size)
+            evaluate(poses, slots, follows, numbers, leg, full, lane)
+            for j in range(len(some)):
+                ends[some[j], size + _ITERATIONS] += 1.0 if lane[STATE * LANES + j] < ARRIVED else 0.0
+            if judge(lane, size) == 0:
+                break
+        store_covariance(lane, some, size, covariance)
+        store(lane, some, size, ends)
+
+
+@dataclass(frozen=True)
+class CompiledFits:
+    """Calibrations of one leg from D draws; what has not ``arrived`` has no proven answer."""
+
+    x: NDArray  # (D, P)
+    cost: NDArray  # (D,) m^2
+    covariance: NDArray  # (D, P, P)
+    arrived: NDArray  # (D,) bool
+    iterations: NDArray  # (D,)
+
+
+def solve(
+    numbers: NDArray,
+    slots: NDArray,
+    begin: NDArray,
+    p: NDArray,
+    R: NDArray,
+    rho: NDArray,
+    *,
+    threads: int | None = None,
+) -> CompiledFits:
+    """Return the calibrations of a leg from D draws of p (D, N, 3), R (D, N, 3, 3) and rho (D, N); m, D = 1 serves all.
+
+    numbers (12,): a, b, u, l, kappa and rho0 of the leg; slots (P,): which of them are parameters; begin (D, P): their
+    starts. The component of u that is largest follows from the others. threads as in `share_out`.
+    """
+    count, size = begin.shape
+    ends, covariance = np.zeros((count, size + 4)), np.empty((count, size, size))
+    ends[:, :size] = begin
+    follows = int(np.argmax(np.abs(numbers[U : U + 3])))
+    arrays = [np.ascontiguousarray(array) for array in (p, R, rho)]
+
+    def part(first: int) -> None:
+        rows = np.arange(first, min(first + _DRAWS_PER_TASK, count))
+        for limit in _STEPS_PER_ROUND:
+            solve_rows(numbers, slots, follows, *arrays, rows, limit, ends, covariance)
+            rows = rows[ends[rows, size + _STATE] < ARRIVED]
+            if len(rows) == 0:
+                break
+
+    share_out(part, range(0, count, _DRAWS_PER_TASK), threads)
+    x, (cost, _, state, iterations) = ends[:, :size].copy(), ends[:, size:].T.copy()
+    return CompiledFits(x, cost, covariance, state == ARRIVED, iterations.astype(np.int64))

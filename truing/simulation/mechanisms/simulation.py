@@ -1,0 +1,93 @@
+"""A whole campaign drawn anew: geometry within its tolerances, the survey, the actuators, the points, gross errors.
+
+The nonlinear chain itself predicts the points, with any effects hidden in it; nothing is linearised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3
+from truing.simulation.cause import Effect
+from truing.simulation.mechanisms.model import PointModel
+
+# Gross errors are some tenths of a millimetre: far beyond noise, not always beyond what an effect may do.
+_GROSS_M = 5e-4
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a campaign is laid out: the plain model at its poses, the noise of every point, which points are seen.
+
+    ``rotations`` (B, 3, 3) turn from the base to each pose's measurement, in whose axes ``covariance`` (B, K, 3, 3),
+    m^2, stands; absent: drawn. ``gross`` is the share of points with gross errors.
+    """
+
+    model: PointModel
+    covariance: NDArray
+    seen: NDArray  # (B, K)
+    rotations: NDArray | None = None
+    gross: float = 0.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a drawn campaign measures: points (B, K, 3), m, each pose in its own frame, and the survey (K, 3), m."""
+
+    points: NDArray
+    survey: NDArray
+
+
+def draw_campaign(layout: Layout, effects: Sequence[Effect], rng: np.random.Generator) -> Drawn:
+    """Return a campaign of the layout, with effects hidden in it.
+
+    Raises ValueError where the mechanism cannot reach what the readings ask for.
+    """
+    model = layout.model.with_causes([effect.cause for effect in effects])
+    shared, local = _truth(model, effects, rng)
+    state = model.state(shared, local)
+    if not state.converged.all():
+        raise ValueError("readings that the mechanism, drawn within its tolerances, can reach")
+    points = _measured(model.points(shared, local), layout, rng)
+    return Drawn(points, _survey(model, shared, rng))
+
+
+def _truth(model: PointModel, effects: Sequence[Effect], rng: np.random.Generator) -> tuple[NDArray, NDArray]:
+    """Return the unknowns as they truly are: drawn where something is known of them, at the nominal value elsewhere.
+
+    All but the effects is drawn alike whatever is hidden.
+    """
+    plain = model.with_causes(())
+    shared = plain.widened(rng.standard_normal(plain.shared_size), model)
+    for name in ("seat", *model.known.open_geometry):
+        shared[model.layout[name]] = 0.0
+    for effect in effects:
+        shared[model.layout[effect.cause.key]] = effect.values / model.effect_sigma(effect.cause)
+    local = rng.standard_normal((len(model.conditions.readings), model.local_size))
+    local[:, model.unpredicted] = 0.0
+    return shared, local
+
+
+def _measured(points: NDArray, layout: Layout, rng: np.random.Generator) -> NDArray:
+    """Return points in the frames of their measurements, with noise and gross errors."""
+    poses, count, _ = points.shape
+    drawn = exp_so3(rng.uniform(-1.5, 1.5, (poses, 3)))
+    rotations = drawn if layout.rotations is None else layout.rotations
+    noise = np.linalg.cholesky(layout.covariance) @ rng.standard_normal((poses, count, 3, 1))
+    wrong = rng.random((poses, count)) < layout.gross
+    errors = rng.normal(0.0, _GROSS_M, (poses, count, 3)) * wrong[..., None]
+    origin = rng.normal(0.0, 0.2, (poses, 1, 3))
+    return np.asarray(points @ np.swapaxes(rotations, 1, 2) + origin + noise[..., 0] + errors)
+
+
+def _survey(model: PointModel, shared: NDArray, rng: np.random.Generator) -> NDArray:
+    """Return the survey of what was drawn: targets on attachments where these truly are, to within its noise."""
+    survey, own = model.known.shape.copy(), model.targets.at_attachment
+    if own.any():
+        noise = model.known.survey.attachment_factor @ rng.standard_normal(3 * int(own.sum()))
+        survey[own] = model.legs(shared).b[model.targets.leg[own]] + noise.reshape(-1, 3)
+    return survey

@@ -1,0 +1,1 @@
+"""Models of what the structure of a mechanism adds to rigid legs."""

@@ -1,0 +1,30 @@
+"""The models of a mechanism's structure that there are, simplest first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.simulation.mechanisms.structures.beam_model import BeamModel
+from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
+
+
+def structures(machine: Machine) -> tuple[Structure, ...]:
+    """Return the models that the machine holds the numbers for; that of its rigid legs comes first."""
+    rigid = KinematicModel(machine.legs.closure.name)
+    others: tuple[Structure, ...] = (JacobianModel(), BeamModel(), StiffnessModel())
+    return (rigid, *(model for model in others if model.fits(machine)))
+
+
+def departure(structure: Structure, machine: Machine, rho: NDArray) -> NDArray:
+    """Return what a model asks of the readings (B, L), m, beyond the rigid legs', at the poses that these reach at rho.
+
+    NaN where either does not close. What a model costs, or gains, over a range of readings.
+    """
+    reached = forward(machine.legs, rho)
+    asked = readings_at(structure, machine, reached.p, reached.R)
+    return np.where((reached.converged & asked.converged)[..., None], asked.rho - rho, np.nan)

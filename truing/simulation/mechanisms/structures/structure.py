@@ -1,0 +1,146 @@
+"""Models of the structure: what platform pose goes with what readings, for a machine with given numbers.
+
+A model is an equation per leg (or six, of equilibrium) that vanishes where pose and readings belong together, with its
+exact derivatives. Pose from readings, readings from pose and every calibration follow from it alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.kinematics import (
+    SMALL_STEP,
+    Forward,
+    bounded_steps,
+    forward,
+    in_pieces,
+    inverse,
+    is_batched,
+)
+
+_MAX_ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class Section:
+    """Stiffness of a circular beam's section: bending k1 = EI (N m^2), axial k2 = ES (N), torsion k3 = GJ (N m^2)."""
+
+    bending: float
+    axial: float
+    torsion: float
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A mechanism with all numbers that a model of its structure may use; arrays may lead with a batch.
+
+    deformation: K (..., L, L), shift of the attachments along z of the platform per displacement of the actuators
+    (telescope report, eq. 2), diagonal where each follows its own (eq. 1); flexure_length: (..., L) m, where the joints
+    are flexures; flexure, tube: their sections, where they are known; load: wrench (6,) on the platform at its
+    origin, base axes, N and N m.
+    """
+
+    legs: Legs
+    deformation: NDArray
+    flexure_length: NDArray | None = None
+    flexure: Section | None = None
+    tube: Section | None = None
+    load: NDArray = field(default_factory=lambda: np.zeros(6))
+
+    def delta_bz(self, rho: NDArray) -> NDArray:
+        """Return the attachments' shift (..., L), m, along z of the platform at readings rho (..., L), m."""
+        return np.einsum("...ij,...j->...i", self.deformation, rho - self.legs.rho0)
+
+
+@dataclass(frozen=True)
+class Closing:
+    """How far pose and readings are from belonging together, M equations in m, and all first derivatives.
+
+    The twist (v; omega) of the platform is in the base frame, R <- exp(omega) R. ``by_parameter`` is the derivative by
+    the P parameters of the change of the machine that was asked for.
+    """
+
+    value: NDArray  # (B, M)
+    by_twist: NDArray  # (B, M, 6)
+    by_rho: NDArray  # (B, M, L)
+    by_parameter: NDArray  # (B, M, P)
+
+
+class Structure(Protocol):
+    """A model of the structure; immutable, told apart by its name.
+
+    Changes have the fields a, b, u (..., L, 3, P), l, rho0, flexure_length (..., L, P), deformation (..., L, L, P),
+    flexure, tube (..., 3, P) in the order bending, axial, torsion.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return the name that tells it from other models."""
+
+    def fits(self, machine: Machine) -> bool:
+        """Return whether the machine holds the numbers that this model needs."""
+
+    def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
+        """Return the closing at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m."""
+
+
+NO_CHANGE = Change({}, 0)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings that a set of poses asks for, and whether the iteration closed the equations."""
+
+    rho: NDArray  # (B, L) m
+    converged: NDArray  # (B,) bool
+
+
+def poses_at(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
+    """Return the poses reached with readings rho (B, L), m, by Newton from those of rigid legs on the same platform.
+
+    Where the structure does not close, the pose is the last one tried and does not count as converged.
+    Raises ValueError for fewer than six legs.
+    """
+    if is_batched(machine.legs) or machine.deformation.ndim > 2:
+        return _newton(structure, machine, rho)
+    return in_pieces(partial(_newton, structure, machine), rho)
+
+
+def _newton(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
+    start = forward(machine.legs, rho, machine.delta_bz(rho))
+    p, R, lost, converged = start.p, start.R, ~start.converged, np.zeros(len(rho), bool)
+    for _ in range(_MAX_ITERATIONS):
+        closing = structure.close(machine, p, R, rho, NO_CHANGE)
+        twist, length = bounded_steps(closing.by_twist, -closing.value)
+        lost = lost | (length == np.inf)
+        p, R = p + twist[..., :3], exp_so3(twist[..., 3:]) @ R
+        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max(-1))
+        if np.all(converged | lost):
+            break
+    return Forward(p, R, converged)
+
+
+def readings_at(structure: Structure, machine: Machine, p: NDArray, R: NDArray) -> Readings:
+    """Return the readings at which the platform stands at p (B, 3), R (B, 3, 3), by Newton from those of rigid legs.
+
+    Where no reading leads there, it is the last one tried and does not count as converged.
+    """
+    rigid = inverse(machine.legs, p, R)
+    rho = np.where(np.isfinite(rigid), rigid, machine.legs.rho0)
+    lost = converged = np.zeros(len(rho), bool)
+    for _ in range(_MAX_ITERATIONS):
+        closing = structure.close(machine, p, R, rho, NO_CHANGE)
+        step, length = bounded_steps(closing.by_rho, -closing.value)
+        lost, rho = lost | (length == np.inf), rho + step
+        converged = ~lost & (length < SMALL_STEP * np.abs(machine.legs.l).max(-1))
+        if np.all(converged | lost):
+            break
+    return Readings(rho, converged)

@@ -1,0 +1,211 @@
+"""A camera that does not hold still inside: its interior orientation is another one in some poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Kind, Parameter, Scene, Told
+from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, at_numbers, rays_of
+from truing.simulation.photographs.ray_poses import CAMERA, TEMPERATURE, TIME, RayPoses
+
+JUMP, DRIFT, SETTLES, WARMTH, SCATTER = "jump", "drift", "settles", "temperature", "scatter"
+PRINCIPAL_DISTANCE, PRINCIPAL_POINT = ("c",), ("x0", "y0")
+_WHAT = (PRINCIPAL_DISTANCE, PRINCIPAL_POINT, ("x0",), ("y0",), (*PRINCIPAL_DISTANCE, *PRINCIPAL_POINT))
+_SHARE_OF_WHAT = (0.4, 0.2, 0.1, 0.1, 0.2)
+_SHARE_OF_FORM = {JUMP: 0.25, DRIFT: 0.15, SETTLES: 0.1, WARMTH: 0.25, SCATTER: 0.25}
+_PLAUSIBLE_PX, _PLAUSIBLE_PX_PER_K = 1.0, 0.3
+# Time constants that are tried, in spans of the campaign.
+_SETTLING = (0.5, 0.25, 0.125, 0.0625)
+# One sigma of the logarithm of a time constant about the one that was tried.
+_PLAUSIBLE_LOG = 0.5
+# More poses than this are not asked one by one.
+_MOST_APART = 60
+
+
+@dataclass(frozen=True)
+class CameraInstability(RayCause):
+    """The principal distance (c), the principal point (x0, y0), or both, of a camera change between poses.
+
+    ``form``: by a jump at the pose of time rank ``since`` (``from_pose``), evenly with time from ``start_s`` over
+    ``duration_s``, ever more slowly with ``tau_s``, with the temperature, or pose by pose, each by itself (``poses``).
+    Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.
+    """
+
+    camera: str = ""
+    what: tuple[str, ...] = PRINCIPAL_DISTANCE
+    form: str = JUMP
+    since: float = 0.0
+    from_pose: int | str = ""
+    start_s: float = 0.0
+    duration_s: float = 1.0
+    tau_s: float = 0.0
+    free: bool = False
+    poses: tuple[int | str, ...] = ()
+
+    id = "camera-instability"
+    kind = Kind.SHAPED
+    reach = 30.0
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """Return the camera."""
+        return f"{CAMERA} {self.camera}"
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells this candidate from all others."""
+        shape = {JUMP: f" {self.from_pose}", SETTLES: f" {self.tau_s:.6g}"}.get(self.form, "")
+        return f"{self.form_of} {self.form}{shape}"
+
+    @property
+    def form_of(self) -> str:
+        """Return the camera and what changes of it."""
+        return f"{self.id} {self.camera} {' '.join(self.what)}"
+
+    def excludes(self, other: Cause) -> bool:
+        """Return whether another form has the same course in the same camera: a camera may jump and drift."""
+        if not isinstance(other, CameraInstability) or self.camera != other.camera:
+            return False
+        shared = bool(set(self.what) & set(other.what))
+        alike = self.form == other.form or {self.form, other.form} == {DRIFT, SETTLES}
+        return shared and alike and (self.form != JUMP or self.from_pose == other.from_pose)
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every form of every camera that its poses and columns allow."""
+        rays = rays_of(scene)
+        return [
+            form
+            for camera in rays.owners(CAMERA)
+            for what in _WHAT
+            for form in _forms(CameraInstability(camera, what), rays)
+        ]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this form and of what changes; jumps share theirs."""
+        rays = rays_of(scene)
+        own = {JUMP: len(_onsets(rays, self.camera)), SETTLES: len(_SETTLING)}
+        of_what = _SHARE_OF_WHAT[_WHAT.index(self.what)]
+        return of_what * _SHARE_OF_FORM[self.form] / max(own.get(self.form, 1), 1)
+
+    def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
+        """Return at which poses (B,) it claims to hold: what has no order says nothing of other poses."""
+        return np.full(poses, self.form != SCATTER)
+
+    def refined(self) -> Cause:
+        """Return the form whose time constant is fitted too; the same of all others."""
+        return replace(self, free=True) if self.form == SETTLES else self
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: what a camera does moves no machine."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the change of each number: of a jump, of a drift over the campaign, per kelvin, or in every pose."""
+        if self.form == WARMTH:
+            return tuple(Parameter(f"{name}_per_k", "px/K", _PLAUSIBLE_PX_PER_K) for name in self.what)
+        if self.form == SCATTER:
+            return tuple(
+                Parameter(f"{name}_pose_{pose}", "px", _PLAUSIBLE_PX) for name in self.what for pose in self.poses
+            )
+        own = tuple(Parameter(name, "px", _PLAUSIBLE_PX) for name in self.what)
+        return (*own, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else own
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the changes, then the pose of a jump or the time constant; of what has no order its scatter."""
+        if self.form == SCATTER:
+            return tuple(self._scatter(values, covariance))
+        told = super().told(values, covariance, legs)
+        if self.form == JUMP:
+            return (*told, Told("from_pose", self.from_pose, None, "")) if self.from_pose != "" else told
+        if self.form != SETTLES:
+            return told
+        if not self.free:
+            return (*told, Told("tau", self.tau_s, None, "s"))
+        tau = self.tau_s * float(np.exp(values[-1]))
+        return (*told[:-1], Told("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+
+    def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
+        """Return d numbers / d parameters: the course, of each number or of each pose."""
+        places = rays.places(CAMERA, self.camera, self.what)
+        if self.form == SCATTER:
+            return self._apart(rays, places)
+        course, by_log = self._course(rays, values)
+        found = at_numbers(rays, places, course)
+        if self.free:
+            bent = at_numbers(rays, places, by_log) @ values[:-1]
+            found = np.concatenate([found, bent[..., None]], -1)
+        return found
+
+    def moved(self, rays: RayPoses, values: NDArray) -> NDArray:
+        """Return by how much the numbers (B, T) are off, px."""
+        slopes = self.slopes(rays, values)
+        return np.asarray(slopes[..., :-1] @ values[:-1] if self.free else slopes @ values)
+
+    def _course(self, rays: RayPoses, values: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what each change is multiplied with (B,), and its derivative by the logarithm of tau."""
+        if self.form == WARMTH:
+            return rays.heat, np.zeros(len(rays.poses))
+        if self.form == JUMP:
+            return (rays.covariates["order"] >= self.since).astype(float), np.zeros(len(rays.poses))
+        passed = (rays.covariates[TIME] - self.start_s) / self.duration_s
+        if self.form == DRIFT:
+            return passed, np.zeros_like(passed)
+        rate = self.duration_s / self.tau_s * np.exp(-values[-1] if self.free else 0.0)
+        whole, part = -np.expm1(-rate), -np.expm1(-rate * passed)
+        by_rate = (passed * np.exp(-rate * passed) - part / whole * np.exp(-rate)) / whole
+        return part / whole, -rate * by_rate
+
+    def _apart(self, rays: RayPoses, places: list[int]) -> NDArray:
+        """Return the slopes where every pose has a change of its own; other poses know none."""
+        at = {pose: n for n, pose in enumerate(self.poses)}
+        own = np.array([at.get(pose, -1) for pose in rays.poses])
+        found = np.zeros((len(own), len(rays.parameters), len(places), len(self.poses)))
+        for number, place in enumerate(places):
+            found[own >= 0, place, number, own[own >= 0]] = 1.0
+        return found.reshape(len(own), len(rays.parameters), -1)
+
+    def _scatter(self, values: NDArray, covariance: NDArray) -> list[Told]:
+        """Return the root mean square change of each number about its mean, noise taken off, and one sigma of it."""
+        count, found = len(self.poses), []
+        for number, name in enumerate(self.what):
+            own = slice(number * count, (number + 1) * count)
+            apart = np.eye(count) - 1.0 / count
+            noise = apart @ covariance[own, own] @ apart
+            freedom = max(count - 1.0, 1.0)
+            square = float(np.sum((apart @ values[own]) ** 2))
+            variance = max((square - float(np.trace(noise))) / freedom, 0.0)
+            spread = variance * apart + noise
+            sigma = float(np.sqrt(2.0 * np.sum(spread * spread))) / freedom  # of the variance
+            size = float(np.sqrt(variance))
+            found.append(Told(f"{name}_scatter", size, sigma / (2.0 * max(size, 0.5 * np.sqrt(sigma))), "px"))
+        return found
+
+
+def _onsets(rays: RayPoses, camera: str) -> list[int]:
+    """Return the poses from which on a camera may be another one: with enough of its poses on either side."""
+    own = np.flatnonzero(rays.poses_of(CAMERA, camera))
+    in_time = own[np.argsort(rays.rank[own], kind="stable")]
+    return in_time[FEWEST : len(in_time) - FEWEST + 1].tolist() if len(in_time) >= 2 * FEWEST else []
+
+
+def _forms(plain: CameraInstability, rays: RayPoses) -> list[CameraInstability]:
+    """Return the forms that a campaign's poses and columns allow."""
+    found = [
+        replace(plain, form=JUMP, since=float(rays.covariates["order"][row]), from_pose=rays.poses[row])
+        for row in _onsets(rays, plain.camera)
+    ]
+    if rays.span_s is not None and rays.varies(TIME):
+        start, duration = rays.span_s[0], rays.span_s[1] - rays.span_s[0]
+        timed = replace(plain, form=DRIFT, start_s=start, duration_s=duration)
+        found += [timed, *(replace(timed, form=SETTLES, tau_s=share * duration) for share in _SETTLING)]
+    if rays.varies(TEMPERATURE):
+        found.append(replace(plain, form=WARMTH))
+    own = rays.poses_of(CAMERA, plain.camera)
+    if 2 * FEWEST <= own.sum() <= _MOST_APART:
+        found.append(replace(plain, form=SCATTER, poses=tuple(rays.poses[row] for row in np.flatnonzero(own))))
+    return found

@@ -1,0 +1,90 @@
+"""What no cause of the catalogue explains of rays: a number of a camera or a scale bar depends on inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Scene
+from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying
+from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
+from truing.simulation.photographs.causes.ray_causes import RayCause, at_numbers, rays_of
+from truing.simulation.photographs.ray_poses import BAR, CAMERA, RayPoses
+
+# What of a camera or a bar may depend on something, each by itself, and how much of it is plausible: an amplitude is
+# half of what there is from one end to the other.
+_PLAUSIBLE = {"c": 0.5, "x0": 0.5, "y0": 0.5, "strain": 5e-5}
+_POLYNOMIALS, _WAVES = (1, 2, 3), (2, 4)
+_MOST_DRIVES = 8
+
+
+@dataclass(frozen=True)
+class NonparametricRayEffect(NonparametricEffect, RayCause):
+    """A number of a camera or a scale bar depends on inputs: columns of the poses, or the product of two."""
+
+    owner_kind: str = CAMERA
+    owner: str = ""
+    name: str = "c"
+    unit: str = "px"
+
+    reach = 100.0
+
+    @property
+    def subject(self) -> str:
+        """Return the camera or the bar."""
+        return f"{self.owner_kind} {self.owner}"
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: what a camera does moves no machine."""
+        return ()
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return everything that each number may depend on, as far as its poses allow."""
+        rays = rays_of(scene)
+        columns = varying(rays.covariates)
+        ranges = {column: middle_and_half(values) for column, values in columns.items()}
+        found: list[Cause] = []
+        for place, number in enumerate(rays.parameters):
+            if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.tells[place]:
+                continue
+            count = int(rays.poses_of(number.kind, number.owner).sum())
+            owner = {"owner_kind": number.kind, "owner": number.owner, "name": number.name, "unit": number.unit}
+            found += [
+                NonparametricRayEffect(**(dependence(inputs, ranges.__getitem__, form, degree) | owner))
+                for inputs, form, degree in _dependences(list(columns))
+                if count >= PER_FUNCTION * degree and not _has_a_name(number.kind, inputs, degree)
+            ]
+        return found
+
+    def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
+        """Return the functions' values at every pose."""
+        place = rays.places(self.owner_kind, self.owner, (self.name,))
+        basis = self.basis(rays.covariates.__getitem__)
+        return np.concatenate([at_numbers(rays, place, column) for column in basis.T], -1)
+
+    @property
+    def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (self.subject, self.name), ()
+
+    @property
+    def _amplitude(self) -> tuple[str, float, float]:
+        return self.unit, 1.0, _PLAUSIBLE[self.name]
+
+
+def _dependences(columns: list[str]) -> list[tuple[tuple[str, ...], str, int]]:
+    """Return inputs, form and degree of what the numbers of a campaign may depend on."""
+    found = [((column,), POLYNOMIAL, degree) for column in columns for degree in _POLYNOMIALS]
+    found += [((column,), WAVES, count) for column in columns if column in (TIME, ORDER) for count in _WAVES]
+    drives = [column for column in columns if column not in (TIME, ORDER, TEMPERATURE)]
+    pairs = combinations(drives, 2) if len(drives) <= _MOST_DRIVES else ()
+    return found + [(pair, POLYNOMIAL, 1) for pair in pairs]
+
+
+def _has_a_name(kind: str, columns: tuple[str, ...], degree: int) -> bool:
+    """Return whether a straight course is a cause's: of cameras in time and temperature, of bars in the latter."""
+    named = {TIME, TEMPERATURE} if kind == CAMERA else {TEMPERATURE}
+    return degree == 1 and len(columns) == 1 and columns[0] in named

@@ -1,0 +1,86 @@
+"""A scale bar that grows with temperature, more than was stated of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.state import State
+from truing.simulation.photographs.causes.ray_causes import RayCause, at_numbers, rays_of
+from truing.simulation.photographs.ray_poses import BAR, TEMPERATURE, RayPoses
+
+# Steel grows by 12e-6 of its length per kelvin, carbon fibre by next to nothing.
+_PLAUSIBLE = 1e-5
+_ONE_ALONE = 2  # bars with which one may be told from the others
+ID = "scale-bar-temperature"
+
+
+def _parameters() -> tuple[Parameter, ...]:
+    return (Parameter("alpha", "1/K", _PLAUSIBLE),)
+
+
+@dataclass(frozen=True)
+class OneBar(RayCause):
+    """A bar grows by alpha times the temperature above the reference, beyond what is stated: seen beside another."""
+
+    bar: str = ""
+
+    id = ID
+
+    @property
+    def subject(self) -> str:
+        """Return the bar."""
+        return f"{BAR} {self.bar}"
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every bar that is seen beside another in poses of different temperature."""
+        rays = rays_of(scene)
+        bars = rays.owners(BAR)
+        return [OneBar(bar) for bar in bars] if len(bars) >= _ONE_ALONE and rays.varies(TEMPERATURE) else []
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: a bar moves no machine."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return alpha, beyond the stated expansion."""
+        return _parameters()
+
+    def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
+        """Return d strain / d alpha: the temperature above the reference."""
+        return at_numbers(rays, rays.places(BAR, self.bar, ("strain",)), rays.heat)
+
+
+@dataclass(frozen=True)
+class AllBars(Cause):
+    """The bars that give points their scale grow alike: all points of a pose shrink by alpha times the heat."""
+
+    id = ID
+    step = Step.INSTRUMENT
+    reads = frozenset()
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the cause where bars give the scale, and the temperature varies."""
+        return (self,) if scene.scale_bars and scene.varies(TEMPERATURE) else ()
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: the scale of an instrument moves no platform."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return alpha, beyond the stated expansion."""
+        return _parameters()
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d point / d alpha: a bar that is longer than it is taken to be makes all else look shorter."""
+        return Change({"points": -state.points[..., None] * state.heat[:, None, None, None]}, 1)
+
+    def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
+        """Return points, or their motions, (B, K, 3, ...), as measured by such bars."""
+        factor = 1.0 - state.heat * values[0]
+        return np.asarray(points * factor.reshape(-1, *([1] * (points.ndim - 1))))
