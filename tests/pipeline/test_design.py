@@ -150,7 +150,7 @@ def test_what_readings_do_not_lead_to_is_left_out_and_told(tmp_path: Path) -> No
     place = campaign(tmp_path / "wide", workspace={"rho_mm": 60.0})
     done = call(place, "--verification", 4, "--out", out)
     assert done.exit_code == 0, done.output
-    assert re.search(r"over \d\d corners of the range, 2000 points in it, \d more out of reach", done.output)
+    assert re.search(r"over \d\d corners of the range, 2,000 points in it, \d more out of reach", done.output)
     assert share(done.output) > 99.0
     assert np.abs(readings(pyarrow.csv.read_csv(out)) - 10.0).max() <= 60.0 * (1 + 2e-6)
 
