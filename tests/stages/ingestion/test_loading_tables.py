@@ -232,7 +232,7 @@ def test_positioning_runs_are_ordered_and_evaluated_by_iso_230_2(tmp_path):
 def test_a_positioning_run_without_an_approach_is_refused(tmp_path):
     grid = [f"a,{at},{way},{cycle},{at}" for at in (1, 2) for way in ("forward", "backward") for cycle in (1, 2)]
     said = faults(tmp_path, {"positioning.csv": [APPROACHES, *grid[1:]]})
-    assert "found 'run a: 2 targets, 2 cycles, backward, forward, 1 approaches missing'" in said[0]
+    assert "found 'run a: 2 targets, 2 cycles, backward, forward, 1 approach missing'" in said[0]
     said = faults(tmp_path, {"positioning.csv": [APPROACHES, *grid[:2], *grid[4:6]]})
     assert "run a: 2 targets, 2 cycles, forward, 4 approaches missing" in said[0]
     said = faults(tmp_path, {"positioning.csv": [APPROACHES, *grid, grid[0]]})
