@@ -17,8 +17,8 @@ from truing.estimation.design.observability import Observability, observe
 from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
-from truing.estimation.sensor.exchanged_loads import RowExchange, search_exchanges
-from truing.estimation.sensor.load_table import load_table
+from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
+from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
@@ -175,16 +175,34 @@ def _exchanged(
             "exchanged rows", "exchanged-rows", "", "too few signals or rows to tell the loads of each other row"
         )
         return
-    found, unseen = search_exchanges(load_table(steps.signal[rows], steps.load[rows], steps.run[rows]), share)
+    table = load_table(steps.signal[rows], steps.load[rows], steps.run[rows])
+    found, unseen = search_exchanges(table, share)
     for one in found:
         yield _pair(view, rows, one)
     if unseen:
         why = f"of {counted(len(rows), 'row')} so many are far from their place that {unseen} pairs were not looked at"
         yield without("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
-        said = f"No two of {len(rows)} rows hold each other's load, by a calibration of all of them. "
-        said += "Loads that are exchanged or turned round in whole runs would not show here."
-        yield Check("exchanged-rows", "", 0.0, 0.0, "1", PASS, said)
+        yield _none_stands_out(table, share)
+
+
+def _none_stands_out(table: LoadTable, share: float) -> Check:
+    """No exchange found; the value is the difference of two loads, over their range, from which one is named."""
+    span = np.ptp(table.loads, axis=0)
+    used = np.flatnonzero(span > 0.0)
+    shares = least_seen(table, share)[used] / span[used]
+    names = [LOADS[k] for k in used]
+    least = float(shares.max(initial=0.0))
+    said = f"No exchange of loads stands out from chance among {len(table.loads)} rows, by a calibration of all. "
+    unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
+    if unseen:
+        said += f"No exchange of {listed(unseen)} would: signals tell it less well than by its range. "
+    elif names:
+        worst = names[int(np.argmax(shares))]
+        said += f"Rows may be exchanged unseen where loads differ by less than {100.0 * least:.2g} % of the range "
+        said += f"({worst}, the worst). "
+    said += "Loads that are exchanged or turned round in whole runs would not show here."
+    return Check("exchanged-rows", "", least, None, "1", PASS, said)
 
 
 def _pair(view: LoadingView, rows: NDArray[np.int64], one: RowExchange) -> Check:

@@ -314,6 +314,14 @@ def signals_exchanged_under_one_axis(tables: Tables, table: pd.DataFrame, rng: n
 
 
 @_signals
+def signals_exchanged_from_a_run_on(tables: Tables, table: pd.DataFrame, rng: np.random.Generator) -> Made | None:
+    start = int(rng.choice(tables.runs[1:] or tables.runs))
+    one, other = rng.choice(tables.voltages, 2, replace=False).tolist()
+    table.loc[table["run"] >= start, [one, other]] = table.loc[table["run"] >= start, [other, one]].to_numpy()
+    return Made(_S, "columns-exchanged", ("columns",), (one[:-3], other[:-3], f"from run {start} on"))
+
+
+@_signals
 def signal_frozen(tables: Tables, table: pd.DataFrame, rng: np.random.Generator) -> Made | None:
     run, name = int(rng.choice(tables.runs)), str(rng.choice(tables.voltages))
     rows = table.index[table["run"] == run]
@@ -382,6 +390,7 @@ SLIPS: dict[str, Spoil] = {
     "a cell wired backwards": cell_backwards,
     "two signals exchanged": signals_exchanged,
     "two signals exchanged under one axis": signals_exchanged_under_one_axis,
+    "two signals exchanged from a run on": signals_exchanged_from_a_run_on,
     "a signal frozen": signal_frozen,
     "signals a step off": signals_shifted(one_run=False),
     "a run's signals a step off": signals_shifted(one_run=True),

@@ -223,7 +223,7 @@ Rows = Callable[[np.ndarray], np.ndarray]
 Change = Callable[[Files, np.ndarray], None]
 
 
-def _stretch(rows: np.ndarray) -> np.ndarray:
+def stretch_of_rows(rows: np.ndarray) -> np.ndarray:
     """The second third of the rows."""
     return (rows >= len(rows) // 4) & (rows < len(rows) * 3 // 5)
 
@@ -269,54 +269,6 @@ def _copied_column(files: Files) -> None:
 def _poses_in_m(files: Files) -> None:
     poses = files.configurations["pose"].tolist()[3:6]
     files.points.loc[files.points["pose"].isin(poses), ["x_mm", "y_mm", "z_mm"]] *= 1e-3
-
-
-_XYZ = ["x_mm", "y_mm", "z_mm"]
-
-
-def _points_in_rows(chosen: Rows, change: Change, *bodies: str) -> Callable[[Files], None]:
-    """A change in the points of some poses, of all bodies or some; change takes the rows of points."""
-
-    def make(files: Files) -> None:
-        poses = files.configurations["pose"].to_numpy()[chosen(np.arange(len(files.configurations)))]
-        rows = files.points["pose"].isin(poses) & files.points["body"].isin(bodies or files.points["body"].unique())
-        change(files, rows.to_numpy())
-
-    return make
-
-
-def _points_on_a_day(change: Change, *bodies: str) -> Callable[[Files], None]:
-    def make(files: Files) -> None:
-        day = 1 + np.arange(len(files.configurations)) // 3 % 3
-        files.configurations["day"] = day
-        _points_in_rows(lambda rows: day == 2, change, *bodies)(files)
-
-    return make
-
-
-def _points_inch(files: Files, rows: np.ndarray) -> None:
-    files.points.loc[rows, _XYZ] /= 25.4
-
-
-def _points_m(files: Files, rows: np.ndarray) -> None:
-    files.points.loc[rows, _XYZ] *= 1e-3
-
-
-def _x_turned(files: Files, rows: np.ndarray) -> None:
-    files.points.loc[rows, "x_mm"] *= -1.0
-
-
-def _xy_exchanged(files: Files, rows: np.ndarray) -> None:
-    files.points.loc[rows, ["x_mm", "y_mm"]] = files.points.loc[rows, ["y_mm", "x_mm"]].to_numpy()
-
-
-def _labels_of_bodies(files: Files, rows: np.ndarray) -> None:
-    bodies = files.points.loc[rows, "body"].replace({"base": "platform", "platform": "base"})
-    files.points.loc[rows, "body"] = bodies
-
-
-def _odd(rows: np.ndarray) -> np.ndarray:
-    return rows % 2 == 1
 
 
 def _survey_of_another(files: Files) -> None:
@@ -373,11 +325,11 @@ READING_SLIPS = (
     PointSlip("a column frozen halfway", "frozen", _freeze),
 )
 PART_SLIPS = (
-    PointSlip("sign in a stretch", "sign", _in_rows(_stretch, _half_sign)),
-    PointSlip("sign of one reading in a stretch", "sign", _in_rows(_stretch, _some_sign)),
-    PointSlip("inches in a stretch", "unit", _in_rows(_stretch, _half_inch)),
-    PointSlip("columns exchanged in a stretch", "columns-exchanged", _in_rows(_stretch, _half_exchanged)),
-    PointSlip("rows shifted in a stretch", "rows-shifted", _in_rows(_stretch, _some_shifted)),
+    PointSlip("sign in a stretch", "sign", _in_rows(stretch_of_rows, _half_sign)),
+    PointSlip("sign of one reading in a stretch", "sign", _in_rows(stretch_of_rows, _some_sign)),
+    PointSlip("inches in a stretch", "unit", _in_rows(stretch_of_rows, _half_inch)),
+    PointSlip("columns exchanged in a stretch", "columns-exchanged", _in_rows(stretch_of_rows, _half_exchanged)),
+    PointSlip("rows shifted in a stretch", "rows-shifted", _in_rows(stretch_of_rows, _some_shifted)),
     PointSlip("inches in every second row", "unit", _in_rows(lambda rows: rows % 2 == 1, _half_inch)),
     PointSlip("sign in every second row", "sign", _in_rows(lambda rows: rows % 2 == 1, _half_sign)),
     PointSlip(
@@ -411,20 +363,4 @@ POINT_SLIPS = (
     PointSlip("a pose copied", "copied", _copy_pose, "copied-poses"),
     PointSlip("instrument frozen halfway", "copied", _frozen_instrument, "copied-poses"),
 )
-_SURVEY = "points-against-survey"
-POSE_SLIPS = (
-    PointSlip("points in inches in a stretch", "unit", _points_in_rows(_stretch, _points_inch), _SURVEY),
-    PointSlip("platform in m in every second pose", "unit", _points_in_rows(_odd, _points_m, "platform"), _SURVEY),
-    PointSlip("platform mirrored in a stretch", "mirrored", _points_in_rows(_stretch, _x_turned, "platform"), _SURVEY),
-    PointSlip("points mirrored in every second pose", "mirrored", _points_in_rows(_odd, _x_turned), _SURVEY),
-    PointSlip("points mirrored on a day", "mirrored", _points_on_a_day(_x_turned), _SURVEY),
-    PointSlip(
-        "axes of the base exchanged in a stretch", "mirrored", _points_in_rows(_stretch, _xy_exchanged, "base"), _SURVEY
-    ),
-    PointSlip("axes exchanged on a day", "mirrored", _points_on_a_day(_xy_exchanged, "platform"), _SURVEY),
-    PointSlip("bodies exchanged in a stretch", "mislabelled", _points_in_rows(_stretch, _labels_of_bodies), _SURVEY),
-    PointSlip(
-        "bodies exchanged in every second pose", "mislabelled", _points_in_rows(_odd, _labels_of_bodies), _SURVEY
-    ),
-)
-ALL_SLIPS = (*READING_SLIPS, *PART_SLIPS, *DESCRIPTION_SLIPS, *POINT_SLIPS, *POSE_SLIPS)
+ALL_SLIPS = (*READING_SLIPS, *PART_SLIPS, *DESCRIPTION_SLIPS, *POINT_SLIPS)

@@ -143,3 +143,19 @@ def test_a_coarse_converter_may_stand_still_and_agree() -> None:
     assert not list(stood_still(steps.load, steps.run, coarse))
     few = [Column("v1", "signal", ()), Column("v2", "signal", ())]
     assert not equal_columns(np.tile([[0.0], [1.0], [2.0]], (9, 2)), few, SIGNALS, "signals")
+
+
+def test_signals_exchanged_from_a_run_on_are_named_for_all_axes(tmp_path: Path) -> None:
+    readings, signals = (pd.read_csv(SAMPLE / f"{name}.csv") for name in ("interferometer", "signals"))
+    later, pair = signals["run"] >= 20, ["v3_mv", "v5_mv"]
+    assert signals.loc[later, "load_axis"].nunique() > 2
+    signals.loc[later, pair] = signals.loc[later, pair[::-1]].to_numpy()
+    write_campaign(tmp_path / "c", readings, signals, (SAMPLE / "campaign.toml").read_text(encoding="utf-8"))
+    rows = run_line(tmp_path / "c", "ingest", "qa")[0]["belonging"].to_pylist()
+    (row,) = [row for row in rows if row["state"] == "fails"]
+    (slip,) = json.loads(row["slips"])
+    assert (row["relation"], slip["kind"], slip["subjects"]) == (
+        SIGNALS,
+        "columns-exchanged",
+        ["v3", "v5", "from run 20 on"],
+    )

@@ -16,7 +16,9 @@ from pipeline.command_line import app
 from pipeline.problems import ExitCode
 from stages.common.belonging import withheld
 from stages.declaration import Outcome
-from tests.belonging.point_slips import ALL_SLIPS, ROUNDED_SLIPS, Files, PointSlip, read_files, write_files
+from tests.belonging import point_slips
+from tests.belonging.point_slips import ROUNDED_SLIPS, Files, PointSlip, read_files, write_files
+from tests.belonging.pose_slips import POSE_SLIPS
 from tests.blind.generator.case import hide
 from tests.made_once import made_once
 from tests.stages.line import run_line
@@ -32,6 +34,7 @@ AT_THE_DOOR = (  # a body that is a thousand times too large or small is a fault
     "points in m",
     "survey in inches",
 )
+ALL_SLIPS = (*point_slips.ALL_SLIPS, *POSE_SLIPS)
 SEEN_LATER = [slip for slip in ALL_SLIPS if slip.name not in AT_THE_DOOR]
 
 

@@ -103,3 +103,15 @@ def test_a_gross_error_within_a_stretch_does_not_split_it() -> None:
     (slip,) = relate_survey(body).slips
     assert slip.subjects == ("from pose P3 to pose P11", "platform")
     assert poses_with_slips(body)[6]
+
+
+@pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4])
+def test_a_survey_on_a_grid_is_not_taken_for_rounded_points(step: float) -> None:
+    """Drawing numbers: targets stand where they were made, up to a tenth of a step or at random within it."""
+    for made in (0.1, 0.5):
+        for seed in range(4):
+            body = _body(seed)
+            off = made * step * np.random.default_rng([seed, 2]).uniform(-1.0, 1.0, body.survey.shape)
+            written = ((body.survey - off) / step).round() * step
+            found = relate_survey(replace(body, survey=written))
+            assert (found.state is State.FAILS, found.reason == "rounded", found.slips) == (False, False, ())

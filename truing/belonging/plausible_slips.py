@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +170,16 @@ def slips_of_columns(
         for k in places:
             extra = np.log(len(columns))
             yield from _in_runs(found, columns, [k], (columns[k].name,), runs, expected, many + extra)
+
+
+def exchanges_from_a_run(found: Responses, columns: Sequence[Column], runs: Sequence[str]) -> Iterator[Candidate]:
+    """Yield exchanges of two columns from some run on, and up to it."""
+    numbers = np.unique(found.run).tolist()
+    penalty = np.log(2.0 * max(len(numbers), 1)) + 2.0 * np.log(len(columns))
+    for before, start in pairwise(numbers):
+        later = found.run >= start
+        yield from _columns_exchanged(found, columns, later, (f"from {runs[start]} on",), penalty)
+        yield from _columns_exchanged(found, columns, ~later, (f"up to {runs[before]}",), penalty)
 
 
 def exchanges_by_axis(found: Responses, columns: Sequence[Column]) -> Iterator[Candidate]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from truing.belonging.plausible_slips import (
     Column,
     exchanges_by_axis,
+    exchanges_from_a_run,
     slips_of_all_loads,
     slips_of_columns,
     slips_of_run_loads,
@@ -80,7 +81,7 @@ def _explained(
     found: Responses, expected: Expected, steps: Recorded, columns: Sequence[Column], gain: Array | None
 ) -> tuple[Explained, tuple[Slip, ...]]:
     """What explains the responses, and which slips would not show."""
-    each = [*slips_of_run_loads(found, steps.runs, expected)]
+    each = [*slips_of_run_loads(found, steps.runs, expected), *exchanges_from_a_run(found, columns, steps.runs)]
     overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
     if gain is None:
         overall = [one for one in overall if not _is_of_all(one, columns)]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
-from truing.estimation.sensor.exchanged_loads import exchanged_loads, search_exchanges
+from truing.estimation.sensor.exchanged_loads import exchanged_loads, least_seen, search_exchanges
 from truing.estimation.sensor.load_table import LoadTable, load_table
 
 
@@ -143,3 +143,24 @@ def test_an_exchange_that_is_larger_than_heavy_tails_is_found_beside_them():
     first, second = int(own[table.loads[own, axis].argmax()]), int(own[table.loads[own, axis].argmin()])
     found = exchanged_loads(_exchanged(table, first, second, [axis]))
     assert [(one.first, one.second) for one in found] == [tuple(sorted((first, second)))]
+
+
+def test_the_smallest_exchange_that_is_named_is_the_one_that_is_promised():
+    """Two loads that differ by half of that are not named, by half as much again they are; noise moves the limit."""
+    for seed in range(4):
+        table = _table(seed)
+        least = least_seen(table)[1]
+        apart = np.abs(table.loads[:, None, 1] - table.loads[None, :, 1])
+        for share, is_named in ((0.5, False), (2.0, True)):
+            first, second = sorted(np.unravel_index(int(np.argmin(np.abs(apart - share * least))), apart.shape))
+            found = exchanged_loads(_exchanged(table, int(first), int(second), [1]))
+            assert bool(found) is is_named, (seed, share)
+
+
+def test_an_exchange_that_a_poor_calibration_hides_is_below_what_is_promised():
+    """Signals that hardly tell a component: rows of it that were exchanged pass, and the limit is above their loads."""
+    table = _long_table(6, 6000, np.random.default_rng([6, 1]).standard_normal((6000, 6)))
+    own = np.flatnonzero((table.case == 7) & (np.abs(table.loads).max(axis=1) > 50.0))
+    first, second = int(own[table.loads[own, 1].argmax()]), int(own[table.loads[own, 1].argmin()])
+    assert exchanged_loads(_exchanged(table, first, second, [1])) == []
+    assert least_seen(table)[1] > abs(table.loads[first, 1] - table.loads[second, 1])

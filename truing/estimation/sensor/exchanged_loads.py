@@ -81,6 +81,32 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
     return found, unseen
 
 
+def least_seen(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDArray:
+    """Return the differences (W,) of two loads, in the units of loads, from which their exchange is named.
+
+    Of one component each, by the scatter of the table's own residuals and by how many rows are as far off; 0 where
+    never applied. Noise moves the limit by about one sigma.
+    """
+    from scipy.special import chdtri
+
+    applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
+    loads = table.loads[:, applied]
+    rest, sigma = _robust_residuals(table.signals, loads, _zeros(table, loads))
+    trials = len(loads) * (len(loads) - 1) // 2 * (2 ** len(applied) - 1)
+    least = np.sqrt(float(chdtri(1, false_alarm / max(trials, 1))))
+    sizes = np.sort(np.max(np.abs(rest / sigma), axis=1))
+    tried = np.maximum(least, 1.0) * 1.05 ** np.arange(300)
+    rows = np.searchsorted(sizes, tried * _ALIKE, "right") - np.searchsorted(sizes, tried / _ALIKE, "left") + 2
+    # as `_by_chance` counts for two rows that are one sigma off once exchanged
+    place = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
+    refused = np.flatnonzero(0.5 * (rows * place) ** 2 > _BY_CHANCE)
+    if len(refused):
+        least = float(tried[min(refused[-1] + 1, len(tried) - 1)])
+    found = np.zeros(table.loads.shape[1])
+    found[applied] = least * np.where(np.isfinite(sigma), sigma, 0.0)
+    return found
+
+
 def _exchange(loads: NDArray, one: RowExchange) -> None:
     places = list(one.components)
     loads[np.ix_([one.first, one.second], places)] = loads[np.ix_([one.second, one.first], places)]
