@@ -15,10 +15,10 @@ from truing.simulation.bench.six_upur.influence import (
     characteristic_length,
     force_bound,
     influence_matrix,
+    influence_with_error,
     merit,
     sensitivities,
 )
-from truing.simulation.bench.six_upur.synthetic_error import influence_with_error
 
 BASE_CENTRE = np.array([0.0, 0.0, -0.3])
 

@@ -21,8 +21,7 @@ from truing.estimation.target_positions import (
     stray_places,
 )
 from truing.report.numbers import count as counted
-from truing.simulation.mechanisms.causes.markers import markers_of
-from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of
 from truing.simulation.mechanisms.unknowns import FREE_LENGTH_M
 
 if TYPE_CHECKING:

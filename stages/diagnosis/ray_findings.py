@@ -22,7 +22,7 @@ from stages.diagnosis.scale_height import scale_height
 from truing.estimation.bundle.shared_errors import shared_errors
 from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.simulation.catalogue import catalogue_of_rays
-from truing.simulation.photographs.photographed import Photographed
+from truing.simulation.effects_model import Photographed
 from truing.simulation.photographs.ray_poses import BAR
 
 if TYPE_CHECKING:

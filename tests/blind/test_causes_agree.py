@@ -26,14 +26,14 @@ from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.telescope import PUBLISHED_K
 from tests.tolerance import assert_between
 from truing.simulation.cause import Cause
-from truing.simulation.mechanisms.causes.base_deformation import BaseDeformation
-from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
-from truing.simulation.mechanisms.causes.leg_drift import LegDrift
-from truing.simulation.mechanisms.causes.platform_deformation import (
+from truing.simulation.mechanisms.causes.deformation import (
+    BaseDeformation,
+    FlexureShift,
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
 
 ONE, SOME = np.ones(6), np.array([0.0, 1.0, 0.0, 0.0, -1.0, 0.0])

@@ -29,8 +29,8 @@ from tests.stages.line import run_line, settings_of
 from truing.inference.fitted_model import Fitter
 from truing.inference.rounds import score_round
 from truing.simulation.cause import Effect
+from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
-from truing.simulation.mechanisms.causes.platform_deformation import LinearPlatformDeformation
 
 CAMPAIGNS = 4
 LAYOUT = Layout(

@@ -13,12 +13,11 @@ from tests.simulation.telescope import sample_model
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.cause import Cause, Scene
 from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER, OWN_DRIVE
-from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError, distinct_pitches
 from truing.simulation.mechanisms.causes.measurement_scale import BOTH, MeasurementScale
 from truing.simulation.mechanisms.causes.nonparametric import ALL_DRIVES, Quantity
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
-from truing.simulation.mechanisms.causes.pitches import distinct_pitches
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.nonparametric import WAVES

@@ -12,15 +12,15 @@ from tests.simulation.telescope import LINEAR, MATRIX, sample_model
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.cause import Cause, Parameter, Step
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.causes.base_deformation import BaseDeformation
-from truing.simulation.mechanisms.causes.drive import ActuatorGain
-from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
-from truing.simulation.mechanisms.causes.leg_drift import LegDrift
-from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
-from truing.simulation.mechanisms.causes.platform_deformation import (
+from truing.simulation.mechanisms.causes.deformation import (
+    BaseDeformation,
+    FlexureShift,
     LinearPlatformDeformation,
     NonlinearPlatformDeformation,
 )
+from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.state import State

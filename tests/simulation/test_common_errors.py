@@ -10,8 +10,7 @@ from tests.simulation.constrained import assert_batch_is_its_members, assert_der
 from tests.simulation.telescope import K, readings, telescope
 from tests.tolerance import assert_close
 from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.common_errors import CommonErrors
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.parameters import full_set
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at

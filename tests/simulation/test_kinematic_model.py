@@ -16,10 +16,9 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.simulation import installed
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.closures import closures, mechanism
+from truing.simulation.mechanisms.legs.closures import Ups, closures, mechanism
 from truing.simulation.mechanisms.legs.geometry import Legs
 from truing.simulation.mechanisms.legs.kinematics import forward, inverse
-from truing.simulation.mechanisms.legs.ups import Ups
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at, readings_at
 
@@ -187,6 +186,6 @@ def test_a_closure_of_an_installed_package_is_found(monkeypatch: pytest.MonkeyPa
 
 
 def test_two_closures_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    _installed(monkeypatch, "truing.simulation.mechanisms.legs.six_pus:SixPus")
+    _installed(monkeypatch, "truing.simulation.mechanisms.legs.closures:SixPus")
     with pytest.raises(ValueError, match="closure 6-pus: found in two places"):
         closures()

@@ -10,8 +10,7 @@ import pytest
 from tests.simulation.body_campaign import body_model
 from tests.tolerance import assert_close
 from truing.simulation.bodies.model import BodyModel
-from truing.simulation.mechanisms.causes.markers import markers_of, rigid_patterns
-from truing.simulation.mechanisms.causes.targets import TargetMoved
+from truing.simulation.mechanisms.causes.targets import TargetMoved, markers_of, rigid_patterns
 
 NAMES = ("M.0", "M.1", "M.2", "M.3", "N.1", "N.2", "N.3", "17", "P.0", "P.1", "N.4")
 

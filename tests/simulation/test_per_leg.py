@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from truing.simulation.mechanisms.causes.deformation import NonlinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain, PeriodicError
-from truing.simulation.mechanisms.causes.platform_deformation import NonlinearPlatformDeformation
 
 
 def narrowed(legs: tuple[int, ...], gains: list[float], sigma: float) -> tuple[int, ...]:

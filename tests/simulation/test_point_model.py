@@ -10,7 +10,7 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Effect
 from truing.simulation.inputs import APPROACH, OWN_DRIVE
-from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
+from truing.simulation.mechanisms.causes.deformation import FlexureShift
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.mechanisms.forward_pass import simulate
 from truing.simulation.mechanisms.model import PointModel

@@ -20,17 +20,17 @@ from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import POINTS, RAYS, READINGS, Cause
 from truing.simulation.installed import with_installed
-from truing.simulation.mechanisms.causes.base_deformation import BaseDeformation
-from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
-from truing.simulation.mechanisms.causes.flexure_shift import FlexureShift
-from truing.simulation.mechanisms.causes.leg_drift import LegDrift
-from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
-from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
-from truing.simulation.mechanisms.causes.platform_deformation import (
+from truing.simulation.mechanisms.causes.deformation import (
+    BaseDeformation,
+    FlexureShift,
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
+from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.mechanisms.causes.leg_drift import LegDrift
+from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
+from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
 from truing.simulation.photographs.causes.camera_instability import CameraInstability

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
@@ -12,11 +12,47 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.mechanisms.recording import Recording
-from truing.simulation.photographs.photographed import Photographed
-from truing.simulation.split import Split
 
 if TYPE_CHECKING:
     from truing.simulation.prior_campaign import CampaignPrior
+
+
+@dataclass(frozen=True)
+class Photographed:
+    """That points come from photographs: with so many ``errors`` common to all poses (of cameras, of scale bars) and so
+    many that the points of each pose share (its scale, ..), each of one standard deviation; and the bars that gave them
+    their scale, and at which height in the model's frame, m."""
+
+    errors: int = 0
+    pose_errors: int = 0
+    scale_bars: tuple[str, ...] = ()
+    scale_height_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which shared unknowns (P,) split a variance, by their place; which of them (P,) all legs have in common; and the
+    share of the variance that is in common."""
+
+    places: NDArray
+    common: NDArray
+    share: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model predicts at shared and local unknowns, with derivatives per prior sigma.
+
+    Points are readings of a bench, numbers of rays; rows of knowledge concern no pose (survey, a prior campaign).
+    """
+
+    points: NDArray  # (B, K, 3) m, base frame
+    by_shared: NDArray  # (B, K, 3, G) m
+    by_local: NDArray  # (B, K, 3, H) m
+    survey_residual: NDArray  # (E,) whitened, measured - predicted
+    survey_by_shared: NDArray  # (E, G) whitened
+    shared_known: NDArray  # (G,) whose prior is knowledge, and not merely wide
+    local_known: NDArray  # (H,)
 
 
 @dataclass(frozen=True)
@@ -94,6 +130,12 @@ class EffectsModel(ABC):
     def effect_sigma(self, cause: Cause) -> NDArray:
         """Return the prior sigma (P,) that a cause's parameters are fitted with, SI."""
         return cause.reach * self.effect_scale(cause)
+
+
+def laid_out(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Return where parts of given sizes stand, one after the other."""
+    ends = np.cumsum(list(sizes.values())).tolist()
+    return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 # What photographs of all poses have in common, among the shared unknowns.

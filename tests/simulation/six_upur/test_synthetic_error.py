@@ -8,8 +8,13 @@ from hypothesis import given
 from tests.simulation.six_upur.sensors import SEEDS, crooked_joints, joints_of, sensor_of, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import log_so3
-from truing.simulation.bench.six_upur.influence import influence_matrix, merit
-from truing.simulation.bench.six_upur.synthetic_error import displaced_joints, influence_with_error, roll_pitch_yaw
+from truing.simulation.bench.six_upur.influence import (
+    displaced_joints,
+    influence_matrix,
+    influence_with_error,
+    merit,
+    roll_pitch_yaw,
+)
 
 
 def test_the_rotation_is_that_of_the_reference_and_the_printed_one_its_inverse() -> None:

@@ -24,9 +24,9 @@ from truing.inference.observations import Frames, MeasuredPoints
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import AdviceKind
+from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
-from truing.simulation.mechanisms.causes.platform_deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.model import PointModel

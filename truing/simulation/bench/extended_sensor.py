@@ -18,6 +18,7 @@ from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.effects_model import laid_out
 
 _AXES = 6
 
@@ -46,15 +47,14 @@ class ExtendedSensor:
 
     @cached_property
     def layout(self) -> dict[str, slice]:
-        """Return where the parameters of each effect, by its key, stand in the covariance."""
-        ends = _AXES * _AXES + np.cumsum([len(own) for own in self.values], dtype=int)
-        found = zip(self.causes, self.values, ends.tolist(), strict=True)
-        return {cause.key: slice(end - len(own), end) for cause, own, end in found}
+        """Return where the compliance and the parameters of each effect, by its key, stand in the covariance."""
+        sizes = {cause.key: len(own) for cause, own in zip(self.causes, self.values, strict=True)}
+        return laid_out({"compliance": _AXES * _AXES, **sizes})
 
     def places(self, causes: Sequence[Cause]) -> NDArray:
         """Return where the compliance and the parameters of some effects stand in the covariance."""
-        effects = [np.r_[self.layout[cause.key]] for cause in causes]
-        return np.concatenate([np.arange(_AXES * _AXES), *effects]).astype(int)
+        parts = ("compliance", *(cause.key for cause in causes))
+        return np.concatenate([np.r_[self.layout[name]] for name in parts])
 
     @property
     def effects(self) -> tuple[Effect, ...]:

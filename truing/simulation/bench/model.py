@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 from truing.simulation.bench.forward_pass import ReadingPassage, passed
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
-from truing.simulation.bench.run_blocks import run_blocks
 from truing.simulation.bench.six_upur.uncertain_sensor import Response
 from truing.simulation.cause import Cause, Scene, Step
-from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.model import Prediction
-from truing.simulation.split import Split
+from truing.simulation.effects_model import EffectsModel, Prediction, Split, laid_out
 from truing.simulation.targets import Targets
 
 _AXES = 6
@@ -52,8 +49,7 @@ class ReadingModel(EffectsModel):
         sizes |= {"gain": self.known.gains.start.size, "legforce": int(self._has_two_models)}
         sizes |= {"optics": self.known.optics.size}
         sizes |= {cause.key: len(cause.parameters(_AXES)) for cause in self.causes}
-        ends = np.cumsum(list(sizes.values()))
-        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return laid_out(sizes)
 
     @cached_property
     def _noisy(self) -> NDArray:
@@ -309,3 +305,21 @@ class ReadingModel(EffectsModel):
             apart = forces[1] - forces[0]
             found["legforce"] = (self._gains(shared)[:, None] * apart)[..., None]
         return found
+
+
+_BLOCKS = 5  # of what is left out in turn
+
+
+def run_blocks(steps: LoadSteps) -> NDArray:
+    """Return a number for each step (B,): whole runs, one of each that loads the same axes; parts of a run where no
+    other loads its axes."""
+    axes = (steps.load != 0.0) @ (1 << np.arange(len(LOADS)))
+    pattern = np.zeros(int(steps.code.max(initial=-1)) + 1, int)
+    np.bitwise_or.at(pattern, steps.code, axes)
+    alike = pattern[:, None] == pattern
+    # Runs that load the same axes may each read another channel: not one channel's runs are left out all at once.
+    of_axes = np.unique(pattern, return_inverse=True)[1]
+    of_run = (np.tril(alike, -1).sum(1) + of_axes) % _BLOCKS
+    length = np.bincount(steps.code)
+    within = steps.rank * _BLOCKS // np.maximum(length, 1)[steps.code]
+    return np.where(alike.sum(1)[steps.code] > 1, of_run[steps.code], within)

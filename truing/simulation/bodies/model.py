@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
-from truing.simulation.effects_model import COMMON, RecordedModel
+from truing.simulation.effects_model import COMMON, Prediction, RecordedModel, laid_out
 from truing.simulation.mechanisms.forward_pass import Met, Passage, moved_by_shape
 from truing.simulation.mechanisms.legs.geometry import Closure, Legs
-from truing.simulation.mechanisms.model import Prediction
 from truing.simulation.mechanisms.recording import Recording, designs
 from truing.simulation.mechanisms.state import State
 from truing.simulation.mechanisms.target_motion import LegFrames
@@ -112,8 +111,7 @@ class BodyModel(RecordedModel):
         """Return where each kind of shared unknown stands in the vector."""
         sizes = {"shape": self.known.survey.modes.shape[-1], "seat": _POSE * int(self.known.levels.sum())}
         sizes |= self._common_sizes | {cause.key: len(cause.parameters(0)) for cause in self.causes}
-        ends = np.cumsum(list(sizes.values()))
-        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return laid_out(sizes)
 
     @cached_property
     def _local(self) -> dict[int, slice]:

@@ -14,11 +14,30 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts, ShiftClosing
-from truing.simulation.mechanisms.common_errors import CommonErrors
-from truing.simulation.mechanisms.legs.leg_bodies import Carried, LegBodies
-from truing.simulation.mechanisms.legs.leg_joints import joints_of
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.legs.leg_bodies import Carried, LegBodies, joints_of
+from truing.simulation.mechanisms.parameters import SHARED, Parameter, ParameterSet
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
+
+
+@dataclass(frozen=True)
+class CommonErrors:
+    """K errors common to all poses, independent and of one standard deviation each: effects (B, N, K), m and rad, on
+    what was measured in each pose."""
+
+    effects: NDArray
+
+    @property
+    def entries(self) -> tuple[Parameter, ...]:
+        """Return the errors as numbers to identify."""
+        return tuple(Parameter(f"common{k + 1}", SHARED, "1", 1.0) for k in range(self.effects.shape[-1]))
+
+    def corrected(self, deviation: NDArray, errors: NDArray) -> NDArray:
+        """Return deviations (..., B, N) of the truth from the measurement, less what errors (..., K) did to it."""
+        return deviation - (self.effects @ errors[..., None, :, None])[..., 0]
+
+    def slopes(self, by_deviation: NDArray) -> NDArray:
+        """Return how equations follow the errors, (..., B, M, K), from how they follow deviations (..., B, M, N)."""
+        return -by_deviation @ self.effects
 
 
 @dataclass(frozen=True)

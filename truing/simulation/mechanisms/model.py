@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.change import Change
+from truing.simulation.effects_model import Prediction
 from truing.simulation.mechanisms.forward_pass import (
     REFERENCE,
     Passage,
@@ -28,19 +29,6 @@ from truing.simulation.mechanisms.state import State
 from truing.simulation.mechanisms.target_motion import LegFrames, leg_frames
 from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Unknowns
 from truing.simulation.targets import LEG
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Points and derivatives per prior sigma, and rows that concern no pose (the survey of attachments)."""
-
-    points: NDArray  # (B, K, 3) m, base frame
-    by_shared: NDArray  # (B, K, 3, G) m
-    by_local: NDArray  # (B, K, 3, H) m
-    survey_residual: NDArray  # (E,) whitened, measured - predicted
-    survey_by_shared: NDArray  # (E, G) whitened
-    shared_known: NDArray  # (G,) whose prior is knowledge, and not merely wide
-    local_known: NDArray  # (H,)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
 from truing.simulation.change import Change
-from truing.simulation.effects_model import RecordedModel
+from truing.simulation.effects_model import RecordedModel, laid_out
 from truing.simulation.mechanisms.legs.geometry import Legs
 from truing.simulation.mechanisms.legs.kinematics import Forward, forward, leg_vectors, unit
 from truing.simulation.survey import ShapeUnknowns
@@ -93,8 +93,7 @@ class Unknowns(RecordedModel):
         sizes = {name: size for name, size in sizes.items() if self.known.geometry.get(name, 0.0) > 0}
         sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.ridden)}
         sizes |= self._common_sizes | {cause.key: len(cause.parameters(count)) for cause in self.causes}
-        ends = np.cumsum(list(sizes.values()))
-        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return laid_out(sizes)
 
     @property
     def local_size(self) -> int:

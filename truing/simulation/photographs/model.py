@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Scene
-from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.model import Prediction
+from truing.simulation.effects_model import EffectsModel, Prediction, laid_out
 from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
 from truing.simulation.targets import Targets
@@ -60,8 +59,7 @@ class RayModel(EffectsModel):
         """Return where each kind of shared unknown stands in the vector."""
         sizes = {"common": len(self._common), "shape": 0}
         sizes |= {cause.key: len(cause.parameters(0)) for cause in self.causes}
-        ends = np.cumsum(list(sizes.values()))
-        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        return laid_out(sizes)
 
     @property
     def local_size(self) -> int:

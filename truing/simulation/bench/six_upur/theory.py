@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate
 from truing.simulation.bench.six_upur.assembly import closed_loop_map
 from truing.simulation.bench.six_upur.compliance_change import influence_change, motion_of_sources
-from truing.simulation.bench.six_upur.influence import characteristic_length, influence_matrix
+from truing.simulation.bench.six_upur.influence import characteristic_length, influence_matrix, influence_with_error
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
-from truing.simulation.bench.six_upur.synthetic_error import influence_with_error
 from truing.simulation.bench.six_upur.tolerances import first_order_covariances
 
 if TYPE_CHECKING:

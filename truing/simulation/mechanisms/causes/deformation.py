@@ -1,0 +1,231 @@
+"""Platform, base and legs deform: attachments shift as actuators move (telescope report, eq. 1-3), flexures bend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Cause, Parameter, Scene, Step, Told
+from truing.simulation.change import Change
+from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
+from truing.simulation.mechanisms.legs.flexure import circle_distance
+from truing.simulation.mechanisms.legs.kinematics import leg_vectors, unit
+from truing.simulation.mechanisms.state import State
+
+# Shift per displacement of a plausible platform: the published one has entries up to 0.02.
+_PLAUSIBLE = 0.01
+# What bends in proportion over some millimetres departs from that by a few micrometres: 1/m and 1/m^2.
+_PLAUSIBLE_TERM = {2: 4.0, 3: 3000.0}
+_TERMS = {2: ("quadratic", "1/mm", 1e3), 3: ("cubic", "1/mm^2", 1e6)}
+# The least share of a power's size that lower ones may leave of it.
+_TOLD = 0.05
+_FORMS: dict[tuple[int, ...], float] = {(2,): 0.5, (3,): 0.5}
+
+
+@dataclass(frozen=True)
+class LinearPlatformDeformation(PerLeg):
+    """Attachment i shifts along z_E by kappa_i delta_rho_i (eq. 1)."""
+
+    id = "platform-deformation-linear"
+    step = Step.STRUCTURE
+    reads = frozenset({"rho"})
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return kappa of each leg concerned."""
+        return tuple(Parameter(name, "1", _PLAUSIBLE) for name in self.numbered("kappa", legs))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d delta_bz_i / d kappa_i = delta_rho_i."""
+        rows = self.spread(state.delta_rho)
+        return Change({"delta_bz": rows}, rows.shape[-1])
+
+
+@dataclass(frozen=True)
+class MatrixPlatformDeformation(Cause):
+    """Attachments shift along z_E by K delta_rho (eq. 2, 3)."""
+
+    id = "platform-deformation-matrix"
+    step = Step.STRUCTURE
+    reads = frozenset({"rho"})
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return K11, K12, .. KLL, row by row; with ten legs or more as K1_1."""
+        between = "_" if legs > 9 else ""
+        pairs = ((i, j) for i in range(1, legs + 1) for j in range(1, legs + 1))
+        return tuple(Parameter(f"K{i}{between}{j}", "1", _PLAUSIBLE) for i, j in pairs)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d delta_bz_i / d K_ij = delta_rho_j, parameters row by row."""
+        legs = state.legs.count
+        rows = np.eye(legs)[:, :, None] * state.delta_rho[..., None, None, :]
+        return Change({"delta_bz": rows.reshape(*rows.shape[:-2], legs * legs)}, legs * legs)
+
+
+@dataclass(frozen=True)
+class NonlinearPlatformDeformation(PerLeg):
+    """Attachment i shifts along z_E by kappa_i d_i + quadratic_i d_i^2 + cubic_i d_i^3, d_i = delta_rho_i.
+
+    ``powers`` are those beyond the first: (2,) or (3,) where it is searched for, or both.
+    """
+
+    powers: tuple[int, ...] = (2, 3)
+
+    id = "platform-deformation-nonlinear"
+    step = Step.STRUCTURE
+    reads = frozenset({"rho"})
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return every form for every choice of legs whose displacements tell the terms apart."""
+        moved = scene.readings - scene.rho0
+        telling = {form: _telling(moved, max(form)) for form in _FORMS}
+        every = tuple(range(1, scene.legs + 1))
+        return [
+            NonlinearPlatformDeformation(chosen, form)
+            for form, told in telling.items()
+            for chosen in choices(scene.legs)
+            if told.issuperset(chosen or every)
+        ]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this form and choice of legs."""
+        return _FORMS[self.powers] * choice_share(len(self.legs), scene.legs)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return kappa of each leg concerned, then their further terms."""
+        found = [Parameter(name, "1", _PLAUSIBLE) for name in self.numbered("kappa", legs)]
+        for power in self.powers:
+            name, unit, si = _TERMS[power]
+            found += [Parameter(each, unit, _PLAUSIBLE_TERM[power], si) for each in self.numbered(name, legs)]
+        return tuple(found)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d delta_bz_i / d term_i = the power of delta_rho_i that it multiplies."""
+        rows = np.concatenate([self.spread(state.delta_rho**power) for power in (1, *self.powers)], -1)
+        return Change({"delta_bz": rows}, rows.shape[-1])
+
+
+def _telling(moved: NDArray, power: int) -> frozenset[int]:
+    """Return the legs, from 1, whose displacements (B, L), m, tell a power from lower ones: by what these leave of it.
+
+    Displacements on three levels, as many as a cubic term would need beside them, show a straight line for it.
+    """
+    return frozenset(leg for leg, column in enumerate(moved.T, start=1) if np.any(column) and _tells(column, power))
+
+
+def _tells(column: NDArray, power: int) -> bool:
+    x = column / np.max(np.abs(column))
+    lower = np.linalg.qr(x[:, None] ** np.arange(power))[0]
+    rest = x**power - lower @ (lower.T @ x**power)
+    return bool(rest @ rest > _TOLD**2 * np.sum(x ** (2 * power)))
+
+
+TEMPERATURE = "temperature"
+_COLUMN = "temperature_c"
+_READING = "rho"
+# Shift at the joints' radius: m per K, and m per m of an actuator's way.
+_PLAUSIBLE_PER_KELVIN, _PLAUSIBLE_PER_WAY = 5e-6, 0.01
+_SHAPES = ("saddle_x", "saddle_y", "bowl")
+
+
+@dataclass(frozen=True)
+class BaseDeformation(Cause):
+    """Base targets and joints shift along z by q (saddle_x (x^2 - y^2) + saddle_y 2 x y + bowl (x^2 + y^2)) / R^2.
+
+    R is the mean radius of the joints; q is the temperature above the reference, or the displacement of the actuator
+    that ``driver`` names (``rho1`` ..).
+    """
+
+    driver: str = TEMPERATURE
+
+    id = "base-deformation"
+    step = Step.STRUCTURE
+    reads = frozenset({"rho", "a", "shape"})
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the temperature, where it varies, and every actuator that moves as drivers."""
+        moves = np.ptp(scene.readings, axis=0) > 0
+        drivers = [f"{_READING}{leg}" for leg in range(1, scene.legs + 1) if moves[leg - 1]]
+        warm = scene.varies(_COLUMN) and bool(np.isfinite(scene.covariates[_COLUMN]).all())
+        return [BaseDeformation(driver) for driver in ([TEMPERATURE] if warm else []) + drivers]
+
+    def prior(self, scene: Scene) -> float:
+        """Return the share of this driver: temperature is as likely as all actuators together."""
+        return 0.5 if self.driver == TEMPERATURE else 0.5 / scene.legs
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperature, where that drives it."""
+        return (_COLUMN,) if self.driver == TEMPERATURE else ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return saddle_x, saddle_y and bowl: the shift at the radius R, per unit of the driver."""
+        warm = self.driver == TEMPERATURE
+        unit, scale, si = ("mm/K", _PLAUSIBLE_PER_KELVIN, 1e-3) if warm else ("mm/mm", _PLAUSIBLE_PER_WAY, 1.0)
+        return tuple(Parameter(name, unit, scale, si) for name in _SHAPES)
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the driver, then the sizes of the three shapes."""
+        return (Told("driver", self.driver, None, ""), *super().told(values, covariance, legs))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return the shift of joints and base targets along z per size of each shape."""
+        across = state.legs.a[..., :2]
+        radius = np.mean(np.sqrt(np.sum(across * across, -1)), -1)[..., None]
+        q = self._driven(state)[:, None, None]
+        fields = {"a": _along_z(q * _shapes(across / radius[..., None]))}
+        if state.targets is not None and len(state.shape):
+            on_base = (state.targets.body == 0)[:, None]
+            places = state.shape[:, :2] / radius[..., None]
+            fields["moved"] = _along_z(q * _shapes(places) * on_base)
+        return Change(fields, len(_SHAPES))
+
+    def _driven(self, state: State) -> NDArray:
+        if self.driver == TEMPERATURE:
+            return state.heat
+        return state.delta_rho[:, int(self.driver.removeprefix(_READING)) - 1]
+
+
+def _shapes(place: NDArray) -> NDArray:
+    """Return saddle_x, saddle_y and bowl (..., 3) at places (..., 2) in units of the joints' radius."""
+    x, y = place[..., 0], place[..., 1]
+    return np.stack([x * x - y * y, 2 * x * y, x * x + y * y], -1)
+
+
+def _along_z(heights: NDArray) -> NDArray:
+    """Return heights (..., P) as vectors along z (..., 3, P)."""
+    return heights[..., None, :] * np.array([0.0, 0.0, 1.0])[:, None]
+
+
+_PLAUSIBLE_M = 0.01
+
+
+@dataclass(frozen=True)
+class FlexureShift(Cause):
+    """Legs end in flexures of one length whose ends stay on a circle as they bend (telescope report, eq. 13-17).
+
+    They are straight at the machine's reference, where it was assembled; bent ones change the distance between the
+    joints' ideal pivots.
+    """
+
+    id = "flexure-shift"
+    step = Step.STRUCTURE
+    reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "straight", "home"})
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return the cause where there are legs."""
+        return (self,) if scene.legs else ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the length of a flexure."""
+        return (Parameter("flexure_length", "mm", _PLAUSIBLE_M, 1e-3),)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return how much longer a leg is between its pivots per length of its flexures: two ends less two halves."""
+        z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
+        seen = np.einsum("...ij,...kj,...lk->...li", state.R, state.home, state.straight)
+        low, high = np.sum(z * state.straight, -1), np.sum(z * seen, -1)
+        one = np.ones_like(low)
+        shift = circle_distance(one, low).value + circle_distance(one, high).value - 1.0
+        return Change({"l": shift[..., None]}, 1)
